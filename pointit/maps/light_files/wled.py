@@ -46,18 +46,17 @@ class WledSegment:
 
 
 def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
-    """Return the segments with pixels: of a state, of what has one, of presets, or the configured outputs.
+    """Return the segments with pixels: of a state, of presets, or the configured outputs.
 
     Args:
-        text: JSON of `/json`, `/json/state`, `/json/cfg` or `presets.json`.
+        text: JSON of `/json/state`, `presets.json` or `cfg.json`.
         preset: number of the preset. None: the only one, or any if all have the same segments.
 
     Raises:
         ConfigError: If there are none, or several presets differ. One sentence.
     """
-    whole = read_json(text)
-    state = cast("Json", whole) if isinstance(whole, dict) else {}
-    state = state["state"] if isinstance(state.get("state"), dict) else state
+    data = read_json(text)
+    state = cast("Json", data) if isinstance(data, dict) else {}
     if preset is not None or (state and all(key.isdecimal() for key in state)):
         state = _preset(state, preset)
     elif outputs := list_of(inside(state, "hw", "led", "ins")):
@@ -68,7 +67,7 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     if len(listed) > MAX_SEGMENTS:
         raise ConfigError(f"has more than {MAX_SEGMENTS} segments, and WLED has 64; give its state")
     segments = [_segment(number, each) for number, each in enumerate(listed)]
-    return _behind_matrix(_used(segments), _matrix_size(whole))
+    return _behind_matrix(_used(segments))
 
 
 def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
@@ -120,24 +119,16 @@ def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
     return used
 
 
-def _matrix_size(data: Any) -> tuple[int, int]:
-    """Return columns and rows of the matrix that `/json` states, 0 if it does not."""
-    if not isinstance(size := inside(data, "info", "leds", "matrix"), dict):
-        return 0, 0
-    columns, rows = (_count(cast("Json", size), key, "matrix", 0) for key in ("w", "h"))
-    return columns, rows
-
-
-def _behind_matrix(segments: list[WledSegment], size: tuple[int, int]) -> list[WledSegment]:
+def _behind_matrix(segments: list[WledSegment]) -> list[WledSegment]:
     """Return `segments`, those of a matrix first and without start: its wire has an order of its own.
 
     A segment of one row is behind the matrix if it starts at or after its last pixel.
     """
     of_matrix = [each for each in segments if each.rows > 1 or each.row]
-    if not of_matrix and min(size) < 2:
+    if not of_matrix:
         return segments
-    columns = max(size[0], *(each.start + each.columns for each in of_matrix if each.start is not None), 0)
-    rows = max(size[1], *(each.row + each.rows for each in of_matrix), 0)
+    columns = max((each.start or 0) + each.columns for each in of_matrix)
+    rows = max(each.row + each.rows for each in of_matrix)
     behind = [each for each in segments if each not in of_matrix and (each.start or 0) >= columns * rows]
     return [*(replace(each, start=None) for each in segments if each not in behind), *behind]
 

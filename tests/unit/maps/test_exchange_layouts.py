@@ -214,7 +214,6 @@ STATE: dict[str, Any] = {
 }  # fmt: skip
 SOURCES: dict[str, Any] = {
     "a state": STATE,
-    "state and info": {"state": STATE, "info": {"leds": {"count": 60}}, "effects": ["Solid"]},
     "presets with the same segments": {
         "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"},
         "7": {"playlist": {"ps": [1, 4]}, "on": True},
@@ -258,7 +257,6 @@ def test_names_of_segments_that_no_map_can_have_are_reported() -> None:
 
 SCREEN = {"id": 0, "start": 0, "stop": 16, "startY": 0, "stopY": 8, "n": "screen"}
 SHELF = {"id": 1, "start": 128, "stop": 158, "startY": 0, "stopY": 1, "n": "shelf"}
-INFO = {"leds": {"count": 158, "matrix": {"w": 16, "h": 8}}}
 MATRICES: dict[str, Any] = {
     "a strip behind a matrix": ({"seg": [SCREEN, SHELF]}, {"screen": 0, "shelf": 128}),
     "a strip that does not begin there": (
@@ -266,14 +264,6 @@ MATRICES: dict[str, Any] = {
     "a strip before the matrix in the list": ({"seg": [SHELF, SCREEN]}, {"screen": 0, "shelf": 128}),
     "a strip without rows": (
         {"seg": [SCREEN, {"id": 1, "start": 128, "stop": 158, "n": "shelf"}]}, {"screen": 0, "shelf": 128}),
-    "the matrix is larger than its segments": (
-        {"state": {"seg": [{**SCREEN, "stop": 4, "stopY": 4}, {**SHELF, "start": 130, "stop": 140}]},
-         "info": INFO},
-        {"screen": 0, "shelf": 130}),
-    "a part of the first row": (
-        {"state": {"seg": [{**SCREEN, "stop": 4, "stopY": 2}, {**SHELF, "start": 9, "stop": 16}]},
-         "info": INFO},
-        {"screen": 0, "shelf": 8}),
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Edits of a map's text: the values that were meant change, comments, order and all else stay."""
+"""Edits of a map's text, in which all else stays, and new maps, of which none is half or replaces another."""
 
 import difflib
 import math
@@ -12,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from pointit.maps.edit import Edit, edited
+from pointit.maps.edit import Edit, edited, write_new
 from pointit.maps.file import load_map, map_path, parse_map_file, shipped_maps, to_message
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
+from tests.support.full_disk import file_size_limit
 
 PATH = Path("room.yaml")
 EDITS: TypeAdapter[list[Edit]] = TypeAdapter(list[Edit])
@@ -267,3 +268,29 @@ def test_any_edits_give_the_values_that_were_meant_and_keep_comments_and_order(
         assert re.findall(r"# c\d+", result) == re.findall(r"# c\d+", text)
     if not edits:
         assert result == text
+
+
+def test_no_file_is_left_when_the_disk_is_full(tmp_path: Path) -> None:
+    with file_size_limit(1000), pytest.raises(ConfigError, match=r"room\.yaml: cannot be written"):
+        write_new(tmp_path / "room.yaml", b"#" * 100_000)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_an_existing_file_stays_and_a_new_one_is_readable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, has_links: bool
+) -> None:
+    if not has_links:
+
+        def refuse(*_: object) -> None:
+            raise PermissionError(1, "Operation not permitted")  # as FAT does
+
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
+    path = tmp_path / "room.yaml"
+    write_new(path, "lamps: {}\n")
+    with pytest.raises(ConfigError, match="exists already"):
+        write_new(path, "lamps: {a: 1}\n")
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("room.yaml", "lamps: {}\n")]
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert path.stat().st_mode == plain.stat().st_mode

@@ -1,7 +1,6 @@
 """Sentences and what they do, with conditions."""
 
 import asyncio
-from collections.abc import Sequence
 
 import pytest
 
@@ -41,15 +40,6 @@ async def test_put_that_there_sends_the_robot_to_the_place_by_the_checked_reques
         assert isinstance(first, FindReferents)
         assert isinstance(second, FindReferents)
         assert (first.others_ns, second.others_ns) == ((second.at_ns,), (first.at_ns,))
-
-
-@in_virtual_time
-async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
-    async with room() as here:
-        here.found, here.refusal = ({"there": sure("place", "floor")}, "you are not pointing")
-        here.say("go there")
-        said = await here.result()
-        assert (said.result, said.message) == ("refused", here.refusal)
 
 
 @in_virtual_time
@@ -95,34 +85,51 @@ async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_
         assert "where 'there' is, is not clear" in here.understood[3].message, "without a question before"
 
 
-@pytest.mark.parametrize(
-    ("text", "names", "message"),
-    [
-        ("put that there", ("radio", HOSTILE), "Radio is no robot, and nothing is attached to moving it"),
-        ("put that", ("radio", HOSTILE), "where to? say `there` while you point at the place"),
-        ("take that", ("kettle",), "kettle wants a press: point at it, and press the button"),
-    ],
-)
+def unsure(*candidates: Referents) -> Referents:
+    """Return the candidates of all, none of which is sure."""
+    listed = tuple(one for each in candidates for one in each.candidates)
+    return Referents(candidates=listed, none=0.25, rays=100)
+
+
+TWO = unsure(either("radio", HOSTILE))
+ANSWERS: list[tuple[str, Referents | None, str, str]] = [
+    ("put that there", TWO, "refused", "Radio is no robot, and nothing is attached to moving it"),
+    ("put that", TWO, "refused", "where to? say `there` while you point at the place"),
+    (
+        "take that", unsure(either("kettle")), "refused",
+        "kettle wants a press: point at it, and press the button"),
+    (
+        "put that there", unsure(either("radio"), either("rover", kind="robot")), "asked",
+        "rover? Say yes, or press, while it blinks"),
+    (
+        f"turn the {HOSTILE.replace('-', ' ')} on", None, "refused",
+        f"{HOSTILE} is no switch: say `take that`"),
+    (
+        "turn the raydio on", None, "refused",
+        "nothing here is called 'raydio': did you mean radio? or point at it, and say `turn that on`"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "that", "result", "message"), ANSWERS)
 @in_virtual_time
-async def test_what_would_be_refused_for_each_candidate_is_refused_without_a_question(
-    text: str, names: Sequence[str], message: str
+async def test_what_would_be_refused_is_refused_without_a_question_and_the_rest_is_asked_about(
+    text: str, that: Referents | None, result: str, message: str
 ) -> None:
     async with room() as here:
-        unsure = Referents(candidates=either(*names).candidates, none=0.25, rays=100)
-        here.found = {"that": unsure, "there": sure("place", "floor")}
+        here.found = {"there": sure("place", "floor")} | ({} if that is None else {"that": that})
         here.say(text)
         said = await here.result()
-        assert (said.result, said.message) == ("refused", message)
+        assert (said.result, said.message) == (result, message)
+        assert here.queries(SetThing) == here.queries(SendRobot) == []
 
 
 @in_virtual_time
-async def test_candidates_that_cannot_be_moved_are_not_asked_about() -> None:
+async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
     async with room() as here:
-        candidates = (*either("radio").candidates, *either("rover", kind="robot").candidates)
-        here.found["that"] = Referents(candidates=candidates, none=0.1, rays=100)
-        here.found["there"] = sure("place", "floor")
-        here.say("put that there")
-        assert (await here.result()).message == "rover? Say yes, or press, while it blinks"
+        here.found, here.refusal = ({"there": sure("place", "floor")}, "you are not pointing")
+        here.say("go there")
+        said = await here.result()
+        assert (said.result, said.message) == ("refused", here.refusal)
 
 
 @pytest.mark.parametrize(
@@ -332,19 +339,6 @@ async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_ar
         interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"])[0])
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
             await interpreter.wait_for_room(1.0)
-
-
-@in_virtual_time
-async def test_only_switches_are_turned_on_by_their_names_too() -> None:
-    async with room() as here:
-        here.say(f"turn the {HOSTILE.replace('-', ' ')} on")
-        assert (await here.result()).message == f"{HOSTILE} is no switch: say `take that`"
-        here.say("turn the raydio on")
-        missing = (
-            "nothing here is called 'raydio': did you mean radio? or point at it, and say `turn that on`"
-        )
-        assert (await here.result(2)).message == missing
-        assert here.queries(SetThing) == []
 
 
 @in_virtual_time

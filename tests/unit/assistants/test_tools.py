@@ -359,15 +359,6 @@ class Joiner:
         return str(raised.value)
 
 
-async def test_a_site_that_comes_later_is_joined() -> None:
-    joiner = Joiner()
-    async with joiner.door.opened():
-        await asyncio.sleep(1000)
-        assert joiner.why().startswith(ABSENT)
-        joiner.is_there.set()
-        await until(lambda: not joiner.why())
-
-
 async def test_a_wrong_site_is_named_until_the_right_one_is_there() -> None:
     joiner = Joiner()
     joiner.failures.append(WrongSiteError("there is site hall"))
@@ -377,10 +368,12 @@ async def test_a_wrong_site_is_named_until_the_right_one_is_there() -> None:
         await until(lambda: not joiner.why())
 
 
-async def test_a_site_that_ends_is_joined_again() -> None:
+async def test_a_site_that_comes_later_is_joined_and_again_after_its_end() -> None:
     joiner = Joiner()
-    joiner.is_there.set()
     async with joiner.door.opened():
+        await asyncio.sleep(1000)
+        assert joiner.why().startswith(ABSENT)
+        joiner.is_there.set()
         await until(lambda: not joiner.why())
         assert joiner.bus is not None
         joiner.is_there.clear()

@@ -142,13 +142,6 @@ async def test_its_restart_loses_nothing_and_a_new_run_begins_without(room: Room
     assert await room.read() == []
 
 
-async def test_it_writes_while_it_runs(room: Room, tmp_path: Path) -> None:
-    await room.start()
-    path = tmp_path / "memory" / "keeper" / "states.msgpack"
-    room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
-    await until(lambda: path.exists() and b"Selection" in path.read_bytes())
-
-
 @pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
 async def test_damaged_file_is_warned_of_and_overwritten(room: Room, tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "memory" / "keeper" / "states.msgpack"

@@ -351,14 +351,3 @@ def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], s
         one_by_one += pieces.feed(stream[start : start + size])
     assert one_by_one == whole.feed(stream) == [line for line in lines if 0 < len(line) < 300]
     assert pieces.overlong == whole.overlong == lines.count(b"x" * 300)
-
-
-def test_a_line_is_read_again_after_an_endless_one() -> None:
-    splitter = LineSplitter()
-    splitter.feed(b"\n")
-    splitter.feed(b"\x55" * 10_000)
-    assert splitter._rest == b""
-    for _ in range(10):
-        assert splitter.feed(b"\x55" * 100) == []
-    assert splitter.overlong >= 1
-    assert splitter.feed(b"\n1,0,0,0\n") == [b"1,0,0,0"]

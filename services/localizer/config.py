@@ -1,7 +1,6 @@
 """Parameters of the localizer."""
 
 import math
-from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
@@ -11,9 +10,6 @@ from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
-
-FREE_HEIGHT_M = 10.0
-"""Standard deviation of an unknown height."""
 
 _SETTINGS = SolverSettings()
 _DRIFT = DriftSettings()
@@ -62,10 +58,9 @@ class TrustConfig(Config):
         description="static_targets: poses less certain than this are refused, degrees",
     )
 
-    def settings(self, *, free_height: bool = False) -> SolverSettings:
+    def settings(self) -> SolverSettings:
         """Return the settings of the solver."""
-        settings = SolverSettings(**_in_radians(self))
-        return replace(settings, height_sigma_m=FREE_HEIGHT_M) if free_height else settings
+        return SolverSettings(**_in_radians(self))
 
 
 class StopCriterionConfig(Config):
@@ -160,9 +155,6 @@ class LocalizerConfig(Config):
         le=360,
         description="static_targets: rays count once they turn no faster, degrees/s; 0: at once",
     )
-    max_spread_deg: float = Field(
-        default=3.0, gt=0, le=90, description="rms by which an arm may wander at an anchor, degrees"
-    )
     robot_id: str = Field(
         default="", description="moving_target: object to follow; the robot that the rays fit best if empty"
     )
@@ -195,10 +187,6 @@ class LocalizerConfig(Config):
         "name that was spoken. If empty, only their elevation",
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
-    free_height: bool = Field(
-        default=False, description="estimate the height of the floor, too, for people on a platform"
-    )
-    remember: bool | None = Field(default=None, description="without effect, accepted in older files")
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,
@@ -212,4 +200,4 @@ class LocalizerConfig(Config):
 
     def believed(self) -> SolverSettings:
         """Return weights and limits of the solver."""
-        return self.trust.settings(free_height=self.free_height)
+        return self.trust.settings()

@@ -41,21 +41,18 @@ def pose_message(
 ) -> UserPose:
     """Return `solution` as a message; `stamp_ns` is that of its newest ray.
 
-    The feet are on the floor unless its height was estimated: an error of the eye height is not a height of
-    the feet.
+    The feet are on the floor: an error of the eye height is not a height of the feet.
     """
     c = [float(value) for value in solution.covariance.ravel()]
-    z_m, z_sigma_m = (solution.z_m, solution.z_sigma_m) if config.free_height else (0.0, 0.0)
     return UserPose(
         stamp_ns=stamp_ns,
-        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(config.floor_m + z_m)),
+        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(config.floor_m)),
         yaw_rad=solution.yaw_rad,
         covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
         method=method,
         elevation_bias_rad=solution.bias_rad,
         residual_rad=solution.residual_rad,
         samples=solution.samples,
-        z_sigma_m=z_sigma_m,
     )
 
 

@@ -94,6 +94,9 @@ def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> 
 MIN_RAYS = 10
 """Rays that an anchor needs."""
 
+MAX_SPREAD_DEG = 3.0
+"""Rms by which an arm may wander at an anchor, degrees."""
+
 MAX_ROBOT_AGE_S = 1.0
 """Age of a report at which a robot's place is unknown."""
 
@@ -153,13 +156,11 @@ class Anchoring(LampProcedure):
             return self._end(
                 now_ns, "refused", "the rays point in all directions; hold the arm still and try again"
             )
-        limit_rad = math.radians(self._config.max_spread_deg)
-        problem = ""
-        if mean.spread_rad > limit_rad:
-            spread_deg = round_beyond(math.degrees(mean.spread_rad), self._config.max_spread_deg)
+        spread_deg, problem = math.degrees(mean.spread_rad), ""
+        if spread_deg > MAX_SPREAD_DEG:
             problem = (
-                f"the arm wandered by {spread_deg}° while {self._lamp.id} was lit and "
-                f"at most {self._config.max_spread_deg:.1f}° is accepted; hold it still and try again"
+                f"the arm wandered by {round_beyond(spread_deg, MAX_SPREAD_DEG)}° while {self._lamp.id} was "
+                f"lit and at most {MAX_SPREAD_DEG:.1f}° is accepted; hold it still and try again"
             )
         judged = self._judge(self._lamp, mean, problem, now_ns)
         anchor = judged.anchor

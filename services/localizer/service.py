@@ -96,8 +96,6 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(topics.SET_POSE, self._set_pose, self.user)
         self.bus.serve(topics.SET_HEADING, self._set_heading, self.user)
         self.bus.serve(topics.POINT_ANCHOR, self._point_anchor, self.user)
-        if config.remember is not None:
-            self.bus.warn("remember", "the option localizer.remember has no effect any more; leave it out")
 
     async def run(self) -> None:
         """Step procedures and track the pose. The procedure that runs is cancelled at the end."""

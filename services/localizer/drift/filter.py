@@ -73,8 +73,6 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
     return np.stack([np.arctan2(north, east) - yaw, np.arctan2(up, away)], axis=1), slope, away
 
 
-__all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
-
 NEAREST_M = 0.2
 """Smallest horizontal distance from the eyes to a target."""
 

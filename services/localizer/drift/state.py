@@ -62,15 +62,6 @@ class DriftSettings:
     max_yaw_sigma_rad: float = math.pi
     """Upper bounds of the standard deviations."""
 
-    def __post_init__(self) -> None:
-        """Check the probability.
-
-        Raises:
-            ValueError: If a case has none.
-        """
-        if not 0.0 < self.rare_share < 0.5:
-            raise ValueError("the share of moves and outliers must be between 0 and 0.5")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fix:

@@ -28,7 +28,6 @@ from pointit.services.localizer.estimation.levenberg_marquardt import (
     minimize,
 )
 from pointit.services.localizer.estimation.solution import (
-    GAP_S,
     LATENCY,
     Blocks,
     NoiseModel,
@@ -41,24 +40,6 @@ from pointit.services.localizer.estimation.solution import (
     in_time,
     refine,
 )
-
-__all__ = [
-    "AMBIGUOUS_COST",
-    "GAP_S",
-    "MIN_BIAS_SIGMA_RAD",
-    "Mean",
-    "Pointings",
-    "Refusal",
-    "Solution",
-    "SolverSettings",
-    "believed",
-    "directions",
-    "mean",
-    "origins",
-    "solve",
-    "unfiltered",
-]
-
 
 NEGLIGIBLE = 1e-3
 """Poses less probable than this are left out of the covariance."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.services.localizer.estimation.estimator import GAP_S, Pointings
+from pointit.services.localizer.estimation.solution import GAP_S, Pointings
 
 Array = NDArray[np.float64]
 

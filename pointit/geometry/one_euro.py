@@ -12,35 +12,24 @@ from pointit.geometry.vector import Vec3
 
 _STILL: Vec3 = (0.0, 0.0, 0.0)
 
+SPEED_CUTOFF_HZ = 1.0
+"""Cut-off of the speed itself."""
+GAP_S = 0.5
+"""A longer silence resets the filter, as does a step back in time."""
+
 
 class OneEuro:
     """Smooths one stream of unit vectors. Stores the last input, the last output and the angular velocity."""
 
-    def __init__(
-        self,
-        *,
-        min_cutoff_hz: float = 0.7,
-        beta_hz_per_degps: float = 0.05,
-        derivative_cutoff_hz: float = 1.0,
-        gap_s: float = 0.5,
-    ) -> None:
+    def __init__(self, *, min_cutoff_hz: float = 0.7, beta_hz_per_degps: float = 0.05) -> None:
         """Create with the given parameters.
 
         Args:
             min_cutoff_hz: cut-off at rest. Lower is steadier and slower.
             beta_hz_per_degps: increase of the cut-off with speed.
-            derivative_cutoff_hz: cut-off of the speed itself.
-            gap_s: a longer silence resets the filter, as does a step back in time.
-
-        Raises:
-            ValueError: If a parameter is out of range.
         """
-        if min(min_cutoff_hz, derivative_cutoff_hz, gap_s) <= 0.0 or beta_hz_per_degps < 0.0:
-            raise ValueError("cut-offs and gap must be above 0, beta must not be below")
         self._min_cutoff = math.tau * min_cutoff_hz
         self._rise = math.tau * math.degrees(beta_hz_per_degps)
-        self._derivative = math.tau * derivative_cutoff_hz
-        self._gap_s = gap_s
         self.reset()
 
     def reset(self) -> None:
@@ -59,14 +48,14 @@ class OneEuro:
             at_s: time of capture, s, on any clock without jumps.
         """
         passed_s = None if self._at_s is None else at_s - self._at_s
-        if passed_s is None or not 0.0 <= passed_s <= self._gap_s:
+        if passed_s is None or not 0.0 <= passed_s <= GAP_S:
             self._at_s, self._came, self._gave, self._rate = at_s, direction, direction, _STILL
             return direction
         if passed_s == 0.0:  # same time: only the position is updated
             self._came = direction
             return self._gave
         self._at_s = at_s
-        turn = self._derivative * passed_s
+        turn = math.tau * SPEED_CUTOFF_HZ * passed_s
         weight = turn / (1.0 + turn)  # 1/(1 + 1/(2π f Δt)), here and below
         # cross and dot products are written out: this runs for every sample
         (x, y, z), (ax, ay, az) = direction, self._came

@@ -11,7 +11,6 @@ third, so that a bad hold does no harm.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,18 +94,12 @@ def sighting(anchor: Anchor) -> OffsetSighting | None:
     )
 
 
-def fit(
-    sightings: Sequence[OffsetSighting],
-    fitted_ns: int = 0,
-    *,
-    highest: Literal["pitch", "polynomial"] = "polynomial",
-) -> OffsetFit:
+def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
     """Return the person's offset, the heading correction, and the dropped sightings.
 
     Args:
         sightings: in any number and order.
         fitted_ns: stamp of the fit.
-        highest: the most complex model to try.
     """
     rays = np.array(
         [[s.azimuth_rad, s.elevation_rad, s.target_azimuth_rad, s.target_elevation_rad] for s in sightings]
@@ -132,7 +125,7 @@ def fit(
     reference = _middle(rays[:, 2])
     azimuth_terms, elevation_terms = np.zeros(6), np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
     polynomials, ranges = 0, ((0.0, 0.0), (0.0, 0.0))
-    if len(rays) >= POLYNOMIAL_FROM and highest == "polynomial":
+    if len(rays) >= POLYNOMIAL_FROM:
         where = np.stack([_wrapped(rays[:, 0] + heading - reference), rays[:, 1]], axis=1)
         if np.abs(where[:, 0]).max() <= REACH_RAD:
             ranges = (_range(where[:, 0]), _range(where[:, 1]))

@@ -45,12 +45,6 @@ class PointingConfig(Config):
     beta_hz_per_degps: float = Field(
         default=0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"
     )
-    derivative_cutoff_hz: float = Field(
-        default=1.0, ge=0.01, le=100, description="cut-off of the speed itself, Hz"
-    )
-    filter_gap_s: float = Field(
-        default=0.5, ge=0.05, le=10, description="time without a ray after which the filter restarts, s"
-    )
 
     def smoothing(self) -> OneEuro | None:
         """Return a new filter as configured, or None if it is off."""
@@ -59,8 +53,6 @@ class PointingConfig(Config):
         return OneEuro(
             min_cutoff_hz=self.min_cutoff_hz or MIN_CUTOFF_HZ[self.filter],
             beta_hz_per_degps=self.beta_hz_per_degps,
-            derivative_cutoff_hz=self.derivative_cutoff_hz,
-            gap_s=self.filter_gap_s,
         )
 
 

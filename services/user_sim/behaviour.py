@@ -1,4 +1,4 @@
-"""Current goal of the person: nothing, lamps, along the strips, anything, objects, places, robots."""
+"""Current goal of the person: nothing, lamps, along the strips, objects, places, robots."""
 
 import math
 from collections.abc import Callable
@@ -85,12 +85,12 @@ class AlongStrips:
 
 
 class SequentialTargets:
-    """Points at random goals, at each for a while."""
+    """Points at one goal after another, at each for a while."""
 
     def __init__(
-        self, choose: Callable[[str, int, Sight], PersonGoal | None], hold_s: float, times: DecisionTimes
+        self, choose: Callable[[str, Sight], PersonGoal | None], hold_s: float, times: DecisionTimes
     ) -> None:
-        """Create with `choose`, which returns the next goal after the one of the given key at a time."""
+        """Create with `choose`, which returns the next goal after the one of the given key."""
         self._choose = choose
         self._hold_s = hold_s
         self._pace = times
@@ -98,44 +98,21 @@ class SequentialTargets:
         self._until_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
-        """Return the current goal, updated if it moves."""
-        is_gone = bool(self._goal.object_id) and sight.find(self._goal.object_id, now_ns) is None
-        if self._until_ns is None or now_ns >= self._until_ns or is_gone:
-            self._goal = self._choose(self._goal.key, now_ns, sight) or REST
+        """Return the current goal."""
+        if self._until_ns is None or now_ns >= self._until_ns:
+            self._goal = self._choose(self._goal.key, sight) or REST
             hold_s = FIND_S + self._hold_s * self._pace.between(0.5, 1.5)
             self._until_ns = now_ns + round(hold_s * NS_PER_S) if self._goal is not REST else None
-        elif self._goal.object_id:
-            seen = sight.find(self._goal.object_id, now_ns)
-            if seen is not None:
-                self._goal = on_object(seen, sight, closed_loop=True)
         return self._goal
 
 
-def next_lamp(before: str, now_ns: int, sight: Sight) -> PersonGoal | None:  # noqa: ARG001 - as `choose` has it
+def next_lamp(before: str, sight: Sight) -> PersonGoal | None:
     """Return the lamp after the one of key `before`, in the map's order, cyclically."""
     goals = [PersonGoal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
     if not goals:
         return None
     keys = [goal.key for goal in goals]
     return goals[(keys.index(before) + 1) % len(goals) if before in keys else 0]
-
-
-class Anything:
-    """Chooses anything: an object, a lamp, a point on a strip or belt."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-
-    def __call__(self, before: str, now_ns: int, sight: Sight) -> PersonGoal | None:
-        """Return something other than the goal of key `before`, if possible."""
-        goals = [on_object(seen, sight, closed_loop=True) for seen in sight.objects(now_ns)]
-        goals += [PersonGoal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
-        for key, line in sight.lines.items():
-            along_m = float(self._rng.uniform(0.0, line.length_m))
-            name = f"{key[0]} {key[1]} {along_m:.2f}"
-            goals.append(PersonGoal(key=name, point_m=line.point_at(along_m), closed_loop=True, kind=key[0]))
-        others = [goal for goal in goals if goal.key != before] or goals
-        return others[int(self._rng.integers(len(others)))] if others else None
 
 
 class Sending:
@@ -147,7 +124,7 @@ class Sending:
         self._step = -1
         self._place_m = feet_m
 
-    def __call__(self, before: str, now_ns: int, sight: Sight) -> PersonGoal | None:  # noqa: ARG002 - as `choose` has it
+    def __call__(self, before: str, sight: Sight) -> PersonGoal | None:  # noqa: ARG002 - as `choose` has it
         """Return the next of the four steps: there, up, there again, up."""
         self._step += 1
         if self._step % 4 == 0:
@@ -168,8 +145,6 @@ def make_behaviour(
             return SequentialTargets(next_lamp, config.lamp_hold_s, times)
         case "strips":
             return AlongStrips(config.strip_speed_mps)
-        case "random":
-            return SequentialTargets(Anything(rng), config.lamp_hold_s, times)
         case "send":
             return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, times)
         case "fly":

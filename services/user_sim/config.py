@@ -8,7 +8,7 @@ from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 
-Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send", "fly", "drive"]
+Behaviour = Literal["rest", "lamps", "strips", "select", "send", "fly", "drive"]
 """Behaviour of the person while they may point."""
 
 
@@ -177,8 +177,8 @@ class UserSimConfig(Config):
     behaviour: Behaviour = Field(
         default="select",
         description="rest: nothing; lamps: one lamp after another; strips: along the strips, there and back; "
-        "select: every object of a kind; random: anything; send: places on the floor; fly: take a "
-        "quadrotor, and land it on each of spots_m; drive: take a ground robot, and send it along them",
+        "select: every object of a kind; send: places on the floor; fly: take a quadrotor, "
+        " and land it on each of spots_m; drive: take a ground robot, and send it along them",
     )
     spots_m: tuple[Vec3, ...] = Field(
         default=(),
@@ -221,10 +221,7 @@ class UserSimConfig(Config):
         description="time without a visible cursor while pointing that causes a press, s; 0: never",
     )
     lamp_hold_s: float = Field(
-        default=2.0,
-        gt=0,
-        le=600,
-        description="mean time on a lamp (behaviour lamps), thing (random) or place (send), s",
+        default=2.0, gt=0, le=600, description="mean time on a lamp (behaviour lamps) or place (send), s"
     )
     deadline: dict[str, float] = Field(
         default={},

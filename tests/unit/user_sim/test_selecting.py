@@ -186,7 +186,7 @@ def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None
 
 
 def test_in_an_empty_room_everybody_rests() -> None:
-    for behaviour in ("lamps", "strips", "select", "random"):
+    for behaviour in ("lamps", "strips", "select"):
         life = Life(PRECISE.model_copy(update={"behaviour": behaviour}))
         life.person.see(0, Environment(stamp_ns=0, name="empty"))
         life.state("pointing")
@@ -194,7 +194,7 @@ def test_in_an_empty_room_everybody_rests() -> None:
         lamp = Lamp(id="l", position_m=(3.0, 0.0, 0.0))
         life.person.see(life.now_ns, Environment(stamp_ns=0, name="a lamp", lamps=(lamp,)))
         life.person.see(life.now_ns, TrackedObjects(stamp_ns=life.now_ns))
-        assert choice(life, 2.0) == ("lamp l" if behaviour in ("lamps", "random") else "rest")
+        assert choice(life, 2.0) == ("lamp l" if behaviour == "lamps" else "rest")
 
 
 def stored(name: str, y_m: float, mode: Literal["button", "switch"] = "button") -> TrackedObject:

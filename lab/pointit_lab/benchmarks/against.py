@@ -117,10 +117,6 @@ def _checked_out(commit: str) -> Generator[Path]:
         tree = Path(folder) / "tree"
         git = ("git", "-C", str(ROOT), "worktree")
         subprocess.run([*git, "add", "--quiet", "--detach", str(tree), commit], check=True)
-        packages = sorted(tree.glob("*/pointit"))
-        if packages and not any((package / "__init__.py").exists() for package in packages):
-            # a namespace, as in older commits, would lose to the package that is installed
-            (packages[0] / "__init__.py").write_text(f"__path__ = {[str(each) for each in packages]!r}\n")
         try:
             yield tree
         finally:
@@ -129,15 +125,13 @@ def _checked_out(commit: str) -> Generator[Path]:
 
 def _measured(tree: Path, duration_s: float) -> dict[str, Any]:
     """Run the benchmark of `tree` with this interpreter and its packages. Return its results."""
-    roots = [str(package.parent) for package in sorted(tree.glob("*/pointit*"))]
-    benchmark = "pointit_lab.benchmarks" if (tree / "lab").is_dir() else "benchmarks"  # of older commits
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
-        command = [sys.executable, "-m", benchmark, "--only", "latency", "--only", "users"]
+        command = [sys.executable, "-m", "pointit_lab.benchmarks", "--only", "latency", "--only", "users"]
         subprocess.run(
             [*command, "--duration", str(duration_s), "--json", str(path)],
             cwd=tree,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), *roots])},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), str(tree / "lab")])},
             stdout=subprocess.DEVNULL,
             check=True,
         )

@@ -64,15 +64,13 @@ def test_a_commit_without_the_figures_of_now_is_compared_by_its_own(monkeypatch:
     assert figures["CPU of services, wrists apart, fit, µs a sample"]["ratio"] == [1.0, 1.0]
 
 
-def test_an_older_commit_whose_package_was_a_namespace_runs_its_own_modules(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for room in ("schemas/pointit/schemas", "services/pointit/services"):
-        (tmp_path / room).mkdir(parents=True)
+def test_another_commit_runs_its_own_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("pointit", "lab/pointit_lab"):
+        (tmp_path / package).mkdir(parents=True)
         for name in ("__init__.py", "old.py"):
-            (tmp_path / room / name).touch()
-    (tmp_path / "benchmarks.py").write_text(
-        "import json, sys, pointit.schemas.old, pointit.services.old\n"
+            (tmp_path / package / name).touch()
+    (tmp_path / "lab/pointit_lab/benchmarks.py").write_text(
+        "import json, sys, pointit.old, pointit_lab.old\n"
         "json.dump({'ran': True}, open(sys.argv[-1], 'w', encoding='utf-8'))\n"
     )
     git = ("git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b")

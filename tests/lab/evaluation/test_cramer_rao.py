@@ -6,13 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, SolverSettings, solve
+from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets import read_trials
-from pointit_lab.evaluation.honesty.honesty import chosen
-from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m, median_distance
-from pointit_lab.evaluation.localization.localization import ANY, localization_rows
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
+from pointit_lab.evaluation.localization.localization import localization_rows
+from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, unit
@@ -112,34 +110,6 @@ def test_without_the_true_yaw_there_is_none() -> None:
     known, unknown = median_bounds_m([one, replace(one, yaw_rad=None)])
     assert math.isfinite(known)
     assert math.isnan(unknown)
-
-
-@pytest.mark.long
-def test_no_solver_is_better_on_simulated_people() -> None:
-    """People who follow a robot or point at lamps, with slopes, lag and correlated scatter of their own."""
-    drawn = np.random.default_rng(2)
-    following = [one for person in followers(range(60)) for one in first_windows(person)]
-    acts = [chosen(room, count, drawn) for room in rooms(range(60)) for count in (3, 6)]
-    for trials in (following, acts):
-        bounds_m = median_bounds_m(trials)
-        for condition in {one.condition for one in trials}:
-            of_it = [i for i, one in enumerate(trials) if one.condition == condition]
-            for settings in (ANY, replace(ANY, bias_sigma_rad=math.radians(3.0)), SolverSettings()):
-                found = [(error_m(trials[i], settings), bounds_m[i]) for i in of_it]
-                solved = [(reached_m, bound_m) for reached_m, bound_m in found if reached_m is not None]
-                reached_m, bound_m = np.median(np.array(solved), axis=0).tolist()
-                assert reached_m >= bound_m, (condition, settings)
-
-
-def first_windows(person: FollowRecording) -> list[LocalizationTrial]:
-    return [next(person.trials([window_s])) for window_s in (2.0, 5.0, 10.0)]
-
-
-def error_m(one: LocalizationTrial, settings: SolverSettings) -> float | None:
-    found = solve(one.pointings, settings)
-    if isinstance(found, Refusal):
-        return None
-    return math.hypot(found.x_m - one.x_m, found.y_m - one.y_m)
 
 
 @pytest.mark.long

@@ -31,19 +31,6 @@ def some_ray(rng: np.random.Generator) -> tuple[Vec3, Vec3]:
     return (x, y, z), vector.direction(float(rng.uniform(-3.1, 3.1)), float(rng.uniform(-1.5, 1.5)))
 
 
-@given(seeds)
-def test_no_point_is_overlooked(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points = some_cloud(rng)
-    tree = CloudTree(points)
-    for _ in range(5):
-        origin, direction = some_ray(rng)
-        expected = misses(points, origin, direction)
-        hit = there(tree.cast(origin, direction))
-        assert expected[hit.target] == pytest.approx(expected.min(), abs=2e-7)
-        assert math.dist(hit.point_m, points[hit.target].tolist()) == 0.0
-
-
 @given(seeds, st.floats(0.01, 1.0))
 def test_nothing_beyond_tolerance_and_all_within(seed: int, tolerance: float) -> None:
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.config import LocalizerConfig, TrustConfig
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -31,9 +31,6 @@ LAB: tuple[Vec3, ...] = (
 LAMPS = tuple(Lamp(id=f"led_{index}", position_m=LAB[index]) for index in range(3))
 PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
 ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
-ANY_TRUST = TrustConfig().model_copy(
-    update={"min_right_probability": 0.0, "max_position_sigma_m": 1e6, "max_yaw_sigma_deg": 1e6}
-)
 UNLIMITED = SolverSettings().unlimited()
 LAX = dataclasses.replace(UNLIMITED, bias_sigma_rad=math.radians(30.0))
 LOOSE = dataclasses.replace(LAX, max_act_residual_rad=9.0)

@@ -16,7 +16,6 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.levenberg_marquardt import Rays
 from pointit.services.localizer.estimation.solution import BLOCK_S, MAX_BLOCKS, blocks
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
@@ -33,7 +32,6 @@ from tests.unit.localizer.person import (
     position_error_m,
     refused,
     solved,
-    yaw_difference,
 )
 
 
@@ -49,25 +47,22 @@ def test_refusals_name_the_problem_and_the_remedy() -> None:
     assert "+3" in refused(lifted, SolverSettings(max_act_residual_rad=1.0))
     assert "too high all the time" in refused(lifted, SolverSettings(max_act_residual_rad=1.0))
 
-
-@pytest.mark.parametrize("trust", [SolverSettings(), LAX])
-def test_targets_nearer_than_an_arm_reaches_are_met_nowhere(trust: SolverSettings) -> None:
     around = [(0.3 * math.cos(a), 0.3 * math.sin(a), EYES_M - 0.02 * a) for a in (0.0, 2.0, 4.0)]
-    assert "meet nowhere in the world" in refused(pointings(Person(), around), trust)
-
-
-def test_targets_at_the_height_of_the_eyes_tell_no_position() -> None:
-    level = tuple((x, y, EYES_M) for x, y, _ in CORNERS[:2])
-    sentence = refused(pointings(Person(0.3, 0.2, 0.1), level))
-    assert "at the height of the eyes" in sentence or "equally well" in sentence
-
-
-def test_an_arm_that_rests_while_targets_change_is_named() -> None:
+    for trust in (SolverSettings(), LAX):  # nearer than an arm reaches
+        assert "meet nowhere in the world" in refused(pointings(Person(), around), trust)
     person = Person(0.3, 0.2, 0.1)
+    level = tuple((x, y, EYES_M) for x, y, _ in CORNERS[:2])
+    sentence = refused(pointings(person, level))
+    assert "at the height of the eyes" in sentence or "equally well" in sentence
     gathered = pointings(person, CORNERS)
     still = np.tile(person.direction(CORNERS[0]), (len(gathered), 1))
     sentence = refused(dataclasses.replace(gathered, directions=still))
     assert "held in one direction" in sentence or "too high" in sentence
+    line = tuple((2.0 + far, 0.0, 1.64 - 0.5 * (2.0 + far)) for far in (0.0, 0.3, 0.6))
+    assert "in one direction" in refused(pointings(Person(), line))
+    person = Person(1.2, 1.4, 0.5)
+    assert "two places fit" in refused(pointings(person, LAB[:2]))
+    assert position_error_m(solved(pointings(person, LAB[:3])), person) < 0.1
 
 
 @given(coordinates, coordinates, angles, st.floats(0.3, 3.0), st.sampled_from([0.0, 1e-9, 1e-4, 0.02]))
@@ -78,27 +73,6 @@ def test_targets_above_one_another_tell_no_direction(
     pole = ((0.0, 0.0, 0.1), (0.0, 0.0, 0.1 + height_m))
     sentence = refused(pointings(Person(x, y, yaw_rad), pole, noise_rad=noise_rad), LAX)
     assert "above one another" in sentence
-
-
-def test_targets_in_one_direction_are_named() -> None:
-    line = tuple((2.0 + far, 0.0, 1.64 - 0.5 * (2.0 + far)) for far in (0.0, 0.3, 0.6))
-    assert "in one direction" in refused(pointings(Person(), line))
-
-
-def test_two_targets_that_fit_two_places_are_refused_and_a_third_tells() -> None:
-    person = Person(1.2, 1.4, 0.5)
-    assert "two places fit" in refused(pointings(person, LAB[:2]))
-    assert position_error_m(solved(pointings(person, LAB[:3])), person) < 0.1
-
-
-@pytest.mark.parametrize(
-    "demanding",
-    [dataclasses.replace(LAX, max_position_sigma_m=1e-4), dataclasses.replace(LAX, max_yaw_sigma_rad=1e-4)],
-)
-def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(demanding: SolverSettings) -> None:
-    given_pointings = pointings(Person(0.3, 0.2, 0.1), CORNERS)
-    solved(given_pointings, LAX)
-    assert "the pose is uncertain by" in refused(given_pointings, demanding)
 
 
 SURE = Solution(
@@ -214,35 +188,6 @@ def test_one_bad_sample_in_twenty_refuses_no_pose(moving: bool) -> None:  # noqa
 def test_one_bad_sample_in_four_is_refused(moving: bool) -> None:  # noqa: FBT001
     for seed in range(10):
         assert "the rays miss the targets by" in refused(spoilt(seed, 4, moving=moving)[1])
-
-
-def test_the_stated_uncertainty_is_honest() -> None:
-    """Errors constant while a lamp is lit, of people who scatter more or less about what is believed."""
-    generator = np.random.default_rng(7)
-    distances: list[float] = []
-    far: list[float] = []
-    turned: list[float] = []
-    trust = dataclasses.replace(UNLIMITED, body_sigma_m=0.0, model_sigma_rad=0.0, max_act_residual_rad=9.0)
-    trust = dataclasses.replace(trust, bias_sigma_limit=9.0)
-    for trial in range(200):
-        x, y = generator.uniform(-1.5, 1.5, 2)
-        person = Person(float(x), float(y), float(trial))
-        gathered = pointings(person, CORNERS, each=48, rate_hz=24.0)
-        rays = Rays.of(gathered.origins_m, gathered.directions, gathered.targets_m)
-        sigmas = np.array([trust.act_sigma_rad, trust.elevation_sigma_rad])
-        sigmas *= math.sqrt(4.0 / generator.chisquare(4.0))
-        off = np.repeat(generator.normal(0.0, sigmas, (4, 2)), 48, axis=0)
-        azimuths, elevations = rays.azimuths_rad + off[:, 0], rays.elevations_rad + off[:, 1]
-        level = np.cos(elevations)
-        directions = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
-        solution = solved(dataclasses.replace(gathered, directions=directions), trust)
-        error = np.array([solution.x_m - person.x, solution.y_m - person.y])
-        distances.append(float(error @ np.linalg.solve(solution.covariance[:2, :2], error)) / 2.0)
-        far.append(float(np.linalg.norm(error)) / solution.position_sigma_m)
-        turned.append(abs(yaw_difference(solution.yaw_rad, person.yaw_rad)) / solution.yaw_sigma_rad)
-    assert 0.6 < math.sqrt(float(np.median(distances)) / math.log(2.0)) < 1.2
-    assert 0.88 < float(np.mean(np.array(far) < 2.0)) < 0.99  # 0.92 to 0.98 with other seeds
-    assert 0.87 < float(np.mean(np.array(turned) < 2.0)) < 0.98
 
 
 @pytest.mark.parametrize("size", [0.2, 0.5, 0.8])

@@ -13,7 +13,6 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.pose_manager import PoseManager
-from pointit.services.localizer.static_targets import StaticTargets
 from tests.unit.localizer.person import LOOSE, START_NS, angles, config
 
 S = 1_000_000_000
@@ -26,25 +25,6 @@ def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, st
     level = math.cos(elevation)
     direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
     return PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)
-
-
-@given(
-    st.lists(places, min_size=2, max_size=4, unique=True),
-    st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
-)
-def test_any_lamps_and_rays_give_a_refusal_or_a_valid_pose(
-    lamps: list[tuple[float, float, float]], rays: list[tuple[tuple[float, float, float], float, float]]
-) -> None:
-    procedure = StaticTargets(
-        [Lamp(id=f"led_{index}", position_m=place) for index, place in enumerate(lamps)],
-        config(reaction_s=0.0, hold_s=0.4),
-    )
-    procedure.start(START_NS)
-    for tick in range(200):
-        now_ns = START_NS + (tick + 1) * S // 50
-        procedure.on_ray(ray(*rays[tick // 30 % len(rays)], now_ns))
-        procedure.step(now_ns)
-    assert not procedure.running
 
 
 def seen_from(x_m: float, *robots: tuple[float, float]) -> list[tuple[Vec3, float, float]]:

@@ -70,11 +70,6 @@ def test_the_filter_is_the_least_squares_fit_of_all_measurements() -> None:
     assert sigma_rad == pytest.approx(math.sqrt(row @ covariance @ row + WANDER_RAD**2))
 
 
-def test_one_measurement_of_3_degrees_makes_the_prior_4_degrees() -> None:
-    _, sigma_rad = expected_bias(updated(NEW, 0.1, math.radians(3.0), REFERENCE_RAD), REFERENCE_RAD)
-    assert math.degrees(sigma_rad) == pytest.approx(3.93, abs=0.01)  # (1/100 + 1/13)^-1 + 4, square root
-
-
 def test_a_localization_of_three_seconds_measures_the_bias_and_a_shorter_one_does_not() -> None:
     person = Person(0.5, -0.3, 0.4, math.radians(7.0))
     memory = learned(person)
@@ -111,18 +106,6 @@ def test_rays_of_another_body_are_solved_without_memory() -> None:
     assert memory.believed(rays, SETTINGS, 0.0).bias_rad > 0.0
     taller = dataclasses.replace(rays, origins_m=np.add(rays.origins_m, [0.0, 0.0, 0.06]))
     assert memory.believed(taller, SETTINGS, 0.0) is SETTINGS
-
-
-def test_a_second_localization_makes_it_more_certain() -> None:
-    person = Person(bias_rad=math.radians(4.0))
-    memory = learned(person)
-    first = memory.remembered
-    assert memory.learn(following(person, 10.0, start_s=30.0), SETTINGS, 0.0)
-    assert first is not None
-    assert memory.remembered is not None
-    assert memory.remembered.localizations == 2
-    elevation_rad = math.radians(-22.0)
-    assert expected_bias(memory.remembered, elevation_rad)[1] < expected_bias(first, elevation_rad)[1]
 
 
 def test_rays_of_a_sensor_that_is_worn_otherwise_are_solved_without_memory() -> None:

@@ -184,36 +184,6 @@ def test_a_person_who_walked_keeps_yaw_and_rate() -> None:
     assert pose.covariance[0, 0] == pytest.approx(0.2**2)
 
 
-def test_localizations_of_the_same_rays_tell_no_rate() -> None:
-    drift = DriftFilter(fix(PERSON, 10 * NS_PER_S))
-    one = fix(drifted(PERSON, 11 * NS_PER_S), 11 * NS_PER_S)
-    for second in range(11, 60):
-        again = Fix(
-            x_m=one.x_m,
-            y_m=one.y_m,
-            yaw_rad=one.yaw_rad + 0.001 * second,
-            covariance=one.covariance,
-            stamp_ns=second * NS_PER_S,
-            since_ns=(second - 10) * NS_PER_S,
-        )
-        drift.reset(again)
-        assert drift.at(second * NS_PER_S).yaw_rad == pytest.approx(again.yaw_rad)
-    pose = drift.at(59 * NS_PER_S)
-    assert pose.yaw_rate_radps == 0.0
-    assert pose.yaw_sigma_rad == pytest.approx(math.radians(2.0))
-
-
-def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_kept() -> None:
-    """An IMU that is turned on the arm drifts as before."""
-    drift = calibrated(PERSON)
-    at_ns = 4 * MINUTE_NS
-    turned = Person(PERSON.x, PERSON.y, PERSON.yaw_rad - 2.0)
-    drift.reset(fix(turned, at_ns))
-    pose = drift.at(at_ns)
-    assert yaw_difference(pose.yaw_rad, turned.yaw_rad) == pytest.approx(0.0, abs=math.radians(0.5))
-    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.05))
-
-
 @pytest.mark.parametrize("restarted", [False, True])
 def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, restarted: bool) -> None:
     drift = calibrated(PERSON)
@@ -452,28 +422,6 @@ def test_whatever_happens_the_covariance_stays_one(happened: list[Step], sigma: 
     check(drift.at(2**62), drift._state.moments()[1])
 
 
-@given(st.lists(st.floats(20.0, 120.0), min_size=1, max_size=6), st.floats(-0.4, 0.4), st.integers(0, 999))
-def test_the_yaw_gets_surer_by_an_anchor_and_less_sure_in_between(
-    pauses: list[float], rate_degps: float, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    spread = np.diag([0.1, 0.1, math.radians(3.0)]) ** 2
-    drift = DriftFilter(Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=spread, stamp_ns=0))
-    at_s = 0.0
-    for pause in pauses:
-        last = drift.at(round(at_s * NS_PER_S)).yaw_sigma_rad
-        for part in (0.2, 0.5, 1.0):
-            now = drift.predict(round((at_s + part * pause) * NS_PER_S)).yaw_sigma_rad
-            assert now > last
-            last = now
-        at_s += pause
-        around, yaw = rng.uniform(-math.pi, math.pi), math.radians(rate_degps) * at_s
-        target = (3.0 * math.cos(around), 3.0 * math.sin(around), 0.5)
-        ray = vector.direction(around - yaw, math.atan2(0.5 - EYES_M, 3.0))
-        assert drift.update_anchor(round(at_s * NS_PER_S), target, EYES, ray).accepted
-        assert drift.at(round(at_s * NS_PER_S)).yaw_sigma_rad < last
-
-
 JUMP_RAD = math.radians(-51.0)
 """Jump of the IMU's yaw."""
 
@@ -506,18 +454,6 @@ def test_jump_leaves_hardly_a_larger_error_than_anchoring_again(by: str, jump_ns
         point(drift, jumped(minute * MINUTE_NS, jump_ns), LAMPS[minute % 3], minute * MINUTE_NS)
     pose = drift.predict(5 * MINUTE_NS)
     assert abs(yaw_difference(pose.yaw_rad, jumped(5 * MINUTE_NS, jump_ns).yaw_rad)) < math.radians(6.0)
-
-
-def test_contradicted_rate_is_doubted_at_once_and_forgotten_after_the_next_anchor() -> None:
-    """The jump before the first anchor looked like a rate of -31 degrees a minute."""
-    drift = DriftFilter(fix(PERSON, 0))
-    point(drift, jumped(MINUTE_NS, 0), LAMPS[0], MINUTE_NS)
-    learnt = drift.at(MINUTE_NS)
-    assert learnt.yaw_rate_radps < -math.radians(0.3)
-    point(drift, jumped(2 * MINUTE_NS, 0), LAMPS[1], 2 * MINUTE_NS)
-    assert drift.at(2 * MINUTE_NS).yaw_rate_sigma_radps > learnt.yaw_rate_sigma_radps
-    point(drift, jumped(3 * MINUTE_NS, 0), LAMPS[2], 3 * MINUTE_NS)
-    assert drift.at(3 * MINUTE_NS).yaw_rate_radps == pytest.approx(math.radians(0.32), abs=math.radians(0.08))
 
 
 def test_localizations_with_rays_in_common_do_not_add_up() -> None:

@@ -24,7 +24,7 @@ from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
-from pointit.services.localizer.tracking import SIGMA_RAD, LandingDetector
+from pointit.services.localizer.tracking import LandingDetector
 from tests.support.bench import in_virtual_time, memory_bench
 from tests.unit.localizer.person import EYES_M, USER
 
@@ -226,17 +226,6 @@ def test_landing_before_the_pose_is_followed_is_not_used() -> None:
     person.core.set_pose(pose, person.arm.now_ns)
     person.confirm()
     assert person.outputs == []
-
-
-def test_landing_is_the_beginning_of_the_rest_and_is_taken_once() -> None:
-    detector, arm = LandingDetector(), Arm()
-    for ray in arm.reach(0.0, 1.0):
-        detector.add(ray)
-    landing = detector.take()
-    assert landing is not None
-    assert landing.sigma_rad == SIGMA_RAD
-    assert landing.stamp_ns - START_NS == pytest.approx(0.5 * NS_PER_S, abs=0.1 * NS_PER_S)
-    assert detector.take() is None
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0])

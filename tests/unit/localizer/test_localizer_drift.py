@@ -336,17 +336,6 @@ async def test_the_yaw_is_unknown_and_it_is_said_until_told(epoch: int, device_s
         await until(lambda: not wearer.warnings, what="the warning to go")
 
 
-async def test_a_fixed_pose_that_the_origin_is_aligned_with_stays() -> None:
-    clock = ManualClock()
-    async with worn(FIXED, clock) as wearer:
-        await send(wearer, clock, 0)
-        await send(wearer, clock, 1)
-        assert len(wearer.poses) == 1
-        seen = len(wearer.health)
-        await until(lambda: len(wearer.health) > seen, what="a report")
-        assert not wearer.health[-1].warnings
-
-
 async def test_pointing_that_goes_on_meanwhile_is_refused() -> None:
     clock = ManualClock()
     async with worn(FIXED, clock) as wearer:

@@ -200,15 +200,6 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         await until(lambda: not room.health[-1].warnings, what="the warning to go")
 
 
-@pytest.mark.parametrize("remember", [None, False, True])
-async def test_the_option_of_a_memory_that_is_gone_is_accepted_with_a_note(*, remember: bool | None) -> None:
-    async with room_of(LocalizerConfig(remember=remember)) as room:
-        await until(lambda: bool(room.health), what="health")
-        noted = [text for text in room.health[-1].warnings if "localizer.remember has no effect" in text]
-        assert len(noted) == (remember is not None)
-        assert len(room.poses) == 1
-
-
 @pytest.mark.parametrize(
     ("environment", "config", "sentence"),
     [

@@ -430,18 +430,6 @@ def test_rays_that_go_on_are_no_second_measurement_of_the_bias() -> None:
     assert set(memory.used) == {None}  # as at the start
 
 
-def test_a_spike_teaches_nothing() -> None:
-    memory = RecordingMemory()
-
-    def aim(t_s: float) -> Vec3:
-        x, y, z = place(t_s)
-        return (x, y, z - 1.5) if round(50 * t_s) % 20 == 0 else (x, y, z)
-
-    assert poses(fly(MovingTarget(config(), memory), 12.0, aim=aim))
-    (learned,) = memory.learned
-    assert np.diff(learned.directions[:, 2]).max() < 0.1
-
-
 TRUST = SolverSettings()
 N = 9.0
 
@@ -495,18 +483,6 @@ def test_choice_stays_until_another_robot_is_clearly_meant() -> None:
 def test_one_that_leaves_is_let_go() -> None:
     meant = TargetDisambiguator()
     assert (decide(meant, a=1.0, b=6.0), decide(meant, b=1.0)) == ("a", "b")
-
-
-def test_noise_about_equal_does_not_flicker() -> None:
-    generator = np.random.default_rng(3)
-    meant = TargetDisambiguator()
-    assert decide(meant, a=1.0, b=5.0) == "a"
-    named = set[str]()
-    for _ in range(200):
-        told = decide(meant, a=2.0 + generator.normal(0, 0.3), b=2.2 + generator.normal(0, 0.3))
-        if "alike" not in told:
-            named.add(told)
-    assert named == {"a"}
 
 
 def test_two_that_fit_differently_well_are_told_apart_by_their_probability_alone() -> None:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 from pointit.services.localizer.estimation.estimator import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedure_runner import Anchoring
-from pointit.services.localizer.tracking import MEASURED, PoseTracker
+from pointit.services.localizer.tracking import PoseTracker
 from tests.support import there
 from tests.unit.localizer.person import START_NS, Person, config, yaw_difference
 
@@ -83,18 +83,6 @@ def test_the_pose_is_followed_at_a_sensible_pace() -> None:
     assert published[-1].yaw_rate_sigma_radps is not None
 
 
-def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
-    tracking = PoseTracker()
-    tracking.set_localized(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
-    anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE)).anchor
-    # the pose before had not turned by 3° yet: the target is to the left of the ray as it was cast
-    assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
-    assert anchor.elevation_error_rad == pytest.approx(0.0, abs=0.2 * DEGREE)
-    assert anchor.yaw_rad == pytest.approx(person(0.0).yaw_rad)
-    assert (anchor.target_id, anchor.target_m, anchor.samples) == ("led", LAMP.position_m, 51)
-    assert anchor.accepted
-
-
 def test_rejected_anchor_is_measured_and_changes_nothing() -> None:
     tracking = localized()
     before = there(tracking.pose(at(10.0)))
@@ -104,21 +92,6 @@ def test_rejected_anchor_is_measured_and_changes_nothing() -> None:
     after = there(tracking.pose(at(10.0)))
     assert after.yaw_rad == before.yaw_rad
     assert PoseTracker().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
-
-
-def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
-    tracking = PoseTracker()
-    given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
-    assert tracking.set_exact(given, at(0.0)) == given
-    assert tracking.due(at(60.0)) is None
-    assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
-    assert tracking.anchor(LAMP, pointing(20.0)).anchor.accepted  # 6° off
-    pose = there(tracking.pose(at(20.0)))
-    assert abs(yaw_difference(pose.yaw_rad, person(20.0).yaw_rad)) < 0.5 * DEGREE
-    assert math.dist(pose.position_m, given.position_m) < 0.05
-    assert pose.method == "fixed"
-    assert tracking.follows
-    assert tracking.due(at(25.0)) is not None
 
 
 @pytest.mark.parametrize("follow", [True, False])
@@ -131,18 +104,6 @@ def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
     assert (tracking.due(at(10.0)) is not None) is follow
     assert tracking.anchor(LAMP, pointing(12.0)).anchor.accepted
     assert (tracking.due(at(20.0)) is not None) is follow
-
-
-def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
-    tracking = localized()
-    tracking.set_external(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
-    assert tracking.pose(at(10.0)) is None
-    assert tracking.due(at(20.0)) is None
-    anchor = tracking.anchor(LAMP, pointing(10.0)).anchor
-    assert (anchor.accepted, anchor.reason, anchor.yaw_rad) == (False, MEASURED, 0.0)
-    assert anchor.azimuth_error_rad == pytest.approx(person(10.0).yaw_rad, abs=0.01)
-    ours = tracking.set_localized(found(11.0), at(5.0), at(8.0), at(11.0))
-    assert ours.stamp_ns >= at(11.0)
 
 
 def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
@@ -207,17 +168,6 @@ def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0
         outputs += procedure.step(at(t_s))
     assert not procedure.running
     return outputs
-
-
-def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
-    outputs = anchoring(localized())
-    news = [output for output in outputs if isinstance(output, Localization)]
-    assert {(each.target_id, each.lamps) for each in news[:-1]} == {("led", ("led", "other"))}
-    assert (news[-1].target_id, news[-1].lamps) == ("", ())
-    kinds = [type(output).__name__ for output in outputs]
-    assert kinds[-2:] == ["Anchor", "Localization"]
-    last = outputs[-1]
-    assert last.phase == "solved"  # pyrefly: ignore[missing-attribute]  # checked above
 
 
 @pytest.mark.parametrize(
@@ -371,16 +321,6 @@ FOLLOWED: list[tuple[Turn, Turn]] = [
 @pytest.mark.parametrize(("azimuth", "elevation"), FOLLOWED)
 def test_an_arm_that_follows_something_slowly_does_not_rest(azimuth: Turn, elevation: Turn) -> None:
     assert fed(RestDetector(), stream(azimuth, elevation, 40.0)) == []
-
-
-def test_a_movement_ends_the_rest_before_it_begins() -> None:
-    def azimuth(t: float) -> float:
-        return 0.0 if t < 5.0 else 0.6 * (t - 5.0)
-
-    told = fed(RestDetector(), stream(azimuth, lambda _: HANGING, 7.0))
-    assert len(told) == 1
-    assert told[0].stamp_ns + told[0].span_s * 5e8 <= 105.0 * NS_PER_S
-    assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
 
 
 def test_a_movement_that_begins_gently_is_left_out() -> None:

@@ -109,27 +109,6 @@ def test_rays_of_a_slow_imu_suffice_if_all_given_lamps_together_bring_enough() -
     assert (last.stamp_ns - START_NS) / NS_PER_S == pytest.approx(10.5, abs=0.3)
 
 
-def test_repeated_and_older_rays_are_not_counted_twice() -> None:
-    procedure = StaticTargets(LAMPS, config())
-    procedure.start(START_NS)
-    person = Person()
-    for _ in range(50):
-        procedure.on_ray(person.ray(PLACES["a"], START_NS + 2 * NS_PER_S))
-        procedure.on_ray(person.ray(PLACES["a"], START_NS + 2 * NS_PER_S - 1))
-    assert told(procedure.step(START_NS + 2 * NS_PER_S))[-1].samples == 1
-
-
-def test_cancel_puts_the_lamp_off_and_only_once() -> None:
-    procedure = StaticTargets(LAMPS, config())
-    outputs = run(procedure, Person(), 5.0)
-    assert lamps_lit(outputs) == {"b"}
-    outputs += procedure.cancel(START_NS + 5 * NS_PER_S)
-    assert not lamps_lit(outputs)
-    assert told(outputs)[-1].phase == "cancelled"
-    assert procedure.cancel(START_NS + 6 * NS_PER_S) == []
-    assert procedure.step(START_NS + 60 * NS_PER_S) == []
-
-
 GOOD = (
     Lamp(id="high", position_m=(4.0, 0.5, 1.7)),
     Lamp(id="near_high", position_m=(4.0, 0.7, 1.7)),
@@ -212,18 +191,6 @@ def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
     assert (
         len(order(chosen(StaticTargets(GOOD, sure_at_once.model_copy(update={"targets": 0}))))) < targets + 1
     )
-
-
-@pytest.mark.parametrize("is_free", [False, True])
-def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bool) -> None:
-    """All lamps hang higher on the map: 5 cm for somebody tall for their measures, 50 on a platform."""
-    up_m = 0.5 if is_free else 0.05
-    x_y_z = ((lamp.id, lamp.position_m) for lamp in GOOD)
-    raised = [Lamp(id=name, position_m=(x, y, z + up_m)) for name, (x, y, z) in x_y_z]
-    procedure = StaticTargets(raised, config(order="informative", targets=5, free_height=is_free))
-    (pose,) = poses(chosen(procedure))
-    assert pose.position_m[2] == (pytest.approx(0.5, abs=0.1) if is_free else 0.0)
-    assert (pose.z_sigma_m > 0.0) == is_free
 
 
 def test_unsolvable_lamps_are_refused_with_a_reason() -> None:
@@ -327,16 +294,6 @@ def test_the_worlds_origin_and_the_order_of_lamps_do_not_matter() -> None:
         assert next_target(shifted, visits, ObservationModel(), floor_m=7.0) == here
         back = next_target(LAB[::-1], visits[::-1], ObservationModel())
         assert LAB[::-1][back] == LAB[here]
-
-
-def test_used_lamps_come_again_only_when_all_were_used() -> None:
-    visits = [0, 0, 0, 0]
-    order: list[int] = []
-    for _ in range(8):
-        index = next_target(LAB, visits, ObservationModel(), place_m=(2.0, 0.5))
-        visits[index] += 1
-        order.append(index)
-    assert sorted(order[:4]) == sorted(order[4:]) == [0, 1, 2, 3]
 
 
 def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:

@@ -99,25 +99,6 @@ async def room_of(*users: str) -> AsyncGenerator[Room]:
             await asyncio.wait(pointing)
 
 
-@in_virtual_time
-async def test_three_are_served_in_the_order_in_which_they_asked() -> None:
-    async with room_of(*PEOPLE) as room:
-        assert await room.start("carl") == "localizing by static targets"
-        await room.points("carl")
-        assert await room.start("anna") == "anna waits in turn: carl first"
-        await room.waits("anna", "carl")
-        assert await room.start("ben") == "ben waits in turn: carl, anna first"
-        await room.waits("ben", "carl", "anna")
-        await until(lambda: room.shining == [room.last("carl").target_id], what="carl's lamp alone")
-        await room.solved("carl")
-        await room.points("anna")
-        await room.waits("ben", "anna")
-        await room.solved("anna")
-        await room.points("ben")
-        await room.solved("ben")
-        assert room.shining == []
-        begun = {user: next(n.stamp_ns for n in news if n.target_id) for user, news in room.progress.items()}
-        assert sorted(begun, key=begun.__getitem__) == ["carl", "anna", "ben"]
 
 
 @pytest.mark.parametrize("presence", ["person", "localizer"])

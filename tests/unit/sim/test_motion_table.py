@@ -149,14 +149,6 @@ def test_positions_beyond_the_limit_are_refused_in_any_unit(tmp_path: Path, unit
         )
 
 
-@pytest.mark.parametrize("cell", ["", "noon"])
-def test_a_row_without_a_time_is_refused(tmp_path: Path, cell: str) -> None:
-    rows = motion()
-    rows[5][0] = cell
-    with pytest.raises(
-        ConfigError, match=f"line 7, column 't': a number was expected, got '{cell}'; write it"
-    ):
-        read(tmp_path, text_of((*ARM, *BODIES), rows))
 
 
 @pytest.mark.parametrize("separator", [" ", "    "])
@@ -174,10 +166,6 @@ def test_a_quote_without_an_end_makes_a_short_message(tmp_path: Path) -> None:
     assert len(str(caught.value)) < len(str(tmp_path)) + 400
 
 
-def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
-    whole = text_of((*ARM, *BODIES), motion())
-    with pytest.raises(ConfigError, match=r"line 41: has 10 cells .*, and there are 11 columns; correct it"):
-        read(tmp_path, whole[: whole.rindex(",")])
 
 
 @pytest.mark.parametrize(

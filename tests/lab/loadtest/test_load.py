@@ -25,11 +25,6 @@ def row_of(ended: Ended) -> dict[str, Any]:
     ("options", "processes"),
     [
         ((), ["all"]),
-        pytest.param(
-            ("--layout", "users", "--shards", "1", "--router"),
-            ["site", "users 1", "router"],
-            marks=pytest.mark.long,  # as with --secured, but for certificates
-        ),
         (("--layout", "users", "--shards", "2", "--secured"), ["site", "users 1", "users 2", "router"]),
         (
             ("--layout", "services"),
@@ -70,9 +65,8 @@ async def test_nobody_there_is_said_in_a_sentence(commands: Commands, endpoint: 
     assert "nobody answers" in ended.sentence
 
 
-@pytest.mark.parametrize("layout", [pytest.param("one", marks=pytest.mark.long), "users"])
-async def test_ctrl_c_ends_it_at_once_with_all_its_processes(commands: Commands, layout: str) -> None:
-    load = commands.start("load", "--duration", "600", "--layout", layout)
+async def test_ctrl_c_ends_it_at_once_with_all_its_processes(commands: Commands) -> None:
+    load = commands.start("load", "--duration", "600", "--layout", "users")
     await load.says("measuring")
     family = load.family()
     ended = await load.stop(signal.SIGINT)

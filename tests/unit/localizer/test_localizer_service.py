@@ -33,7 +33,7 @@ from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.localizer.person import EYES_M, LAB, LAMPS, ROOM, USER, Person, yaw_difference
+from tests.unit.localizer.person import EYES_M, LAB, LAMPS, ROOM, USER, Person
 
 FOUR = (*LAMPS, Lamp(id="led_3", position_m=LAB[3]))
 WITH_FOUR = ROOM.model_copy(update={"lamps": FOUR})
@@ -54,10 +54,6 @@ class Room:
     def lit(self) -> str:
         """The lamp that is to be lit, or `""`."""
         return self.progress[-1].target_id if self.progress else ""
-
-    @property
-    def order(self) -> list[str]:
-        return [lamp for lamp, _ in itertools.groupby(news.target_id for news in self.progress) if lamp]
 
     @property
     def phase(self) -> str:
@@ -131,26 +127,6 @@ async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> N
         assert "fixed" in await room.start()
         await room.bench.settle()
         assert late.phase == "solved"
-
-
-@in_virtual_time
-async def test_the_whole_procedure_with_lamps() -> None:
-    person = Person(1.5, 1.2, -2.0, math.radians(4.0))
-    async with room_of(person=person, clock=VirtualClock()) as room:
-        assert room.poses == []
-        assert not room.lit
-        await room.start()
-        await room.bench.settle()
-        assert (room.order, room.phase, room.progress[-1].target_id) == (["led_0"], "sampling", "led_0")
-        async with room.pointing():
-            await room.until_phase("solved")
-        assert room.order == [lamp.id for lamp in FOUR]
-        assert not room.lit
-        pose = room.poses[0]  # then it is followed
-        assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
-        assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < math.radians(2.0)
-        sequence = [message.seq for message in room.progress]
-        assert sequence == sorted(set(sequence))
 
 
 @in_virtual_time

@@ -99,8 +99,6 @@ async def room_of(*users: str) -> AsyncGenerator[Room]:
             await asyncio.wait(pointing)
 
 
-
-
 @pytest.mark.parametrize("presence", ["person", "localizer"])
 @in_virtual_time
 async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:

@@ -149,8 +149,6 @@ def test_positions_beyond_the_limit_are_refused_in_any_unit(tmp_path: Path, unit
         )
 
 
-
-
 @pytest.mark.parametrize("separator", [" ", "    "])
 def test_a_lost_value_that_blanks_hide_is_refused(tmp_path: Path, separator: str) -> None:
     rows = motion()
@@ -164,8 +162,6 @@ def test_a_quote_without_an_end_makes_a_short_message(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="line 7: has 1 cells") as caught:
         read(tmp_path, text.replace("\n0.1,", '\n"0.1,'))
     assert len(str(caught.value)) < len(str(tmp_path)) + 400
-
-
 
 
 @pytest.mark.parametrize(

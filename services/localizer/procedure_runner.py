@@ -7,7 +7,7 @@ Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,15 +80,6 @@ class QueuedPointing(Procedure):
 
     def _details(self, phase: Phase) -> dict[str, Any]:
         return {"ahead": self.ahead, "lamps": self.lamp_ids} if phase == "sampling" else {}
-
-
-def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> str:
-    """Return the reason why `user` stops waiting."""
-    who = ", ".join(ahead) or "nobody"
-    return (
-        f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
-        "then start again"
-    )
 
 
 MIN_RAYS = 10
@@ -420,14 +411,16 @@ class ProcedureRunner:
 
     def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:
         """Begin when it is their turn; publish the users ahead when they change, and periodically."""
-        is_too_long = waiting.is_too_long(now_ns)
         if not ahead:
             procedure = waiting.make(now_ns)
             if isinstance(procedure, Refusal):
                 return self._process_outputs(waiting.refuse(now_ns, procedure.reason), now_ns)
             return self._begin(procedure, waiting.since_ns, now_ns)
-        if is_too_long:
-            reason = queue_timeout_message(self._user, ahead, self._config.queue_timeout_s)
+        if waiting.is_too_long(now_ns):
+            reason = (
+                f"{self._user} has waited {self._config.queue_timeout_s:g} s for the lamps; {', '.join(ahead)} "
+                "came first: see that they come to an end, then start again"
+            )
             return self._process_outputs(waiting.refuse(now_ns, reason), now_ns)
         if ahead == waiting.ahead and abs(now_ns - self._published_ns) < REPUBLISH_NS:
             return []

@@ -367,10 +367,6 @@ class Eyes:
         red, green, blue = color
         return self._own.share(red << 16 | green << 8 | blue) > 0.0
 
-    def line(self, key: Key) -> ShownLine | None:
-        """Return the pixels of the strip or belt `key`, or None."""
-        return self._pixels.lines.get(key)
-
     def cursor(
         self, kind: Kind, expected_m: Vec3 | None = None, things: Iterable[Span] = ()
     ) -> SeenCursor | None:

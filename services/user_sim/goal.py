@@ -109,10 +109,6 @@ class ButtonModel:
         self._free_ns: int | None = None
         """Last time at which another client controlled the wrist. None: never."""
 
-    def decided(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
-        """Return the gesture that the person's behaviour has decided on."""
-        return self._event(now_ns, gesture)
-
     def wait(self, now_ns: int) -> None:
         """Press nothing, as another client controls the wrist. Resets all timers."""
         self._free_ns = self._on_ns = self._before_ns = now_ns
@@ -159,7 +155,7 @@ class ButtonModel:
         if now_ns < ready_ns <= now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S:
             return None
         self._pressed_ns = now_ns
-        return self._event(now_ns, "press")
+        return self.event(now_ns, "press")
 
     def _look_for(self, now_ns: int, perceived: PerceivedState) -> ButtonEvent | None:
         """Press if no cursor was seen for long: the system may not consider them pointing."""
@@ -168,7 +164,7 @@ class ButtonModel:
         self._in_vain_ns = 0
         self._pressed_ns = now_ns
         perceived.reset(now_ns)
-        return self._event(now_ns, "press")
+        return self.event(now_ns, "press")
 
     def _anchor(self, now_ns: int, perceived: PerceivedState, off_rad: float) -> ButtonEvent | None:
         """Press twice if the last anchor, or the start, is long ago, or the cursor is off for long."""
@@ -183,9 +179,10 @@ class ButtonModel:
             return None
         self._anchored_ns = self._on_ns = now_ns
         self._in_vain_ns = 0
-        return self._event(now_ns, "double")
+        return self.event(now_ns, "double")
 
-    def _event(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+    def event(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+        """Return the event of `gesture`, which the person has decided on."""
         self._presses += 1
         return ButtonEvent(stamp_ns=now_ns, seq=self._presses, source="simulated", gesture=gesture)
 

@@ -110,20 +110,17 @@ class SimulatedPerson:
             return None, None
         if self._goal.presses > self._presses:
             self._presses = self._goal.presses
-            return self._band.sample(now_ns, orientation), self._button.decided(now_ns, self._goal.gesture)
+            return self._band.sample(now_ns, orientation), self._button.event(now_ns, self._goal.gesture)
+        closed = closed and not self.goal.robot  # a robot is slow
+        looks = closed and self.goal.on_line and self._sight.frame_ns is not None
         press = self._button.step(
             now_ns,
             self._perception.perceived,
             known_ns=self._sight.profile_ns,
-            off_rad=correction.off_rad if closed and not self.goal.robot else 0.0,  # a robot is slow
-            sees=self._perception.cursor is not None
-            if closed and self.goal.on_line and self._sees_light()
-            else None,
+            off_rad=correction.off_rad if closed else 0.0,
+            sees=self._perception.cursor is not None if looks else None,
         )
         return self._band.sample(now_ns, orientation), press
-
-    def _sees_light(self) -> bool:
-        return self._sight.frame_ns is not None and self.goal.on_line and not self.goal.robot
 
     def _wants(self, now_ns: int) -> PersonGoal:
         perceived = self._perception.perceived

@@ -418,8 +418,8 @@ class ProcedureRunner:
             return self._begin(procedure, waiting.since_ns, now_ns)
         if waiting.is_too_long(now_ns):
             reason = (
-                f"{self._user} has waited {self._config.queue_timeout_s:g} s for the lamps; {', '.join(ahead)} "
-                "came first: see that they come to an end, then start again"
+                f"{self._user} has waited {self._config.queue_timeout_s:g} s for the lamps; "
+                f"{', '.join(ahead)} came first: see that they come to an end, then start again"
             )
             return self._process_outputs(waiting.refuse(now_ns, reason), now_ns)
         if ahead == waiting.ahead and abs(now_ns - self._published_ns) < REPUBLISH_NS:

@@ -140,6 +140,8 @@ async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
         assert not room.lit
         assert room.phase == "cancelled"
         assert [pose.position_m for pose in room.poses] == [(3.0, 4.0, 0.0)]
+        sequence = [message.seq for message in room.progress]
+        assert sequence == sorted(set(sequence))
         assert await room.cancel() == "nothing was going on"
 
 

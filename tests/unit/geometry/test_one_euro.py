@@ -32,12 +32,6 @@ def filtered(stream: list[tuple[float, Vec3]], one_euro: OneEuro | None = None) 
     return out
 
 
-@given(streams)
-def test_out_come_unit_vectors(stream: list[tuple[float, Vec3]]) -> None:
-    for direction in filtered(stream):
-        assert abs(vector.norm(direction) - 1.0) < 1e-12
-
-
 @given(directions, st.lists(steps_s, min_size=2, max_size=20))
 def test_what_stays_comes_out_as_it_is(direction: Vec3, steps: list[float]) -> None:
     assert set(filtered([(step_s, direction) for step_s in steps])) == {direction}

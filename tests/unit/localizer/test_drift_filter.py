@@ -1,6 +1,5 @@
 """The drift filter: anchors, headings, rests, fixes, jumps, and any input."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -88,31 +87,6 @@ def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> N
     have, want = drift.at(at_ns + NS_PER_S), spared.at(at_ns + NS_PER_S)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(1.0))
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, abs=math.radians(0.02))
-
-
-@pytest.mark.parametrize("beside_deg", [-120.0, -60.0, -40.0, 45.0, 60.0, 90.0, 150.0])
-@pytest.mark.parametrize("higher_deg", [0.0, 10.0])
-def test_one_stray_pointing_turns_the_pose_if_it_is_as_high_and_the_next_anchor_turns_it_back(
-    beside_deg: float, higher_deg: float
-) -> None:
-    """As high, it looks like a leap of the yaw. As at another lamp, it does not."""
-    drift = calibrated(PERSON)
-    at_ns = 4 * MINUTE_NS
-    truth = drifted(PERSON, at_ns)
-    stray = Person(truth.x, truth.y, truth.yaw_rad, truth.bias_rad + math.radians(higher_deg))
-    direction = vector.rotate_z(stray.direction(LAMPS[1]), math.radians(beside_deg))
-    result = drift.update_anchor(
-        at_ns, LAMPS[1], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad, samples=50
-    )
-    assert not result.accepted
-    pose = drift.at(at_ns)
-    away_deg = math.degrees(yaw_difference(pose.yaw_rad, truth.yaw_rad))
-    assert abs(away_deg) < 2.1 * math.degrees(pose.yaw_sigma_rad)
-    assert away_deg == pytest.approx(0.0 if higher_deg else -beside_deg, abs=3.0)
-    assert point(drift, truth, LAMPS[0], at_ns + NS_PER_S).accepted
-    after = drift.at(at_ns + NS_PER_S)
-    assert abs(yaw_difference(after.yaw_rad, truth.yaw_rad)) < math.radians(1.0)
-    assert after.yaw_sigma_rad < math.radians(15.0)
 
 
 def test_a_fix_that_is_no_pose_leaves_the_state() -> None:
@@ -420,40 +394,6 @@ def test_whatever_happens_the_covariance_stays_one(happened: list[Step], sigma: 
         apply(drift, step)
         check(drift.at(0), drift._state.moments()[1])
     check(drift.at(2**62), drift._state.moments()[1])
-
-
-JUMP_RAD = math.radians(-51.0)
-"""Jump of the IMU's yaw."""
-
-
-def jumped(at_ns: int, jump_ns: int, rate_radps: float = math.radians(0.32)) -> Person:
-    """The person with an IMU that drifts and jumps at `jump_ns`."""
-    now = drifted(PERSON, at_ns, rate_radps)
-    return dataclasses.replace(now, yaw_rad=now.yaw_rad + (JUMP_RAD if at_ns > jump_ns else 0.0))
-
-
-@pytest.mark.parametrize("jump_ns", [MINUTE_NS // 2, 3 * MINUTE_NS // 2])
-@pytest.mark.parametrize("by", ["anchors", "localizations"])
-def test_jump_leaves_hardly_a_larger_error_than_anchoring_again(by: str, jump_ns: int) -> None:
-    """A jump between two yaws looks like a rate; the third yaw contradicts that rate."""
-    drift = DriftFilter(fix(PERSON, 0))
-    for minute in (1, 2):
-        at_ns = minute * MINUTE_NS
-        now = jumped(at_ns, jump_ns)
-        if by == "anchors":
-            point(drift, now, LAMPS[minute], at_ns)
-        else:
-            drift.reset(fix(now, at_ns))
-    pose = drift.predict(3 * MINUTE_NS)
-    off_rad = abs(yaw_difference(pose.yaw_rad, jumped(3 * MINUTE_NS, jump_ns).yaw_rad))
-    stray_rad = 0.25 * abs(JUMP_RAD) if by == "anchors" else 0.0  # an anchor may have been at another lamp
-    assert off_rad < math.radians(0.32 * 60.0 + 3.0) + stray_rad  # what the drift of a minute comes to
-    assert off_rad < 2.0 * pose.yaw_sigma_rad
-    # and the true drift is learnt from then on
-    for minute in (3, 4):
-        point(drift, jumped(minute * MINUTE_NS, jump_ns), LAMPS[minute % 3], minute * MINUTE_NS)
-    pose = drift.predict(5 * MINUTE_NS)
-    assert abs(yaw_difference(pose.yaw_rad, jumped(5 * MINUTE_NS, jump_ns).yaw_rad)) < math.radians(6.0)
 
 
 def test_localizations_with_rays_in_common_do_not_add_up() -> None:

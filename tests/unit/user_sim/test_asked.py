@@ -105,9 +105,3 @@ def test_without_the_cue_it_is_not_found() -> None:
 @pytest.mark.parametrize("off_deg", [50.0, -60.0])
 def test_a_turn_aside_is_taken_out_by_the_pixel_alone(off_deg: float) -> None:
     assert lost(0.0, off_deg, is_told=False)[1] < 5.0
-
-
-def test_a_cue_of_pointing_past_does_not_end_pointing() -> None:
-    life, _ = lost(-20.0)
-    assert life.past
-    assert life.person._perception.perceived.state == "pointing"

@@ -245,12 +245,6 @@ def test_who_queues_knows_it_until_it_is_their_turn() -> None:
     assert not queuing.is_queuing
 
 
-def test_who_hears_of_nobody_presses_all_the_same_and_again() -> None:
-    life = Life(PRECISE)
-    life.run(15.0)
-    assert [round(at_ns / NS_PER_S) for at_ns in life.presses] == [4, 9, 14]
-
-
 def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
     """A late start misses `started`: the press then stops pointing, and the next one starts it again."""
     life = Life(PRECISE)

@@ -15,9 +15,7 @@ from pointit.schemas import (
     NS_PER_S,
     WRIST_PATIENCE_S,
     BodyMeasures,
-    ButtonEvent,
     Feedback,
-    ImuSample,
     SelectedObject,
     Selection,
     StripsFrame,
@@ -26,7 +24,7 @@ from pointit.schemas import (
     UserProfile,
     WristSample,
 )
-from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, PROFILE, WRIST
+from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
 from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
 from pointit.services.user_sim.goal import REST, ButtonModel, PerceivedState, PersonGoal, on_object
@@ -34,7 +32,7 @@ from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.service import UserSim
 from pointit.sim.aim import Stance
-from tests.support.bench import ManualClock, memory_bench, until
+from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, living, thing
 
 
@@ -54,11 +52,6 @@ def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
     assert len(life.presses) == 2
     life.run(5.1)
     assert len(life.presses) == 3
-
-
-def test_an_idle_arm_rests_towards_the_floor() -> None:
-    life = living("idle")
-    assert vector.elevation(life.ray(life.run(2.0))) < math.radians(-60.0)
 
 
 def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
@@ -132,33 +125,6 @@ def test_the_same_seed_is_the_same_person() -> None:
 
     assert trace(1) == trace(1)
     assert trace(1) != trace(2)
-
-
-async def test_the_service_sends_samples_and_presses_its_persons_button() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        samples: list[ImuSample] = bench.collect(IMU, "anna")
-        presses: list[ButtonEvent] = bench.collect(BUTTON, "anna")
-        bench.start(UserSim, UserSimConfig(rate_hz=200.0), user="anna")
-        await until(lambda: len(samples) > 1)
-        assert samples[-1].stamp_ns == clock.now_ns()
-
-        async def live(steps: int, step_s: float) -> None:
-            for _ in range(steps):
-                clock.advance(step_s)
-                seen = len(samples)
-                await until(lambda seen=seen: len(samples) > seen + 1)
-                await bench.settle()
-
-        bench.put(FEEDBACK, Feedback(stamp_ns=0, cue="started"), "anna")
-        bench.put(FEEDBACK, Feedback(stamp_ns=0, cue="stopped"), "ben")
-        await bench.settle()
-        await live(8, 1.0)
-        assert presses == []
-        bench.put(PROFILE, UserProfile(stamp_ns=0), "anna")
-        bench.put(FEEDBACK, Feedback(stamp_ns=0, cue="stopped"), "anna")
-        await live(5, 0.5)
-        await until(lambda: len(presses) == 1)
 
 
 PERIOD_NS = 20_000_000
@@ -242,7 +208,6 @@ def test_time_to_stay_within_10_cm_at_2_m() -> None:
 
 
 RED, SECOND = thing("r", "red", 1.0), thing("s", "red", 4.0)
-STATES: tuple[State, ...] = ("idle", "localizing", "pointing")
 
 
 def along_the_strip(life: Life, now_ns: int) -> Vec3:
@@ -267,8 +232,10 @@ def begun(state: State, *, lit: bool = True) -> Life:
     return life
 
 
-@pytest.mark.parametrize("before", STATES)
-@pytest.mark.parametrize("left", STATES)
+@pytest.mark.parametrize(
+    ("before", "left"),
+    [("idle", "localizing"), ("localizing", "pointing"), ("pointing", "idle"), ("pointing", "pointing")],
+)
 def test_they_point_at_something_soon_whatever_the_other_has_left(before: State, left: State) -> None:
     life = begun(before)
     life.yield_for(3.0, lambda now_ns: along_the_strip(life, now_ns))

@@ -122,23 +122,6 @@ def test_who_is_never_taken_has_no_time() -> None:
     assert until.taken == pytest.approx(1 / 3)
 
 
-def test_there_is_a_row_over_all_subjects_of_each_condition() -> None:
-    outcomes = [
-        outcome(error, subject=subject, condition=condition)
-        for condition in ("2 s", "10 s")
-        for subject, error in (("a", 0.1), ("b", 0.5), ("b", 0.3))
-    ]
-    rows = rows_of(outcomes)
-    assert [(row.condition, row.subject, row.n) for row in rows] == [
-        (condition, subject, n)
-        for condition in ("2 s", "10 s")
-        for subject, n in (("all", 3), ("a", 1), ("b", 2))
-    ]
-    whole = row(rows, subject="all", condition="2 s").position_m
-    assert whole is not None
-    assert whole.median == pytest.approx(0.3)
-
-
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     """Results of all solvers for one person with a bias, computed in other processes."""

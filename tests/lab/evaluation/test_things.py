@@ -5,9 +5,11 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from pointit.runtime.errors import ConfigError
 from pointit.services.selector.config import SelectorConfig
 from pointit_lab.cli.things import things
 from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, wrong_selections
+from tests.support.invoked import printed
 
 CONFIG = SelectorConfig(method="estimate")
 LIT, _, NEAR_LIT, NEAR_DARK, _ = ROWS
@@ -32,6 +34,11 @@ def test_who_points_elsewhere_fires_less_than_a_method_that_is_never_in_doubt() 
     hasty = SelectorConfig.model_validate({"method": "estimate", "estimate": {"sure": 0.5, "dwell_s": 0.3}})
     assert wrong_selections(CONFIG, ("nothing", 2000, 1.0)) == 0
     assert wrong_selections(hasty, ("strip", 2001, 2.0)) > wrong_selections(CONFIG, ("strip", 2001, 2.0))
+
+
+def test_an_unknown_method_is_refused_with_those_that_are_there() -> None:
+    with pytest.raises(ConfigError, match=r"--method nope: there is no such method; there are .*estimate"):
+        printed(things, "--method", "nope", "--jobs", "1")
 
 
 def test_the_command_gives_the_same_rows_as_json() -> None:

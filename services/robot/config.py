@@ -23,9 +23,6 @@ class FigureConfig(Config):
         default=(),
         description="about where those stand who are to be localized, {W}, m; if empty, anywhere around",
     )
-    person_sigma_m: float = Field(
-        default=0.5, ge=0, le=10, description="distance kept from there besides keep_out_m, m"
-    )
 
 
 class RobotConfig(PluginConfig):

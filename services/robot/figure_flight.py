@@ -8,7 +8,7 @@ latency unknown as well (pointing.md §4). Pure.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,7 +72,6 @@ class AssumedPerson:
 class FollowedFigure:
     """A closed course from the robot's place, which takes the time given."""
 
-    name: str
     points_m: tuple[Vec3, ...]
     sigma_m: float
     """1 sigma of the position, along the worse direction, that the figure permits; mean over the people."""
@@ -89,8 +88,7 @@ def figures(
         length_m: length of the course.
         is_flying: True if the height may change.
     """
-    named = list(_courses(length_m, is_flying=is_flying))
-    courses = np.stack([course for _, course in named]) + start_m
+    courses = np.stack(list(_courses(length_m, is_flying=is_flying))) + start_m
     places = np.array([person.place_m for person in people])
     apart = np.linalg.norm(courses[:, None, :, :2] - places[:, None, :2], axis=3).min(axis=2)
     is_clear = (apart >= [person.keep_out_m for person in people]).all(axis=1)
@@ -98,17 +96,10 @@ def figures(
         is_clear &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
     sigmas = position_sigmas_m(courses[is_clear], places).mean(axis=1)
     found = [
-        FollowedFigure(named[index][0], tuple(_vec3(point) for point in courses[index]), float(sigma_m))
+        FollowedFigure(tuple(_vec3(point) for point in courses[index]), float(sigma_m))
         for index, sigma_m in zip(np.flatnonzero(is_clear).tolist(), sigmas, strict=True)
     ]
     return sorted(found, key=lambda each: each.sigma_m)
-
-
-def best_figure(
-    ranked: Sequence[FollowedFigure], is_permitted: Callable[[Sequence[Vec3]], bool]
-) -> FollowedFigure | None:
-    """Return the first of `ranked` whose way is permitted, or None."""
-    return next((figure for figure in ranked if is_permitted(figure.points_m)), None)
 
 
 def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float = 5.0) -> Array:
@@ -141,15 +132,12 @@ def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float = 5.0
     return np.asarray(np.minimum(UNKNOWN_M, np.sqrt(variances)), dtype=np.float64)
 
 
-def _courses(length_m: float, *, is_flying: bool) -> Iterator[tuple[str, Array]]:
-    """Yield named courses (n x 3) from the origin and back, each of `length_m`."""
+def _courses(length_m: float, *, is_flying: bool) -> Iterator[Array]:
+    """Yield courses (n x 3) from the origin and back, each of `length_m`: ellipses, then figures of eight."""
     share = np.linspace(0.0, math.tau, POINTS)
-    shapes = [
-        (("line", "ellipse", "circle")[index], np.stack([1.0 - np.cos(share), aspect * np.sin(share)]))
-        for index, aspect in enumerate(ASPECTS)
-    ]
-    shapes.append(("eight", np.stack([np.sin(share), 0.5 * np.sin(2.0 * share)])))
-    for name, (along, aside) in shapes:
+    shapes = [np.stack([1.0 - np.cos(share), aspect * np.sin(share)]) for aspect in ASPECTS]
+    shapes.append(np.stack([np.sin(share), 0.5 * np.sin(2.0 * share)]))
+    for along, aside in shapes:
         for rise_m in RISES_M if is_flying else RISES_M[:1]:
             for rate in (1.0, 2.0) if rise_m else (1.0,):
                 if 2.0 * rate * rise_m > MAX_VERTICAL * length_m:
@@ -159,7 +147,7 @@ def _courses(length_m: float, *, is_flying: bool) -> Iterator[tuple[str, Array]]
                 for turn in np.arange(TURNS) * math.tau / TURNS:
                     x = level_m * (along * math.cos(turn) - aside * math.sin(turn))
                     y = level_m * (along * math.sin(turn) + aside * math.cos(turn))
-                    yield name, np.stack([x, y, up], axis=1)
+                    yield np.stack([x, y, up], axis=1)
 
 
 def _level_length(along: Array, aside: Array, up: Array, length_m: float) -> float:
@@ -179,6 +167,9 @@ def _vec3(values: Array) -> Vec3:
 
 AROUND_M = 2.5
 """Assumed distance from the robot of a person with unknown position, m."""
+
+PERSON_SIGMA_M = 0.5
+"""Distance kept from an assumed place of a person besides `keep_out_m`, m."""
 
 DIRECTIONS = 8
 """Number of directions in which they may."""
@@ -272,7 +263,7 @@ class FigureFlight:
         length_m = self._config.max_speed_mps * self._config.figure.duration_s
         flies = self._config.kind == "quadrotor"
         ranked = figures(report.position_m, people, length_m=length_m, is_flying=flies)
-        chosen = best_figure(ranked, lambda points: not safety.way_problem(points))
+        chosen = next((each for each in ranked if not safety.way_problem(each.points_m)), None)
         if chosen is None:
             self.problem = NO_FIGURE
             return None
@@ -296,7 +287,7 @@ class FigureFlight:
     def people(self, here_m: Vec3, *, is_flying: bool) -> list[AssumedPerson]:
         """Return where those who follow may stand: as configured, unless found, else anywhere around."""
         config = self._config
-        apart_m = config.keep_out_m + config.figure.person_sigma_m + config.radius_m
+        apart_m = config.keep_out_m + PERSON_SIGMA_M + config.radius_m
         if config.figure.people_m:
             found = [pose.position_m[:2] for user, pose in self._poses.items() if user not in self.followers]
             places = config.figure.people_m

@@ -42,12 +42,6 @@ class PuiConfig(Config):
         lt=90,
         description="maximum angle between ray and surface for a cursor, degrees at the eyes",
     )
-    grazing_deg: float = Field(
-        default=5.0,
-        ge=0,
-        lt=45,
-        description="minimum angle between the ray and a plane or workspace, degrees",
-    )
     lamp_angles_deg: float = Field(
         default=0.0,
         ge=0,

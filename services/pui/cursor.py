@@ -270,9 +270,7 @@ class PersonCursor:
             raise WorkspaceError("no ray has come yet: start the IMU, and point")
         eyes, direction, feet, stamp_ns = self._cast
         through = self._anchor(query, tracked, stamp_ns)
-        workspace = Workspace(
-            query.kind, through, feet_m=feet, eyes_m=eyes, grazing_rad=self._start.grazing_rad
-        )
+        workspace = Workspace(query.kind, through, feet_m=feet, eyes_m=eyes)
         if query.anchor == "pointer":
             workspace.steer(direction, eyes, feet, through)
         self._change_workspace(workspace)

@@ -66,7 +66,6 @@ class Pui(Service[PuiConfig]):
             kind=None if config.workspace == "none" else config.workspace,
             height_m=config.workspace_height_m,
             distance_m=config.workspace_distance_m,
-            grazing_rad=math.radians(config.grazing_deg),
         )
         self._duplicate_finder = DuplicateFinder()
         self._persons: dict[str, PersonCursor] = {}
@@ -110,12 +109,7 @@ class Pui(Service[PuiConfig]):
         environment, clouds = load_map_and_clouds(config.map_to_read, 0)
         try:
             group_by_priority(
-                environment,
-                config.surfaces,
-                clouds,
-                config.priority,
-                math.radians(config.grazing_deg),
-                may_be_empty=config.workspace != "none",
+                environment, config.surfaces, clouds, config.priority, may_be_empty=config.workspace != "none"
             )
         except ValueError as error:
             raise ConfigError(str(error)) from error
@@ -152,7 +146,6 @@ class Pui(Service[PuiConfig]):
             clouds=clouds,
             priority=config.priority,
             opaque=config.opaque,
-            grazing_rad=math.radians(config.grazing_deg),
             may_be_empty=config.workspace != "none",
         )
         within_rad = math.radians(config.lamp_angles_deg)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.polyline import Hit, Polyline
 from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
-from pointit.geometry.solids import GRAZING_RAD, BoxSolid, CylinderSolid, PlaneSolid, Solid, SphereSolid
+from pointit.geometry.solids import BoxSolid, CylinderSolid, PlaneSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from pointit.runtime.host.extras import import_room
 from pointit.schemas import Environment
@@ -61,7 +61,6 @@ def group_by_priority(
     kinds: Collection[Kind],
     clouds: Clouds,
     priority: Mapping[str, int],
-    grazing_rad: float,
     *,
     may_be_empty: bool = False,
 ) -> dict[int, list[Shape]]:
@@ -71,9 +70,9 @@ def group_by_priority(
         ValueError: If there are none (unless `may_be_empty`, or the map has things that react), a cloud is
             missing, or a priority has no thing.
     """
-    shapes = shapes_of(environment, kinds, clouds, grazing_rad)
+    shapes = shapes_of(environment, kinds, clouds)
     if not shapes and not may_be_empty and not environment.things:
-        has = ",".join(kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds, grazing_rad))
+        has = ",".join(kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds))
         raise ValueError(
             f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
             f"use what it has (--set pui.surfaces=[{has}]) or another map (--set pui.map=NAME)"
@@ -93,9 +92,7 @@ def group_by_priority(
     return groups
 
 
-def shapes_of(
-    environment: Environment, kinds: Collection[Kind], clouds: Clouds, grazing_rad: float
-) -> list[Shape]:
+def shapes_of(environment: Environment, kinds: Collection[Kind], clouds: Clouds) -> list[Shape]:
     """Return the things of `kinds`, and the boxes of those that react.
 
     A box whose centre is on a belt has none: it would hide the packages that pass through it.
@@ -121,18 +118,15 @@ def shapes_of(
             if cloud.id not in clouds:
                 raise ValueError(f"the points of cloud {cloud.id!r} were not read")
             shapes.append(Shape(Surface("points", cloud.id), clouds[cloud.id]))
-    return shapes + [Shape(*pair) for pair in solids_of(environment, kinds, grazing_rad)]
+    return shapes + [Shape(*pair) for pair in solids_of(environment, kinds)]
 
 
-def solids_of(
-    environment: Environment, kinds: Collection[Kind], grazing_rad: float
-) -> list[tuple[Surface, Solid]]:
+def solids_of(environment: Environment, kinds: Collection[Kind]) -> list[tuple[Surface, Solid]]:
     """Return the solids of `kinds`."""
     solids: dict[SolidKind, Iterable[tuple[str, Solid]]] = {
         "box": ((box.id, BoxSolid(box.center_m, box.size_m, box.yaw_rad)) for box in environment.boxes),
         "plane": (
-            (plane.id, PlaneSolid(plane.center_m, plane.normal, plane.size_m, grazing_rad=grazing_rad))
-            for plane in environment.planes
+            (plane.id, PlaneSolid(plane.center_m, plane.normal, plane.size_m)) for plane in environment.planes
         ),
         "cylinder": (
             (each.id, CylinderSolid(each.center_m, each.radius_m, each.height_m))
@@ -181,7 +175,6 @@ class Surfaces:
         clouds: Clouds | None = None,
         priority: Mapping[str, int] | None = None,
         opaque: Sequence[SolidKind] = OPAQUE,
-        grazing_rad: float = GRAZING_RAD,
         may_be_empty: bool = False,
     ) -> None:
         """Create from the things of `kinds`.
@@ -193,19 +186,18 @@ class Surfaces:
             clouds: points of the map's clouds by id.
             priority: priority by id or kind. The highest within the tolerance is pointed at.
             opaque: kinds that hide what is behind them, pointable or not.
-            grazing_rad: minimum angle between ray and planes.
             may_be_empty: True to accept a map without these kinds, as people point at a workspace.
 
         Raises:
             ValueError: If the map has nothing of these kinds, or nothing for a priority.
         """
         groups = group_by_priority(
-            environment, kinds, clouds or {}, priority or {}, grazing_rad, may_be_empty=may_be_empty
+            environment, kinds, clouds or {}, priority or {}, may_be_empty=may_be_empty
         )
         self.tolerance_rad = tolerance_rad
         """Maximum angle at the eyes."""
         self._groups = [_caster_groups(shapes) for _, shapes in sorted(groups.items(), reverse=True)]
-        hiding = solids_of(environment, opaque, grazing_rad)
+        hiding = solids_of(environment, opaque)
         self._screens = Occluders([solid for _, solid in hiding]) if hiding else None
 
     def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:

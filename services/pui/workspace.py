@@ -43,15 +43,7 @@ class Workspace:
     `SphereSolid`, the cylinder (radius · azimuth, height above the person's feet).
     """
 
-    def __init__(
-        self,
-        kind: WorkspaceKind,
-        through_m: Vec3,
-        *,
-        feet_m: Vec3,
-        eyes_m: Vec3,
-        grazing_rad: float = GRAZING_RAD,
-    ) -> None:
+    def __init__(self, kind: WorkspaceKind, through_m: Vec3, *, feet_m: Vec3, eyes_m: Vec3) -> None:
         """Create through an anchor; places are in {W}, and `eyes_m` is the origin of the ray.
 
         Raises:
@@ -59,7 +51,6 @@ class Workspace:
         """
         self.kind: WorkspaceKind = kind
         self.solid: Solid = SOLIDS[kind]
-        self._grazing_rad = grazing_rad
         self._steering_rad = (0.0, 0.0)
         self._plane: PlaneSolid | None = None
         away = vector.subtract(through_m, eyes_m)
@@ -80,10 +71,10 @@ class Workspace:
         if vector.norm(away) > FARTHEST_M:
             raise WorkspaceError(f"a workspace more than {FARTHEST_M:g} m away cannot be pointed at")
         if kind == "horizontal":
-            self._plane = PlaneSolid(through_m, (0.0, 0.0, 1.0), grazing_rad=grazing_rad)
+            self._plane = PlaneSolid(through_m, (0.0, 0.0, 1.0))
         elif kind == "facing":
             towards = vector.normalized(vector.scale(level, -1.0))
-            self._plane = PlaneSolid(through_m, towards, grazing_rad=grazing_rad)
+            self._plane = PlaneSolid(through_m, towards)
 
     def steer(self, direction: Vec3, eyes_m: Vec3, feet_m: Vec3, point_m: Vec3) -> None:
         """Make the ray along `direction` meet it at `point_m`, and turn all later ones by the same angles.
@@ -143,7 +134,7 @@ class Workspace:
         ahead = (math.sqrt(root) - towards) / square
         x, y = own[0] + ahead * d[0], own[1] + ahead * d[1]
         cosine = (d[0] * x + d[1] * y) / self._radius_m
-        return ahead if ahead > 0.0 and cosine > math.sin(self._grazing_rad) else None
+        return ahead if ahead > 0.0 and cosine > math.sin(GRAZING_RAD) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,8 +147,6 @@ class WorkspaceStart:
     """Height of the horizontal plane above the person's feet."""
     distance_m: float = 2.0
     """Distance of the others from the person."""
-    grazing_rad: float = GRAZING_RAD
-    """Minimum angle between ray and workspace, also for later requests."""
 
     def create(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
         """Return it for a ray from the eyes in {W}. None if it is the map or would pass through the eyes."""
@@ -170,6 +159,6 @@ class WorkspaceStart:
         elif self.kind == "cylinder":
             through = vector.add(feet_m, vector.scale(ahead, self.distance_m))
         try:
-            return Workspace(self.kind, through, feet_m=feet_m, eyes_m=eyes_m, grazing_rad=self.grazing_rad)
+            return Workspace(self.kind, through, feet_m=feet_m, eyes_m=eyes_m)
         except WorkspaceError:
             return None

@@ -27,7 +27,7 @@ from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support import there
 from tests.support.bench import in_virtual_time, memory_bench, until
-from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, ray_to, room
+from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, room
 from tests.unit.pui.test_cursor import on_strip
 
 PLACE: Vec3 = on_strip(0, 1.5)
@@ -42,13 +42,11 @@ async def test_the_map_is_there_for_whoever_comes_late() -> None:
 
 THINGS = """
 boxes: {crate: {center: [3, 0, 1], size: [0.5, 2, 2.4]}}
-planes: {floor: {center: [0, 0, 0], normal: [0, 0, 1]}}
 spheres:
   hidden: {center: [6, 0, 1.6], radius: 0.3}
   one: {center: [0, 5, 1.6], radius: 0.2}
   other: {center: [0.6, 5, 1.6], radius: 0.2}
 """
-FLAT: Vec3 = (-1.64 / math.tan(math.radians(15.0)), 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -58,8 +56,6 @@ FLAT: Vec3 = (-1.64 / math.tan(math.radians(15.0)), 0.0, 0.0)
         ((6.0, 0.0, 1.6), {"surfaces": ("sphere",), "opaque": ()}, "hidden"),
         ((0.0, 5.0, 1.6), {"surfaces": ("sphere",)}, "one"),
         ((0.0, 5.0, 1.6), {"surfaces": ("sphere",), "priority": {"other": 1}}, "other"),
-        (FLAT, {"surfaces": ("plane",), "grazing_deg": 14.0}, "floor"),
-        (FLAT, {"surfaces": ("plane",), "grazing_deg": 16.0}, ""),
     ],
 )
 async def test_what_is_configured_decides_what_is_met(
@@ -97,22 +93,6 @@ async def test_boxes_of_things_are_met_but_on_belts_and_of_tracked_objects(
         await here.pose(pose=pose_at((0.0, 0.0, 0.0), 0.0))
         assert (await here.point_at((2.0, 0.1, 0.5))).surface_id == met
         assert (await here.point_at((0.05, 0.0, 0.0))).surface_id == ""
-
-
-async def test_two_people_have_their_own_cursors() -> None:
-    async with room() as here:
-        await here.pose("anna", pose_at((1.0, 0.5, 0.0), 0.7))
-        await here.pose("ben", pose_at((3.0, 2.0, 0.0), -2.0))
-        first = await here.aim(on_strip(0, 1.5), "anna")
-        second = await here.aim(on_strip(1, 4.0), "ben")
-        assert set(here.of) == {"anna", "ben"}
-        (one,), (two,) = here.of["anna"], here.of["ben"]
-        assert one.surface_id == "0"
-        assert one.stamp_ns == first
-        assert one.position_m == pytest.approx(1.5)
-        assert two.surface_id == "1"
-        assert two.stamp_ns == second
-        assert two.position_m == pytest.approx(4.0)
 
 
 async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
@@ -176,29 +156,6 @@ async def test_the_cursor_goes_with_the_person_and_comes_back_with_them() -> Non
         await here.bench.settle()
         await here.aim(PLACE)
         assert [cursor.surface for cursor in here.of["anna"]] == ["strip", "none", "strip"]
-
-
-async def test_the_service_takes_the_bias_out_and_the_newer_pose() -> None:
-    bias_rad = math.radians(6.0)
-    async with room() as here:
-        now_ns = here.clock.now_ns()
-        pose = pose_at(bias_rad=bias_rad, stamp_ns=now_ns)
-        await here.pose("anna", pose)
-        await here.pose("anna", pose_at((9.0, 0.5, 0.0), stamp_ns=now_ns - S))
-        cursor = await here.send(ray_to(on_strip(1, 2.5), pose, now_ns, bias_rad))
-        assert there(cursor).miss_rad < 1e-6
-
-
-async def test_no_ray_makes_a_cursor_that_is_not_a_number() -> None:
-    # cursors are strict and finite: one with a NaN would raise in the handler and count as an error
-    async with room(surfaces=("strip", "lamp")) as here:
-        on_a_lamp = vector.subtract(LAB.lamps[0].position_m, EYES)
-        on_the_strip = vector.subtract(on_strip(0, 2.0), EYES)
-        for position in (on_a_lamp, on_the_strip, (4.85, -5.0, -0.74)):  # the last: in line with strip 0
-            await here.pose("anna", pose_at(position, 0.0))
-            for direction in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)):
-                await here.point(direction)
-        assert len(here.cursors) == 3 * 4
 
 
 # the tolerance

@@ -15,6 +15,10 @@ KindNumber = Annotated[str, BeforeValidator(_text)]
 """Number of a kind in a schedule, which YAML reads as an integer."""
 
 
+SCHEDULE_LENGTH_M = 0.3
+"""Length of the packages that a schedule feeds, m."""
+
+
 class FeederConfig(Config):
     """Packages that are fed to the lanes in turn, and their interval."""
 
@@ -74,7 +78,6 @@ class TrackingConfig(Config):
         default=0.0, ge=0, lt=1, description="share of the packages missing in a report, independently"
     )
     dropout_share: float = Field(default=0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
-    dropout_s: float = Field(default=0.4, gt=0, le=60, description="mean length of a burst, s")
     latency_s: float = Field(
         default=0.0, ge=0, le=5, description="age of a report's content and stamp when it is published, s"
     )
@@ -113,9 +116,6 @@ class ConveyorSimConfig(Config):
     schedule: str = Field(
         default="", description="file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
     )
-    schedule_length_m: float = Field(
-        default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
-    )
     kinds: dict[KindNumber, str] = Field(
         default={"0": "blue", "1": "red"}, description="kind by its number in a schedule"
     )
@@ -135,7 +135,7 @@ class ConveyorSimConfig(Config):
         """Return the length of packages for which junctions are laid out, m."""
         lengths = [self.longest_m, *(feeder.length_m for feeder in self.feeders.values())]
         if self.schedule:
-            lengths.append(self.schedule_length_m)
+            lengths.append(SCHEDULE_LENGTH_M)
         elif not self.feeders and self.feeder.sequence:
             lengths.append(self.feeder.length_m)
         return max(lengths)

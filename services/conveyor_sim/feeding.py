@@ -14,7 +14,7 @@ from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home
-from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
+from pointit.services.conveyor_sim.config import SCHEDULE_LENGTH_M, ConveyorSimConfig, KindNumber
 from pointit.services.conveyor_sim.network import Piece
 from pointit.services.conveyor_sim.traffic import TOLERANCE_M, Package, Traffic
 
@@ -298,7 +298,7 @@ def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> FeedSp
         probabilities={kind(n): p for n, p in entry.pack_proba.items()} if entry.random else None,
         min_interval_s=entry.min_interval,
         max_interval_s=entry.max_interval,
-        length_m=config.schedule_length_m,
+        length_m=SCHEDULE_LENGTH_M,
     )
 
 
@@ -369,7 +369,7 @@ class Feeders:
             self.schedule.resume(index, left_s)
         for feeder, (taken, due_s) in zip(self.all, state["feeders"], strict=True):
             feeder.taken, feeder.due_s = taken, due_s
-        self.is_on = state.get("feeding", True)  # older versions could not pause
+        self.is_on = state["feeding"]
 
 
 class NoRoomError(Exception):

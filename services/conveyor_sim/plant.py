@@ -368,7 +368,7 @@ class Plant:
         infeed.prefix, infeed.ids, infeed.fed = snapshot["prefix"], snapshot["ids"], snapshot["fed"]
         dispatch.left, dispatch.refused = snapshot["left"], snapshot["refused"]
         dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in snapshot["counts"]}
-        dispatch.departures.extend(Departure(**values) for values in snapshot.get("departures", ()))
+        dispatch.departures.extend(Departure(**values) for values in snapshot["departures"])
         self._run_at(snapshot["speed_mps"])
         for belt, speed_mps in snapshot["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))

@@ -11,6 +11,9 @@ from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.services.conveyor_sim.config import TrackingConfig
 from pointit.services.conveyor_sim.traffic import Package, Traffic
 
+DROPOUT_S = 0.4
+"""Mean length of a burst of lost reports, s."""
+
 
 class PackageTracker:
     """Adds the configured faults to exact reports, reproducibly by a seed."""
@@ -54,7 +57,7 @@ class PackageTracker:
             self._is_lost = chance < config.dropout_share
         else:
             elapsed_s = max(0, now_ns - self._seen_ns) / NS_PER_S
-            mixed = -math.expm1(-elapsed_s / (config.dropout_s * (1.0 - config.dropout_share)))
+            mixed = -math.expm1(-elapsed_s / (DROPOUT_S * (1.0 - config.dropout_share)))
             stays = self._is_lost and chance >= mixed
             self._is_lost = stays or (
                 self._random.random() < config.dropout_share if chance < mixed else self._is_lost

@@ -61,12 +61,12 @@ class Package:
 
     @classmethod
     def from_state(cls, state: Sequence[Any], network: Network) -> Self:
-        """Return the package with the state `state`, maybe of an older version that stored more.
+        """Return the package with the state `state`.
 
         Raises:
             ValueError: If it lies outside a junction that now includes its position, or the other way round.
         """
-        name, kind, length_m, stored, offset_m, speed_mps, bay, user, refused, junction, sections = state[:11]
+        name, kind, length_m, stored, offset_m, speed_mps, bay, user, refused, junction, sections = state
         section = int(stored)
         for piece in network.parts[section]:
             is_as_stored = (piece.junction != NONE) == (junction != NONE)

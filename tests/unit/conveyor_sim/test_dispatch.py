@@ -1,8 +1,6 @@
 """Selected packages to one bay, the rest to another, on the paper's conveyor."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
 from pointit.schemas import Environment, SelectionEvent, TrackedObject
@@ -197,57 +195,3 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
     assert seen == (
         {False} if (where, is_selected) == ("ring", False) else {True, False}
     )  # it comes round again
-
-
-@given(
-    where=st.sampled_from(sorted(ROOMS)),
-    steps=st.lists(
-        st.tuples(st.sampled_from(["add", "toggle", "speed", "wait"]), st.integers(0, 99)),
-        min_size=8,
-        max_size=30,
-    ),
-)
-def test_what_changes_in_time_leaves_by_its_bay_and_what_changes_too_late_does_not(
-    where: str, steps: list[tuple[str, int]]
-) -> None:
-    environment, entries = ROOMS[where]
-    belts = plant(environment, feeder={"sequence": []})
-    owners: dict[str, str] = {}
-    sent: dict[str, bool] = {}
-    events: list[SelectionEvent] = []
-    names: list[str] = []
-    for deed, number in steps:
-        if deed == "add" and number < 60:
-            try:
-                name = belts.add("red", entries[number % len(entries)], 0.3)
-            except Exception:  # noqa: BLE001, S112 - another one is in the way
-                continue
-            names.append(name)
-            sent[name] = False
-        elif deed == "speed":
-            belts.set_speed((0.0, 0.2, 0.5, 1.0)[number % 4])
-        elif deed == "toggle" and names:
-            name = names[number % len(names)]
-            tracked = listed(belts, name)
-            if tracked is None:
-                continue
-            until = tracked.bay_until_ns
-            is_in_time = until is None or until > belts.now_ns
-            if is_in_time:
-                sent[name] = not sent[name]
-            elif until == 0:
-                was = owners.get(name)
-                rest = {n: u for n, u in owners.items() if n != name}
-                belts.select(rest if was else {**rest, name: "anna"})
-                assert belts.refusals[name]
-            owners = {n: "anna" for n, is_sent in sent.items() if is_sent}
-            belts.select(owners)
-            events += belts.step(belts.now_ns)
-        events += belts.step(belts.now_ns + STEP_NS * (1 + number % 50))
-    belts.set_speed(0.5)
-    events += belts.step(belts.now_ns + 90 * S)
-    assert {e.event for e in events} <= {"dispatched"}
-    assert {e.object_id: e.bay == "1" for e in events} == {
-        n: sent[n] for n in sent if listed(belts, n) is None
-    }
-    assert all(bool(e.user) == (e.bay == "1") for e in events)

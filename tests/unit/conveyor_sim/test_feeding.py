@@ -206,15 +206,6 @@ def test_belts_of_any_room_run_empty_while_feeders_rest(
     assert after.fed > fed
 
 
-def test_a_conveyor_that_knew_no_rest_was_fed() -> None:
-    before, after = plant(FORK), plant(FORK)
-    kept = before.snapshot()
-    del kept["feeding"]
-    after.set_feeding(is_on=False)
-    after.restore(kept)
-    assert after.is_feeding
-
-
 def test_feeding_switch_is_saved_immediately() -> None:
     belts = plant(FORK)
     for is_on in (False, True):
@@ -284,14 +275,6 @@ def test_after_the_last_package_the_state_says_so_and_feeding_starts_again_on_re
     assert (belts.state(0).step, belts.fed) == (END, 6)
     belts.reset()
     assert (belts.state(0).step, belts.fed) == ("", 0)
-
-
-def test_a_schedule_that_is_over_starts_again_with_its_speed(tmp_path: Path) -> None:
-    belts = Plant(VR, config(schedule=written(tmp_path)), seed=1, start_ns=0)
-    belts.step(40 * S)
-    assert (belts.state(0).step, belts.state(0).speed_mps) == (END, 2.0)
-    belts.set_feeding(is_on=True)
-    assert (belts.state(0).step, belts.state(0).speed_mps) == ("-1", 0.5)
 
 
 @pytest.mark.parametrize("feeder", [{"sequence": []}, {"interval_s": 1.0}])

@@ -159,9 +159,6 @@ class SupervisorConfig(Config):
         default=False,
         description="start automatically when samples come, until a press: for devices without a button",
     )
-    retry_s: float = Field(
-        default=5.0, gt=0, le=600, description="autostart: delay after localizing failed, s"
-    )
     resume_s: float = Field(
         default=30.0,
         ge=0,

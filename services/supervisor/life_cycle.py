@@ -19,6 +19,9 @@ LAST_WORD_PURPOSE = "interaction"
 GRACE_NS = 2 * NS_PER_S
 """Time within which a requested localization begins, ns."""
 
+RETRY_NS = 5 * NS_PER_S
+"""Delay of an automatic start after localizing has failed, ns."""
+
 State = Literal["idle", "localizing", "pointing"]
 
 SETTLE_NS = NS_PER_S
@@ -30,7 +33,6 @@ class Readiness:
 
     def __init__(self, config: SupervisorConfig) -> None:
         self._autostarts = config.autostart
-        self._retry_ns = round(config.retry_s * NS_PER_S)
         self._resume_ns = round(config.resume_s * NS_PER_S)
         self.is_eager = config.autostart
         """True if a sample may start pointing. False after the person stopped."""
@@ -43,7 +45,7 @@ class Readiness:
 
     def fail(self, now_ns: int) -> None:
         """Record that localizing has failed."""
-        self._not_before_ns = now_ns + self._retry_ns
+        self._not_before_ns = now_ns + RETRY_NS
 
     def gesture(self, *, ends: bool) -> None:
         """Record a gesture. One that ends pointing disables the automatic start."""

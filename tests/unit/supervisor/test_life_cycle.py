@@ -99,18 +99,6 @@ def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
     assert told(cycle.button(*press(5)))[:2] == ["start", "localizing"]
 
 
-def test_news_of_an_earlier_localization_do_not_count() -> None:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    cycle.button(*press(10))
-    assert cycle.localization(news(9.9, "solved")[0], 10 * S) == []
-    assert cycle.localization(news(9.9, "refused")[0], 10 * S) == []
-    assert cycle.localization(*news(10.1, "cancelled")) == []  # of the one before: ours is not answered yet
-    assert cycle.state == "localizing"
-    cycle.on_start_accepted(cycle.run)
-    assert told(cycle.localization(*news(12, "cancelled"))) == ["idle", "cue stopped"]
-
-
 def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     cycle = localizing(10.0)
     first = cycle.run
@@ -146,21 +134,6 @@ def test_idle_after_a_new_pose_is_a_success_that_was_not_seen() -> None:
     cycle = localizing(10.0)
     cycle.pose(*pose(15))
     assert told(cycle.localization(*news(15, "idle"))) == ["cue localized", "pointing", "cue started"]
-
-
-def test_a_silent_wrist_ends_it() -> None:
-    cycle = life_cycle(imu_timeout_s=3.0)
-    cycle.begin(0)
-    assert cycle.deadline_ns is None
-    cycle.pose(*pose())
-    cycle.button(*press(10))
-    cycle.imu(*sample(12))
-    assert cycle.deadline_ns == 15 * S
-    assert cycle.tick(15 * S - 1) == []
-    outputs = cycle.tick(15 * S)
-    assert told(outputs) == ["idle", "cue stopped"]
-    assert "is the wristband on" in shown(outputs).reason
-    assert cycle.deadline_ns is None
 
 
 def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> None:

@@ -93,18 +93,6 @@ def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -
     assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
 
 
-def test_a_localizer_that_was_away_gets_it_back() -> None:
-    place = PoseRestorer()
-    place.localizer(1 * S, is_present=True)
-    place.pose(pose(2))
-    place.localizer(3 * S, is_present=True)
-    assert place.deadline_ns is None
-    place.localizer(4 * S, is_present=False)
-    assert place.deadline_ns is None
-    place.localizer(9 * S, is_present=True)
-    assert place.due(10 * S) is not None
-
-
 @pytest.mark.parametrize("own_s", [9.0, 10.5])
 def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
     place = PoseRestorer()

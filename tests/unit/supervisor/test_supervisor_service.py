@@ -497,7 +497,7 @@ async def test_a_spoilt_last_word_is_a_warning() -> None:
 
 
 def eager(*, localize: bool = False) -> LifeCycle:
-    cycle = life_cycle(localize=localize, autostart=True, retry_s=5.0)
+    cycle = life_cycle(localize=localize, autostart=True)
     cycle.begin(0)
     return cycle
 

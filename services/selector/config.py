@@ -22,12 +22,6 @@ class GaugeConfig(Config):
     sparse_full_s: float = Field(
         default=0.35, gt=0, le=10, description="the same if no other object is near, s"
     )
-    sparse_deg: float = Field(
-        default=10.0,
-        ge=0,
-        le=180,
-        description="angle from the ray within which another object counts as near, degrees",
-    )
     snap_deg: float = Field(
         default=1.5,
         ge=0,
@@ -39,35 +33,11 @@ class GaugeConfig(Config):
         description="reference of angles: the cursor as shown on a strip or belt (people neither see "
         "nor correct an error across it), or always the ray itself",
     )
-    hysteresis: float = Field(
-        default=0.3,
-        ge=0,
-        lt=1,
-        description="the hovered object stays hovered until another angle is smaller by this share",
-    )
     steady_deg_per_s: float = Field(
         default=12.0,
         gt=0,
         le=1000,
         description="the gauge fills while the ray moves slower than this relative to the object, degrees/s",
-    )
-    speed_window_s: float = Field(
-        default=0.15, ge=0.02, le=1, description="window of the estimate of that speed, s"
-    )
-    drain_share: float = Field(
-        default=0.5, ge=0, le=10, description="gauges of other objects drain at this share of the fill rate"
-    )
-    leave_factor: float = Field(
-        default=1.5,
-        ge=1,
-        le=10,
-        description="the pointer leaves an object beyond this multiple of the object's tolerance",
-    )
-    leave_s: float = Field(
-        default=0.3,
-        ge=0,
-        le=10,
-        description="time off an object after which its full gauge can fill again, s",
     )
     aim_sigma_deg: float = Field(
         default=1.5,
@@ -152,12 +122,6 @@ class SelectorConfig(PluginConfig):
     )
     reserve_s: float = Field(
         default=0.5, ge=0, le=10, description="time for which an object stays reserved after it was left, s"
-    )
-    display_lag_s: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="delay from the stamp of an object's position to its display by lights or cameras, s",
     )
     longest_gap_s: float = Field(
         default=0.25,

@@ -10,7 +10,7 @@ from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.pointer import MakeMethod, PersonPointer, PointerResult, is_by_angle
 from pointit.services.selector.ownership import Ownership
-from pointit.services.selector.seen_objects import SeenObjects, View
+from pointit.services.selector.seen_objects import SPARSE_RAD, SeenObjects, View
 from pointit.services.selector.selection_methods import NameAnnouncer
 from pointit.services.selector.selection_publisher import CHANGES, Action, Output, make_cue
 
@@ -53,11 +53,7 @@ class HoverEngine:
         self._snap_rad = math.radians(config.gauge.snap_deg)
         self._scene = SeenObjects(
             stale_after_s=config.objects_stale_after_s,
-            display_lag_s=config.display_lag_s,
-            reach_rad=math.radians(
-                max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
-            ),
-            leave_factor=config.gauge.leave_factor,
+            reach_rad=max(SPARSE_RAD, 4.0 * self._aim_rad, 4.0 * self._snap_rad),
             aim=config.gauge.aim,
         )
         self._things: Mapping[str, Mapping[str, object]] = {}
@@ -133,12 +129,7 @@ class HoverEngine:
             if self._ownership.owner(object_id) == user:
                 pointer.latch(object_id)  # another selector may have selected it just now
         if self._is_by_metres and (object_id is not None or fired is not None):
-            # to tell how the object lies about the ray; if one is fired, how those around it do, too
-            view = (
-                self._scene.view_of(object_id, cursor)
-                if fired is None and object_id is not None
-                else self._scene.view_from(cursor)
-            )
+            view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
         standing: tuple[Action, str] = ("", "")
         if object_id is not None:
             standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)

@@ -15,14 +15,14 @@ from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
 from pointit.schemas import NS_PER_S, ActOutcome, ReadHistory, ReadHistoryReply, SelectionEvent, encode
-from pointit.schemas.base import MAX_ID, Count, Ns
+from pointit.schemas.base import Count, Ns
 from pointit.schemas.selection import NOT_DONE
 from pointit.services.selector.selection_publisher import Owned, Record, event_of
 
 FILE = "journal.sqlite"
 
 LAYOUT = StoreLayout(
-    tables=f"""
+    tables="""
         CREATE TABLE IF NOT EXISTS events (
             id INTEGER PRIMARY KEY,
             stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
@@ -32,11 +32,10 @@ LAYOUT = StoreLayout(
         CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
         CREATE INDEX IF NOT EXISTS events_told ON events (seq);
         CREATE INDEX IF NOT EXISTS events_refused ON events (id) WHERE event = 'refused';
-        DELETE FROM events WHERE length(object_id) > {MAX_ID} OR length(kind) > {MAX_ID};
         CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
         INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
         CREATE TABLE IF NOT EXISTS acts (id INTEGER PRIMARY KEY, carriers TEXT NOT NULL);
-    """,  # noqa: S608 - a constant
+    """,
     writer="selector",
     loss="selections are kept in memory only",
 )

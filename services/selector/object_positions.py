@@ -124,7 +124,6 @@ class ObjectPositions:
         *,
         margin_m: float = 0.05,
         stale_after_s: float = 1.0,
-        display_lag_s: float = 0.0,
         ended_after_s: float = 30.0,
         lead_s: float = 0.0,
     ) -> None:
@@ -133,12 +132,10 @@ class ObjectPositions:
         Args:
             margin_m: distance beside an object within which a cursor still hovers it.
             stale_after_s: objects whose last report is older cannot be hovered.
-            display_lag_s: delay with which people see objects.
             ended_after_s: a tracker silent for longer has ended.
             lead_s: time before the decision on its bay from which an object cannot be changed.
         """
         self._lead_ns = round(lead_s * NS_PER_S)
-        self._lag_s = display_lag_s
         self._ended_ns = int(ended_after_s * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
@@ -225,7 +222,7 @@ class ObjectPositions:
         for listing in self._trackers.values():
             if not self._fits(listing, stamp_ns):
                 continue
-            elapsed_s = (stamp_ns - listing.stamp_ns) / NS_PER_S - self._lag_s
+            elapsed_s = (stamp_ns - listing.stamp_ns) / NS_PER_S
             line = listing.lines.get((cursor.surface, cursor.surface_id))
             if line is not None:
                 best = _nearer(best, line.nearest(cursor.position_m, elapsed_s))

@@ -271,7 +271,6 @@ class Ownership:
         self.positions = ObjectPositions(
             margin_m=config.margin_m,
             stale_after_s=config.objects_stale_after_s,
-            display_lag_s=config.display_lag_s,
             ended_after_s=config.unseen_after_s,
             lead_s=config.lead_s,
         )

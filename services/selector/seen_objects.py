@@ -16,6 +16,12 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, Tracke
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.object_positions import LineTable
 
+LEAVE_FACTOR = 1.5
+"""The pointer leaves an object beyond this multiple of the object's tolerance."""
+
+SPARSE_RAD = math.radians(10.0)
+"""Angle from the ray within which another object counts as near."""
+
 SAME_M = 1e-9
 """Positions nearer to each other than this are equal, m."""
 
@@ -203,26 +209,20 @@ class SeenObjects:
         self,
         *,
         stale_after_s: float = 1.0,
-        display_lag_s: float = 0.0,
-        reach_rad: float = math.radians(10.0),
-        leave_factor: float = 1.5,
+        reach_rad: float = SPARSE_RAD,
         aim: Literal["cursor", "ray"] = "cursor",
     ) -> None:
         """Create an empty scene.
 
         Args:
             stale_after_s: objects whose list is farther from a ray in time are not seen.
-            display_lag_s: delay with which people see objects.
-            reach_rad: angle beyond `leave_factor` times their half width within which objects are near a ray.
-            leave_factor: multiple of the tolerance beyond which the pointer leaves an object.
+            reach_rad: angle beyond `LEAVE_FACTOR` times their half width within which objects are near a ray.
             aim: reference of angles: the ray, or with `cursor`, if that is on a line, the direction in which
                 it is shown. A line does not show how far the ray passes beside it, so people cannot correct
                 that: their ray may pass by degrees while the light is on the object.
         """
         self._stale_s = stale_after_s
-        self._lag_s = display_lag_s
         self._reach_rad = reach_rad
-        self._leave_factor = leave_factor
         self._aims_at_cursor = aim == "cursor"
         self._lines = LineTable({})
         self._listings: dict[str, TrackedObjects] = {}
@@ -256,8 +256,7 @@ class SeenObjects:
         if cursor.origin_m is None or direction is None or not self._tracked:
             return None
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
-        elapsed_s = age_s - self._lag_s
-        sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, elapsed_s)
+        sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, age_s)
         centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights
         aim = self._aim(cursor, cursor.origin_m, direction)
         along_m = reach_m @ np.array(aim)
@@ -298,35 +297,12 @@ class SeenObjects:
         # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
         halves_rad = self._halves_m / ranges_m
-        sights = (centers_m, reach_m, ranges_m, halves_rad, self._leave_factor * halves_rad + self._reach_rad)
+        sights = (centers_m, reach_m, ranges_m, halves_rad, LEAVE_FACTOR * halves_rad + self._reach_rad)
         if self._are_still:
             if len(self._sights) >= MAX_EYES:
                 self._sights.clear()
             self._sights[origin_m] = sights
         return sights
-
-    def view_of(self, object_id: str, cursor: Cursor) -> View | None:
-        """Return as `view_from`, but of one object, without arrays."""
-        direction, origin_m = cursor.direction, cursor.origin_m
-        index = self._indices.get(object_id)
-        if origin_m is None or direction is None or index is None:
-            return None
-        age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
-        elapsed_s = age_s - self._lag_s
-        if self._ages_s is not None or not self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
-            return self.view_from(cursor)
-        (x, y, z), (u, v, w) = self._centers_m[index].tolist(), self._velocities_mps[index].tolist()
-        center_m = (x + u * elapsed_s, y + v * elapsed_s, z + w * elapsed_s)
-        reach_m = vector.subtract(center_m, origin_m)
-        range_m = vector.norm(reach_m) + HAIR_M
-        aim = direction if index in self._solids else self._aim(cursor, origin_m, direction)
-        angle = math.acos(min(vector.dot(reach_m, aim) / range_m, 1.0))
-        half_m = float(self._halves_m[index])
-        is_near = angle <= self._leave_factor * (half_m / range_m) + self._reach_rad
-        is_hidden = cursor.solid in OPAQUE and range_m - half_m > cursor.range_m
-        if not is_near or abs(age_s) > self._stale_s or is_hidden:
-            return View(direction, ())
-        return View(direction, (self._seen(index, cursor, center_m, angle, range_m),))
 
     def _aim(self, cursor: Cursor, origin_m: Vec3, direction: Vec3) -> Vec3:
         if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
@@ -347,7 +323,7 @@ class SeenObjects:
         across = 1.0
         if index < self._on_lines:
             age_s = 0.0 if self._ages_s is None else float(self._ages_s[index])
-            elapsed_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S - self._lag_s + age_s
+            elapsed_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S + age_s
             position_m = tracked.surface_position_m + tracked.surface_speed_mps * elapsed_s
             line = self._lines.line(tracked.surface, tracked.surface_id)
             along = self._tangents[index]
@@ -404,7 +380,6 @@ class SeenObjects:
     ) -> None:
         everything = [*on_lines, *free]
         self._tracked = [tracked for tracked, _ in everything]
-        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
         stamps_ns = [stamp_ns for _, stamp_ns in everything]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None

@@ -17,7 +17,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.methods.announcer import AnnounceConfig, Announcer
-from pointit.services.selector.methods.gauge import RaySpeedEstimator
+from pointit.services.selector.methods.gauge import SPEED_WINDOW_S, RaySpeedEstimator
 from pointit.services.selector.seen_objects import View, VisibleObject
 from pointit.services.selector.selection_methods import (
     MethodConfig,
@@ -102,7 +102,7 @@ class EstimateMethod:
 
     def __init__(self, config: EstimateConfig) -> None:
         self._config = config
-        self._speed = RaySpeedEstimator(0.15)
+        self._speed = RaySpeedEstimator(SPEED_WINDOW_S)
         self._beside: dict[str, _Angles] = {}
         """Smoothed angles from the ray to each object near it."""
         self._now: dict[str, _Angles] = {}

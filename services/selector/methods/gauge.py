@@ -8,21 +8,30 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.seen_objects import LEAVE_FACTOR, SPARSE_RAD
 from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
+
+HYSTERESIS = 0.3
+"""The hovered object stays hovered until another angle is smaller by this share."""
+SPEED_WINDOW_S = 0.15
+"""Window of the estimate of the ray's speed, s."""
+DRAIN_SHARE = 0.5
+"""Share of the fill rate at which gauges of other objects drain."""
+LEAVE_NS = round(0.3 * NS_PER_S)
+"""Time off an object after which its full gauge can fill again, ns."""
 
 
 class Gauges:
     """Fill levels of one person's gauges, updated at each cursor.
 
     Between two cursors, the gauge of the object that the later one hovers fills by the elapsed share of its
-    fill time. All others drain at `drain_share` of that rate. So the fill time does not depend on the rate
+    fill time. All others drain at `DRAIN_SHARE` of that rate. So the fill time does not depend on the rate
     of cursors. In a gap longer than `longest_gap_s` everything drains. A full gauge fires once: its object
-    is latched until it was left for `leave_s` without a break.
+    is latched until it was left for `LEAVE_NS` without a break.
     """
 
-    def __init__(self, *, drain_share: float, leave_s: float, longest_gap_s: float, full_s: float) -> None:
-        self._drain_per_s = drain_share / full_s
-        self._leave_ns = round(leave_s * NS_PER_S)
+    def __init__(self, *, longest_gap_s: float, full_s: float) -> None:
+        self._drain_per_s = DRAIN_SHARE / full_s
         self._gap_s = longest_gap_s
         self._fill: dict[str, float] = {}
         self._spent_s: dict[str, float] = {}
@@ -99,7 +108,7 @@ class Gauges:
                 self._latched[object_id] = None
             elif since_ns is None or has_gap:
                 self._latched[object_id] = stamp_ns
-            elif stamp_ns - since_ns >= self._leave_ns:
+            elif stamp_ns - since_ns >= LEAVE_NS:
                 del self._latched[object_id]
 
 
@@ -165,16 +174,10 @@ class GaugeMethod:
     def __init__(self, config: SelectorConfig) -> None:
         self._config = gauge = config.gauge
         self._snap_rad = math.radians(gauge.snap_deg)
-        self._sparse_rad = math.radians(gauge.sparse_deg)
         self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
-        self._steadiness = RaySpeedEstimator(gauge.speed_window_s)
-        self._gauges = Gauges(
-            drain_share=gauge.drain_share,
-            leave_s=gauge.leave_s,
-            longest_gap_s=config.longest_gap_s,
-            full_s=gauge.full_s,
-        )
+        self._steadiness = RaySpeedEstimator(SPEED_WINDOW_S)
+        self._gauges = Gauges(longest_gap_s=config.longest_gap_s, full_s=gauge.full_s)
         self.latch = self._gauges.latch
         self._hovered: str | None = None
         self._stamp_ns: int | None = None
@@ -196,16 +199,16 @@ class GaugeMethod:
         if cursor.direction is not None:
             self._steadiness.add(cursor.stamp_ns, cursor.direction)
         if view is not None:
-            hovered = view.pick(self._hovered, self._snap_rad, gauge.hysteresis)
+            hovered = view.pick(self._hovered, self._snap_rad, HYSTERESIS)
             latched = gauges.latched
             if latched:
-                near = view.near(latched, self._snap_rad, gauge.leave_factor)
+                near = view.near(latched, self._snap_rad, LEAVE_FACTOR)
         elif hovered is not None:
             near = {hovered}
         if hovered is not None and view is not None:
             rate = self._steadiness.rate()
             fills = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
-            if gauge.sparse_full_s != full_s and view.is_isolated(self._sparse_rad):
+            if gauge.sparse_full_s != full_s and view.is_isolated(SPARSE_RAD):
                 full_s = gauge.sparse_full_s
         fills = fills and hovered is not None and acts(hovered)
         fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)

@@ -225,14 +225,6 @@ def test_a_second_press_before_the_name_was_heard_again_selects_nothing() -> Non
     assert room.press() == [("selected", "middle")]
 
 
-def test_the_repetition_of_a_name_does_not_extend_the_time_for_a_press() -> None:
-    room = Listener()
-    room.point(0.0, 2.4)
-    assert [name for _, name, _ in room.announced] == ["middle", "middle"]
-    room.point(0.0, 0.4)
-    assert room.press() == []
-
-
 def test_a_name_that_is_spoken_anew_after_its_neighbour_was_hovered_can_be_confirmed() -> None:
     room = Listener()
     room.point(0.0, 2.2)
@@ -266,14 +258,6 @@ def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_busines
     assert room.press() == []
     room.point(0.0, 1.2)
     room.time_s += 5.0
-    assert room.press() == []
-    assert not room.cues
-
-
-def test_a_press_that_comes_twice_counts_once() -> None:
-    room = Listener()
-    room.point(0.0, 1.2)
-    assert room.press() == [("selected", "middle")]
     assert room.press() == []
     assert not room.cues
 

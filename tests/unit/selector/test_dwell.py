@@ -76,11 +76,6 @@ def test_any_sequence_toggles_as_the_paper_says(
     assert feed(dwell, objects) == as_the_paper_says(objects, method[1])
 
 
-def test_hold_fires_when_the_window_is_full() -> None:
-    assert feed(Dwell("hold"), ["a"] * 8) == [(7, "a")]
-    assert feed(Dwell("hold"), ["a"] * 7) == []
-
-
 @pytest.mark.parametrize(("first", "last", "fires"), [(None, "a", True), ("a", None, False)])
 def test_the_last_object_of_a_timestep_is_the_timesteps(
     first: str | None, last: str | None, *, fires: bool
@@ -120,18 +115,6 @@ def test_a_slow_wrist_with_jitter_toggles_after_the_window(
     assert [object_id for _, object_id in toggles] == ["a"]
     # the window's eight timesteps, and the rest of the last one and the gap to the cursor after it
     assert 700 <= toggles[0][0] - times_ms[0] <= 800 + 100 + 250
-
-
-@given(slow_wrists, st.integers(1, 4), st.sampled_from(["b", None]))
-def test_a_slow_wrist_that_leaves_in_every_window_never_toggles_hold(
-    times_ms: list[int], on: int, other: str | None
-) -> None:
-    # one cursor at 5 Hz, or three in a row at a higher rate, are the newest at the end of some timestep
-    period_ms = times_ms[-1] / len(times_ms)
-    away = 1 if period_ms > 150 else 3
-    pattern = [*["a"] * min(on, int(500 / period_ms)), *[other] * away]
-    cursors = [(time_ms, pattern[k % len(pattern)]) for k, time_ms in enumerate(times_ms)]
-    assert "a" not in [object_id for _, object_id in put(Dwell("hold"), cursors)]
 
 
 def test_a_silence_within_the_longest_gap_is_held_and_a_longer_one_restarts() -> None:

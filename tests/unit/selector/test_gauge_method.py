@@ -14,7 +14,7 @@ MS = 1_000_000
 
 def new() -> Gauges:
     """Return empty gauges, full after 0.8 s, that drain at half the rate."""
-    return Gauges(drain_share=0.5, leave_s=0.3, longest_gap_s=0.25, full_s=0.8)
+    return Gauges(longest_gap_s=0.25, full_s=0.8)
 
 
 def run(

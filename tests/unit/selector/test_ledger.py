@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.selector.ownership import Ledger
-from pointit.services.selector.selection_publisher import Record
 
 HERE = frozenset("abc")
 
@@ -17,16 +16,6 @@ def selected(kept: Ledger) -> dict[str, tuple[str, int]]:
     return {one.id: (one.user, one.since_ns) for one in kept.objects()}
 
 
-def test_a_toggle_selects_and_the_next_deselects() -> None:
-    kept = ledger()
-    first = kept.toggle("a", "red", "anna", 5, confidence=0.9)
-    assert first == Record(5, "selected", "a", "red", "anna", "anna", 5, "dwell", confidence=0.9)
-    assert selected(kept) == {"a": ("anna", 5)}
-    second = kept.toggle("a", "red", "anna", 9)
-    assert (second.event, second.owner, second.since_ns) == ("deselected", "anna", 5)
-    assert selected(kept) == {}
-
-
 def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
     kept = ledger("anna")
     kept.toggle("a", "red", "anna", 5)
@@ -35,29 +24,6 @@ def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
     assert selected(kept) == {}
     assert kept.undo("ben", 8, HERE)[0].owner == "anna"
     assert selected(kept) == {"a": ("anna", 5)}
-
-
-def test_clear_takes_only_the_persons_own() -> None:
-    kept = ledger()
-    for object_id, user in (("a", "anna"), ("b", "ben"), ("c", "anna")):
-        kept.toggle(object_id, "red", user, 1)
-    assert [(e.event, e.object_id, e.kind, e.cause) for e in kept.clear("anna", 2)] == [
-        ("deselected", "a", "red", "clear"),
-        ("deselected", "c", "red", "clear"),
-    ]
-    assert set(selected(kept)) == {"b"}
-    assert kept.clear("anna", 3) == []
-
-
-def test_what_somebody_else_has_by_now_is_not_taken_back() -> None:
-    kept = ledger()
-    kept.toggle("a", "red", "anna", 1)
-    kept.toggle("a", "red", "anna", 2)
-    kept.toggle("a", "red", "ben", 3)
-    [record] = kept.undo("anna", 4, HERE)
-    assert (record.event, record.cause) == ("refused", "undo")
-    assert record.reason == "red is ben's by now; what was done with it cannot be taken back"
-    assert selected(kept) == {"a": ("ben", 3)}
 
 
 def test_only_so_many_steps_are_remembered() -> None:

@@ -1,7 +1,6 @@
 """Objects seen along a ray or under a cursor: angles, positions at its time, occlusion, several trackers."""
 
 import math
-from typing import Literal
 
 import pytest
 from hypothesis import given
@@ -17,8 +16,8 @@ from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
 SNAP = math.radians(1.5)
 
 
-def scene(*objects: TrackedObject, time_s: float = 0.0, lag_s: float = 0.0) -> SeenObjects:
-    made = SeenObjects(display_lag_s=lag_s, aim="ray")
+def scene(*objects: TrackedObject, time_s: float = 0.0) -> SeenObjects:
+    made = SeenObjects(aim="ray")
     made.on_map(MAP)
     made.update("conveyor", packages(time_s, *objects))
     return made
@@ -76,48 +75,14 @@ def test_the_hovered_object_is_kept_until_another_is_closer_by_thirty_percent(
     assert picked(looked, pointing(0, x_m)) == ("a" if share < 0.5 else "b")
 
 
-@given(st.floats(-2, 2), st.floats(-0.9, 0.9), st.sampled_from([0.0, 0.1]))
-def test_objects_are_where_they_were_shown_at_the_time_of_the_ray(
-    speed_mps: float, age_s: float, lag_s: float
-) -> None:
-    looked = scene(package("a", 5.0, speed_mps=speed_mps), lag_s=lag_s)
-    shown_m = 5.0 + speed_mps * (age_s - lag_s)
+@given(st.floats(-2, 2), st.floats(-0.9, 0.9))
+def test_objects_are_where_they_were_at_the_time_of_the_ray(speed_mps: float, age_s: float) -> None:
+    looked = scene(package("a", 5.0, speed_mps=speed_mps))
+    shown_m = 5.0 + speed_mps * age_s
     view = look(looked, pointing(age_s, shown_m))
     assert view.pick(None, 1e-4, 0.3) == "a"
     assert view.confidence("a", 0.001) == 1.0
     assert picked(looked, pointing(age_s, shown_m + 0.6)) is None
-
-
-@given(
-    st.floats(1, 9),
-    st.floats(-2, 2),
-    st.floats(-1.5, 1.5),
-    st.floats(-1, 1),
-    st.sampled_from(["ray", "cursor"]),
-)
-def test_one_object_is_seen_as_among_all(
-    x_m: float, speed_mps: float, age_s: float, beside_m: float, aim: Literal["ray", "cursor"]
-) -> None:
-    looked = SeenObjects(display_lag_s=0.1, aim=aim)
-    looked.on_map(MAP)
-    free = TrackedObject(
-        id="free", kind="red", position_m=(x_m, 0.1, 1.0), velocity_mps=(0.0, speed_mps, 0.1)
-    )
-    looked.update("conveyor", packages(0, package("a", x_m, speed_mps=speed_mps), package("b", 5.0), free))
-    cursor = pointing(age_s, x_m + beside_m, raised_rad=0.01)
-    among = look(looked, cursor)
-    for name in ("a", "free"):
-        alone = looked.view_of(name, cursor)
-        assert alone is not None
-        assert alone.near(name, SNAP, 1.0) == among.near(name, SNAP, 1.0)
-        assert (alone.confidence(name, SNAP) is None) == (among.confidence(name, SNAP) is None)
-        assert alone.miss_rad(name, cursor) == pytest.approx(among.miss_rad(name, cursor))
-        snapped, expected = alone.snapped(name, cursor, SNAP), among.snapped(name, cursor, SNAP)
-        assert (snapped is None) == (expected is None)
-        if snapped is not None and expected is not None:
-            assert snapped[0] == pytest.approx(expected[0])
-            assert snapped[1] == pytest.approx(expected[1])
-    assert looked.view_of("unknown", cursor) is None
 
 
 @given(st.floats(0.2, 2.5), st.floats(-1.0, 1.0), st.floats(-0.9, 0.9))
@@ -205,18 +170,6 @@ def test_a_ray_that_follows_an_object_does_not_move_against_it() -> None:
     following = -1.0 / range_m  # along x is to the right of who looks along y: towards less azimuth
     assert view.relative_rate("a", (following, 0.0)) == pytest.approx(0.0, abs=1e-6)
     assert view.relative_rate("a", (0.0, 0.0)) == pytest.approx(1.0 / range_m)
-
-
-def test_free_objects_move_with_their_velocity() -> None:
-    robot = TrackedObject(
-        id="robot", kind="robot", position_m=(5.0, 0.0, 1.5), velocity_mps=(0.0, 0.0, 1.0), length_m=0.2
-    )
-    looked = SeenObjects()
-    looked.on_map(MAP)
-    looked.update("robot", TrackedObjects(stamp_ns=at(0), objects=(robot,)))
-    direction = vector.normalized(vector.subtract((5.0, 0.0, 2.0), EYES))
-    assert picked(looked, Cursor(stamp_ns=at(0.5), origin_m=EYES, direction=direction)) == "robot"
-    assert picked(looked, Cursor(stamp_ns=at(0.0), origin_m=EYES, direction=direction)) is None
 
 
 @given(st.floats(-12, 12), st.floats(-0.1, 0.1))
@@ -348,10 +301,3 @@ def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
     assert whereabouts.forget(6 * S + 1)
     assert not whereabouts.objects
     assert whereabouts.silent(6 * S + 1) == []
-
-
-def test_objects_are_hovered_where_they_are_displayed_which_is_where_they_were() -> None:
-    whereabouts = ObjectPositions(margin_m=0.0, display_lag_s=0.5)
-    whereabouts.update("one", listing(on_strip("a", 2.0, speed_mps=1.0)))
-    assert under(whereabouts, cursor(1.5)) == "a"
-    assert under(whereabouts, cursor(2.5)) is None

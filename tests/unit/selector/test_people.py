@@ -85,27 +85,6 @@ def test_only_the_owner_deselects_until_they_are_gone() -> None:
     assert room.told[2:] == [("deselected", "a", "ben")]
 
 
-def test_undo_takes_back_step_by_step() -> None:
-    room = Room(package("a", 5.0), package("b", 7.0))
-    room.stay(1.0, 50.0, anna=5.0)
-    room.stay(1.0, 50.0, anna=7.0)
-    since_ns = room.selections[-1].objects[0].since_ns
-    room.take(room.selecting.clear("anna", room.now_ns))
-    assert room.owners == {}
-    room.take(room.selecting.undo("anna", room.now_ns))
-    assert room.owners == {"a": "anna", "b": "anna"}
-    assert {one.id: one.since_ns for one in room.selections[-1].objects}["a"] == since_ns
-    room.take(room.selecting.undo("anna", room.now_ns))
-    assert room.owners == {"a": "anna"}
-    room.take(room.selecting.undo("anna", room.now_ns))
-    assert room.owners == {}
-    count = len(room.events)
-    room.take(room.selecting.undo("anna", room.now_ns))
-    assert len(room.events) == count
-    assert room.cues["anna"][-1].text == "there is nothing to take back"
-    assert [event.cause for event in room.events[-4:]] == ["undo"] * 4
-
-
 def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
     room = Room(package("a", 5.0), package("b", 7.0))
     room.stay(1.0, 50.0, anna=5.0)

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.maps.file import load_map
 from pointit.schemas import Cursor, Step, TrackedObject
 from pointit.services.selector.methods.rows import neighbour, place_in, rows_of
 
@@ -56,17 +55,6 @@ def test_every_thing_of_any_room_is_reached_in_at_most_rows_and_columns_steps(
     for start in things:
         assert distances(things, start.id).keys() == {each.id for each in things}
         assert max(distances(things, start.id).values()) <= most
-
-
-def test_all_things_of_the_shipped_shelf_are_reached() -> None:
-    things = [
-        TrackedObject(
-            id=each.id, kind="thing", position_m=each.center_m, size_m=each.size_m, length_m=each.size_m[0]
-        )
-        for each in load_map("shelf", 0).things
-        if each.center_m is not None and each.size_m is not None
-    ]
-    assert len(distances(things, neighbour(things, AHEAD, "", STEPS[0]))) == len(things) == 6
 
 
 def test_a_step_to_a_row_goes_to_what_is_above_or_below_and_ends_at_the_last() -> None:

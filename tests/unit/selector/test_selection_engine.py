@@ -1,42 +1,11 @@
 """Selecting by pointing: the three methods, confirmation, what is shown, times that are odd."""
 
-import math
-
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pointit.schemas import ButtonEvent
 from tests.unit.selector.room import Room, at, package, pointing
 
 METHODS = ("gauge", "hold", "fraction")
-
-
-class Place:
-    """Aim of a person: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
-
-    def __init__(self, to_m: float, arrival_s: float, wobble_m: float, phase: float) -> None:
-        self._to_m, self._arrival_s, self._wobble_m, self._phase = to_m, arrival_s, wobble_m, phase
-
-    def __call__(self, time_s: float) -> float:
-        share = min(max((time_s - self._arrival_s + 0.8) / 0.8, 0.0), 1.0)
-        smooth = share**3 * (10 - 15 * share + 6 * share * share)
-        return 2.0 + (self._to_m - 2.0) * smooth + self._wobble_m * math.sin(2.5 * time_s + self._phase)
-
-
-@given(st.floats(0.9, 2.0), st.floats(0.0, 0.03), st.floats(0, 6.2), st.floats(5.9, 6.1))
-@settings(max_examples=4)
-def test_the_rate_of_cursors_does_not_matter(
-    arrival_s: float, wobble_m: float, phase: float, to_m: float
-) -> None:
-    """The same way sampled at 25 and 200 Hz fires within one sample of the same time."""
-    fired: list[int] = []
-    for rate_hz in (25.0, 200.0):
-        room = Room(package("a", 6.0), package("b", 6.8))
-        room.stay(4.0, rate_hz, anna=Place(to_m, arrival_s, wobble_m, phase))
-        assert room.told == [("selected", "a", "anna")]
-        fired.append(room.events[0].stamp_ns)
-    assert abs(fired[0] - fired[1]) <= 45_000_000  # one of each
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -104,14 +73,6 @@ def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
     assert progress == sorted(progress)
     assert progress[-1] > 0.3
     assert {hover.action for hover in hovers} == {"select"}
-
-
-def test_leaving_an_object_cancels_its_dwell() -> None:
-    room = Room(package("a", 5.0), package("b", 5.6))
-    room.stay(0.7, 100.0, anna=5.0)
-    room.stay(1.5, 100.0, anna=9.0)
-    room.stay(0.7, 100.0, anna=5.0)
-    assert room.events == []
 
 
 def test_a_hover_says_all_there_is_to_say() -> None:

@@ -83,18 +83,6 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         await until(lambda: not site.health[-1].warnings, what="the warning to go")
 
 
-async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:
-    async with served(ownerless_after_s=1.0) as site:
-        site.bus.announce(topics.USER_ALIVE, "anna").close()
-        again = site.bus.announce(topics.USER_ALIVE, "anna")
-        await site.bench.settle()
-        await site.stay("anna", 1.0, "a")
-        site.clock.advance(30.0)
-        await site.stay("ben", 1.0, "a")
-        assert site.events[-1].event == "refused"
-        again.close()
-
-
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [

@@ -214,15 +214,6 @@ def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
     assert site.owners == {}
 
 
-def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
-    site = a_site(("anna", "ben"))
-    site.step(0.1, {})
-    site.arbiter.on_claim("anna", claimed(site, wish="reserve"), site.now_ns)
-    assert refusals(site, "ben", claimed(site)) == [
-        "red is being selected by anna; wait or choose another one"
-    ]
-
-
 def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
     decided = package("a", 3.0).model_copy(update={"bay": "1", "bay_until_ns": at(1.0)})
     site = ShardedSite(("anna",), decided)
@@ -302,16 +293,3 @@ def test_a_claim_that_is_never_decided_ends_with_a_cue() -> None:
         site.tick()
     assert site.cues["anna"] == 1
     assert not site.links["anna"].up
-
-
-def test_what_was_cleared_is_not_selected_again_by_who_still_rests_on_it() -> None:
-    site = a_site(("anna",))
-    dwell(site, anna=3.0)
-    dwell(site, anna=9.0)
-    for _ in range(3):
-        site.step(0.05, {"anna": 3.0})
-    site.take(site.arbiter.clear("anna", site.now_ns))
-    site.deliver("anna")
-    dwell(site, anna=3.0)
-    dwell(site, anna=3.0)
-    assert [event.event for event in site.events] == ["selected", "deselected"]

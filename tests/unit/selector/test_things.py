@@ -223,7 +223,7 @@ def test_what_is_stated_is_a_probability(boxes: list[tuple[float, float]], azimu
 @given(st.integers(0, 29))
 def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> None:
     row = tuple(thing(str(index), 0.02 * (index - 15)) for index in range(30))
-    seen = SeenObjects(display_lag_s=0.0, aim="ray")
+    seen = SeenObjects(aim="ray")
     room = Environment(stamp_ns=0, name="room", things=row)
     seen.on_map(room)
     seen.update(TRACKER, listing(room, at(0.0)))

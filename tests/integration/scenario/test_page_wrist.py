@@ -229,30 +229,6 @@ def test_the_page_moves_the_cursor_and_selects_while_the_person_is_silent_who_th
     assert seen.states[-1] == "pointing"
 
 
-@pytest.mark.parametrize("left", ["pointing", "idle", "localizing"])
-def test_whatever_the_page_leaves_the_person_selects_again_soon(left: str) -> None:
-    took_s: list[float] = []
-
-    async def script(site: Site) -> None:
-        await asyncio.sleep(25.0 if left == "localizing" else 8.0)
-        assert site.seen.states[-1] == "pointing"
-        began_s = site.now_s
-
-        def at(time_s: float) -> Vec3:
-            if left != "pointing" and time_s > began_s + 2.0 and site.seen.states[-1] == "pointing":
-                site.press("double" if left == "localizing" else "press")
-            return along_the_strip(time_s)
-
-        await site.point(4.0, at)
-        assert site.seen.states[-1] == left
-        done = len(site.seen.events)
-        took_s.append(await site.until(lambda: bool(site.seen.selected(done)), 20.0, "to select again"))
-
-    seen = run(script, choices=Choices(seed=2, localize=left == "localizing"))
-    assert seen.states[-1] == "pointing"
-    assert took_s[0] < {"pointing": 8.0, "idle": 10.0, "localizing": 15.0}[left]
-
-
 @pytest.mark.parametrize("device", ["arm", "phone"])
 def test_a_mouse_keeps_the_pose_that_pointing_has_told_and_a_phone_has_another_yaw(
     device: Literal["arm", "phone"],

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Scenario, read_scenario
 from tests.integration.scenario.play import Outcome, play
@@ -51,20 +49,13 @@ PATIENT = ("user-sim.press_pause_s=600",)
 """They press once, so that the refusal is what is seen at the end."""
 
 
-@pytest.mark.parametrize(("seed", "beside_m"), [(1, 0.03), (1, 0.0)])
-def test_two_lamps_at_one_place(seed: int, beside_m: float, tmp_path: Path) -> None:
-    room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.0 + beside_m, 0.5))
-    outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
+def test_two_lamps_at_one_place(tmp_path: Path) -> None:
+    room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.03, 0.5))
+    outcome = play(room, Choices(seed=1, localize=True, targets=2, settings=PATIENT), 15.0)
     reason = outcome.steps[-1].reason
     assert outcome.states[-1] == "idle"
     assert "two at different places" in reason
     assert f"anna: refused: {reason}" in outcome.view[80]
-
-
-def test_lamps_at_eye_height(tmp_path: Path) -> None:
-    room = room_with(tmp_path, (4.0, 1.0, EYES_M), (3.0, -3.0, EYES_M), (-1.0, -1.0, EYES_M))
-    outcome = play(room, Choices(seed=1, localize=True, targets=2, settings=PATIENT), 15.0)
-    assert_refused_and_shown(outcome)
 
 
 def test_somebody_who_does_not_point() -> None:

@@ -140,11 +140,6 @@ def test_two_people_steer_two_robots_at_once() -> None:
     assert flights.landed_off_m
 
 
-def test_a_quadrotor_hovers_higher_on_a_higher_workspace() -> None:
-    flights = play_robots("scenario_5", 9.0, seed=1, settings=("pui.workspace_height_m=0.8",))
-    assert flights.heights_m["quad"] == pytest.approx(1.0, abs=0.1)
-
-
 @pytest.mark.parametrize(("skill", "least", "farthest_m"), [(0.0, 5, 0.8), (1.0, 8, 0.4)])
 def test_goals_are_where_they_were_meant_to_be(skill: float, least: int, farthest_m: float) -> None:
     outcome = play("send_a_robot", Choices(seed=1, settings=(f"user-sim.aim.skill={skill}",)), 120.0)
@@ -157,10 +152,3 @@ def test_goals_are_where_they_were_meant_to_be(skill: float, least: int, farthes
     texts = [cue.text for cue in outcome.cues]
     assert texts.count("the robot is sent there") == len(outcome.goals)
     assert outcome.states[-1] == "pointing"
-
-
-def test_nothing_is_sent_to_where_somebody_is_kept_away_from() -> None:
-    far = Choices(seed=1, settings=("goal.keep_out_m=5",))
-    outcome = play("send_a_robot", far, 30.0)
-    assert outcome.goals == []
-    assert any("from you: choose one 5 m away" in cue.text for cue in outcome.cues)

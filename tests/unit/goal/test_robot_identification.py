@@ -152,9 +152,3 @@ def test_a_request_is_refused_for_the_reasons_of_pointing(robot: str, place: Vec
     with pytest.raises(RefusedError, match=why):
         ben.steps.send(robot, place, ben.now_ns)
     assert (ben.goals, ben.steering.robot) == ([], "")
-
-
-def test_a_robot_of_another_person_is_not_sent() -> None:
-    ben = Ben().set("rover", user="anna").point(THERE, 0.3)
-    with pytest.raises(RefusedError, match="rover is steered by anna"):
-        ben.steps.send("rover", BEYOND, ben.now_ns)

@@ -287,14 +287,6 @@ def test_a_hidden_thing_is_not_passed() -> None:
     assert (cursor.surface, cursor.passed) == ("none", None)
 
 
-def test_a_workspace_is_not_passed() -> None:
-    someone = person()
-    someone.cursor(aimed(0.0, 0.0))
-    someone.set_workspace(TABLE, Tracked(STRIP))
-    cursor = shown(someone, aimed(0.0, 30.0))
-    assert (cursor.surface, cursor.solid, cursor.passed) == ("none", "", None)
-
-
 def aims_past(someone: PersonCursor, begin_ns: int, end_ns: int) -> int:
     cues = 0
     for stamp_ns in range(begin_ns, end_ns, STEP_NS):

@@ -25,7 +25,6 @@ from pointit.services.robot.drivers.quadrotor import (
     WANDER_SD_M,
     MotionLimits,
     SimulatedQuadrotor,
-    SmoothMotion,
 )
 from pointit.services.robot.drivers.sim_driver import (
     FACING_RAD,
@@ -194,19 +193,6 @@ def test_a_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Comm
     for _ in range(200):
         robot.step()
         assert vector.norm(vector.subtract(pose_of(robot).position_m, here)) <= 2.0 * WANDER_M + 0.02
-
-
-@given(
-    st.lists(st.tuples(st.tuples(*[st.floats(0.0, 3.0)] * 3), st.integers(1, 150)), min_size=2, max_size=10)
-)
-def test_set_points_within_a_box_lead_it_out_by_centimetres_at_most(
-    targets: list[tuple[vector.Vec3, int]],
-) -> None:
-    motion = SmoothMotion((1.5, 1.5, 1.5), LIMITS)
-    for target_m, steps in targets:
-        for _ in range(steps):
-            motion.step(target_m)
-            assert all(-0.05 <= along_m <= 3.05 for along_m in motion.position_m)
 
 
 def test_the_same_seed_flies_the_same_way_and_another_does_not() -> None:

@@ -324,22 +324,6 @@ def test_a_refused_order_says_why_and_leaves_the_one_before_alone(refused: Comma
     assert pilot.poses[-1].position_m == pytest.approx((1.0, 0.0, 0.0), abs=0.03)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        Follow(1, (math.nan, 0.0, 0.0)),
-        Follow(1, (1.0, 0.0, 0.0), max_speed_mps=-1.0),
-        FollowPath(1, ((1.0, 0.0, 0.0),), max_speed_mps=math.nan),
-        TakeOff(1, 0.0),
-        Land(1, (0.0, math.nan, 0.0)),
-    ],
-)
-def test_numbers_that_are_none_are_refused_and_move_nothing(command: Command) -> None:
-    pilot = fly((command, 2.0))
-    assert pilot.states(1) == ["refused"]
-    assert {pose.position_m for pose in pilot.poses} == {(0.0, 0.0, 0.0)}
-
-
 @pytest.mark.parametrize("kind", ["ground", "quadrotor"])
 @pytest.mark.parametrize(
     "command",

@@ -214,17 +214,6 @@ def test_what_was_stepped_to_is_announced_again_after_a_gap_without_cursors() ->
     assert room.press() == [("selected", "right")]
 
 
-def test_a_second_press_before_the_name_was_heard_again_selects_nothing() -> None:
-    room = Listener()
-    room.point(0.0, 4.0)
-    for _ in range(2):
-        assert room.press() == []
-        room.point(0.0, 0.3)
-    assert room.cues == ["wait for the name"] * 2
-    room.point(0.0, 0.4)
-    assert room.press() == [("selected", "middle")]
-
-
 def test_a_name_that_is_spoken_anew_after_its_neighbour_was_hovered_can_be_confirmed() -> None:
     room = Listener()
     room.point(0.0, 2.2)

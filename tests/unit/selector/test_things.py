@@ -150,11 +150,7 @@ def test_what_is_claimed_stays_with_who_claimed_it() -> None:
     assert package("red", 1.0).mode == "claim", "as packages do"
 
 
-def test_some_things_want_a_press_too() -> None:
-    room = Things(thing("kettle", press=True))
-    assert room.point(0.0, 3.0) == []
-    assert room.hover.progress == 1.0
-    assert room.press() == [("selected", "kettle")]
+def test_a_press_selects_no_thing_that_wants_none() -> None:
     room = Things(thing("screws"))
     room.point(0.0, 0.5)
     assert room.press() == []
@@ -297,19 +293,6 @@ def test_two_that_cannot_be_told_apart_are_named_now_and_then_and_neither_fires(
     assert len(texts) == 1
     assert texts.pop().startswith(("screws or nuts? ", "nuts or screws? "))
     assert len(room.unclear) == 2
-
-
-def test_only_who_is_in_doubt_is_told() -> None:
-    room = Things(
-        *(thing(name, y_m, size_m=(0.2, 0.2, 0.2)) for name, y_m in (("screws", 0.16), ("nuts", -0.16))),
-        thing("radio", 3.0),
-    )
-    azimuths_deg = {"anna": 0.0, "bert": 49.0, "carla": 0.0}
-    for _ in range(150):
-        for user, azimuth_deg in azimuths_deg.items():
-            room.point(azimuth_deg, 0.02, user)
-    assert {user for user, _ in room.unclear} == {"anna", "carla"}
-    assert ("selected", "radio") in [(event.event, event.object_id) for event in room.events]
 
 
 def test_one_thing_that_is_not_sure_is_not_confused_with_another() -> None:

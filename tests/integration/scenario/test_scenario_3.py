@@ -46,17 +46,6 @@ def test_with_a_real_wristband_too() -> None:
     assert sum(wrong) == 0
 
 
-@pytest.mark.slow
-def test_without_corrections_the_errors_would_show() -> None:
-    finals = (
-        play("scenario_3", Choices(seed=seed, settings=("user-sim.aim.correction_gain=0", *ALL_PASS))).final(
-            "red"
-        )
-        for seed in (1, 2, 3)
-    )
-    assert any(missed or wrong for _, missed, wrong in finals)
-
-
 def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
     """Frames are the only feedback: with the strips dark nobody corrects anything."""
     dark = "led-driver.brightness=0"

@@ -159,20 +159,3 @@ def test_what_comes_too_late_after_all_is_put_right(delay: int, script: list[tup
         hall.do(deed, number)
     hall.empty()
     check(hall)
-
-
-def test_a_package_is_had_at_the_last_moment_and_refused_after_it() -> None:
-    outcomes: list[tuple[str, str]] = []
-    for wait in range(0, 100, 2):
-        hall = Hall(SLOWEST)
-        hall.do("add", 0)
-        for _ in range(wait):
-            hall.step()
-        hall.do("point", 0)
-        hall.empty()
-        check(hall)
-        (tried,) = [event.event for event in hall.events if event.event in {"selected", "refused"}]
-        outcomes.append((tried, hall.bays[hall.names[0]][0]))
-    first = outcomes.index(("refused", "3"))
-    assert 5 < first < 45
-    assert outcomes == [("selected", "1")] * first + [("refused", "3")] * (len(outcomes) - first)

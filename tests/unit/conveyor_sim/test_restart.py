@@ -67,13 +67,7 @@ async def test_after_a_clean_end_the_next_one_goes_on_with_the_same_packages() -
 
 @pytest.mark.parametrize(
     ("later_s", "changes", "room"),
-    [
-        (61.0, {}, FORK),
-        (1.0, {"resume_within_s": 0.0}, FORK),
-        (1.0, {"speed_mps": 0.7}, FORK),
-        (1.0, {}, CHAIN),
-        (-10.0, {}, FORK),
-    ],
+    [(61.0, {}, FORK), (1.0, {"resume_within_s": 0.0}, FORK), (1.0, {}, CHAIN), (-10.0, {}, FORK)],
 )
 async def test_old_snapshot_or_one_of_another_map_is_not_restored(
     later_s: float, changes: dict[str, object], room: Environment

@@ -177,7 +177,12 @@ async def test_media_player_speaks_names_of_the_map_of_each_person_in_turn(
     home = MemoryHome(
         {"media_player.kitchen": ("idle", {}), "tts.cloud": ("unavailable", {}), "tts.piper": ("unknown", {})}
     )
-    parameters = {"speaker": "media_player.kitchen", "rate_hz": 2, "people": ["anna", "ben"]}
+    parameters = {
+        "speaker": "media_player.kitchen",
+        "rate_hz": 2,
+        "people": ["anna", "ben"],
+        "language": "de",
+    }
     things = [thing(name, "") for name in ("screws", "nuts", "nails", "glue")]
 
     def spoken() -> list[str]:
@@ -205,8 +210,9 @@ async def test_media_player_speaks_names_of_the_map_of_each_person_in_turn(
         await announce("screws", "ben", "This is the police")
         await asyncio.sleep(3.0)
         assert spoken()[3:] == ["nuts", "screws"], "no name that has ended, of nobody else, and no text"
-        data = {"media_player_entity_id": "media_player.kitchen", "message": "screws"}
+        data = {"media_player_entity_id": "media_player.kitchen", "message": "screws", "language": "de"}
         assert home.calls[-1] == ("tts.speak", "tts.piper", data)
+        await until(lambda: "'names spoken', value=5" in str(health[-1].figures), what="the count")
         home.refusal = "Piper is not running"
         await announce("nuts")
         sentence = "did not run tts.speak on tts.piper (Piper is not running): correct `speaker` or `voice`"
@@ -226,25 +232,6 @@ async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
         await until(lambda: sentence in str(health[-1:]), what="the player")
         sentence = "nobody hears names: any text-to-speech entity is not available; look into"
         await until(lambda: sentence in str(health[-1:]), what="the voice")
-
-
-async def test_the_first_voice_that_is_available_speaks_in_the_language_and_is_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    voices: dict[str, tuple[str, dict[str, Any]]] = {
-        "tts.cloud_voice": ("unavailable", {}),
-        "tts.piper": ("unknown", {}),
-    }
-    home = MemoryHome(voices | {"media_player.kitchen": ("idle", {})})
-    parameters = {"speaker": "media_player.kitchen", "language": "de"}
-    lamp = thing("lamp", "").model_copy(update={"label": "Lampe"})
-    async with bridge(home, tmp_path, monkeypatch, lamp, **parameters) as (bench, _site, health):
-        bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id="lamp", label="Lampe"), "anna")
-        data = {"media_player_entity_id": "media_player.kitchen", "message": "Lampe", "language": "de"}
-        await until(lambda: home.calls == [("tts.speak", "tts.piper", data)], what="the voice")
-        await until(lambda: "'names spoken', value=1" in str(health[-1].figures), what="the count")
-        home.set("tts.piper", "unavailable")
-        await until(lambda: "nobody hears names" in str(health[-1]), what="that there is none")
 
 
 async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_within_seconds(

@@ -203,15 +203,6 @@ def robot(stamp_ns: int, **more: object) -> TrackedObjects:
     return TrackedObjects(stamp_ns=stamp_ns, objects=(TrackedObject.model_validate(fields),))
 
 
-def test_a_robot_is_where_it_was_moved_on_to_the_ray() -> None:
-    person = Person()
-    person.tracked.on_objects("sim", robot(10 * S, velocity_mps=(0.0, 0.0, 0.5)))
-    person.point_at((2.0, 1.0, 1.0), stamp_ns=10 * S + S // 2)
-    person.ask("horizontal", anchor="object", object_id="drone")
-    point = there(person.point_at((2.0, 1.0, 1.0)).point_m)
-    assert point[2] == pytest.approx(0.8 + 0.25)
-
-
 def test_a_package_is_moved_on_round_the_bend() -> None:
     room = LAB.model_copy(
         update={

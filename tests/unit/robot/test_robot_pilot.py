@@ -430,22 +430,6 @@ async def test_a_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> Non
     await pilotage.until(lambda state: state.reason == "")
 
 
-@flown(GROUND)
-async def test_who_is_found_gets_the_robot_only_when_nobody_else_follows_it(pilotage: Pilotage) -> None:
-    await pilotage.until(lambda state: state.phase == "idle")
-    begin(pilotage)
-    begin(pilotage, user="ben")
-    await pilotage.until(lambda state: state.phase == "moving")
-    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-    pilotage.arrive("anna", (0.5, 0.0, 0.0))
-    pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-    barred = await pilotage.until(lambda state: "until ben is found" in state.reason)
-    assert (barred.user, barred.phase) == ("", "moving")
-    await asyncio.sleep(1.0)
-    pilotage.bench.put(LOCALIZATION, SOLVED, "ben")
-    await pilotage.take_for_goals("anna")
-
-
 def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
     figure = FigureConfig(people_m=((2.5, 0.0, 0.0), (0.0, 2.5, 0.0)))
     flight = FigureFlight(RobotConfig(figure=figure), ROBOT)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.host.store import Store, StoreLayout
 from pointit.schemas import NS_PER_S, Environment, SelectionEvent
@@ -159,10 +160,10 @@ def discard(folder: Path, now_ns: int) -> None:
 
 
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
-    """Return a hash of the values in map and configuration that determine the packages' motion."""
+    """Return a hash of all that determines the packages' motion: version, parts of the map, configuration."""
     parts = environment.model_dump(include={"belts", "strips", "links", "bays"}, mode="json")
     settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s"}, mode="json")
-    text = json.dumps([parts, settings], sort_keys=True)
+    text = json.dumps([pointit_version(), parts, settings], sort_keys=True)
     if config.schedule:
         with contextlib.suppress(OSError):
             text += expand_home(config.schedule).read_text(encoding="utf-8", errors="replace")

@@ -358,7 +358,7 @@ class Plant:
             "own_speeds": dict(self._own_speeds),
             "is_reverse": dict(infeed.is_reverse),
             **self._feeders.to_state(),
-            "packages": [package.to_state(self.network) for package in traffic.packages],
+            "packages": [package.to_state() for package in traffic.packages],
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -374,7 +374,7 @@ class Plant:
             self.set_speed(speed_mps, (belt,))
         infeed.is_reverse = dict(snapshot["is_reverse"])
         self._feeders.resume(snapshot)
-        traffic.restore([Package.from_state(values, self.network) for values in snapshot["packages"]])
+        traffic.restore([Package.from_state(values) for values in snapshot["packages"]])
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
 
     def _run_at(self, speed_mps: float) -> None:

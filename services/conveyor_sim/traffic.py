@@ -49,44 +49,16 @@ class Package:
         """Return the last piece of the way to which it is committed."""
         return self.way[-1] if self.way else self.piece
 
-    def to_state(self, network: Network) -> list[Any]:
-        """Return the state as JSON values; places are sections."""
-        piece = network.pieces[self.piece]
-        sections = dict.fromkeys(network.pieces[index].section for index in self.way[1:])
-        return [
-            *(self.id, self.kind, self.length_m, piece.section, self.offset_m, self.speed_mps),
-            *(self.bay, self.user, self.refused),
-            *(piece.junction, list(sections)),
-        ]
+    def to_state(self) -> list[Any]:
+        """Return the state as JSON values."""
+        place = (self.piece, self.offset_m, self.speed_mps)
+        return [(self.id, self.kind, self.length_m, *place, self.bay, self.user, self.refused), self.way]
 
     @classmethod
-    def from_state(cls, state: Sequence[Any], network: Network) -> Self:
-        """Return the package with the state `state`.
-
-        Raises:
-            ValueError: If it lies outside a junction that now includes its position, or the other way round.
-        """
-        name, kind, length_m, stored, offset_m, speed_mps, bay, user, refused, junction, sections = state
-        section = int(stored)
-        for piece in network.parts[section]:
-            is_as_stored = (piece.junction != NONE) == (junction != NONE)
-            if is_as_stored and piece.from_m - PAST_M <= offset_m <= piece.to_m + PAST_M:
-                break
-        else:
-            raise ValueError(f"the junctions have changed at {offset_m} m of section {section}")
-        offset_m = min(max(offset_m, piece.from_m), piece.to_m)
-        package = cls(name, kind, length_m, piece.index, offset_m, speed_mps, bay, user, refused)
-        if piece.junction != NONE:
-            package.way = (piece.index,)
-            while following := [
-                index
-                for index in network.pieces[package.way[-1]].successors
-                if network.pieces[index].junction == piece.junction
-                and network.pieces[index].section in {section, *sections}
-                and index not in package.way
-            ]:
-                package.way += (following[0],)
-        return package
+    def from_state(cls, state: Sequence[Any]) -> Self:
+        """Return the package with the state `state`, on the network on which it was."""
+        values, way = state
+        return cls(*values, way=tuple(way))
 
 
 class EntryRequest(NamedTuple):

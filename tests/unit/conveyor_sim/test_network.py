@@ -305,16 +305,6 @@ def test_package_too_long_for_the_junctions_is_refused() -> None:
         plant(FORK).add("tree", "main", 2.0)
 
 
-def test_a_snapshot_of_other_junctions_is_not_restored() -> None:
-    belts, again = (plant(FORK, feeder={"sequence": ["red"], "interval_s": 1.0}) for _ in range(2))
-    run(belts, 5.5)
-    old = belts.snapshot()
-    junctions = [package[9] for package in old["packages"]]
-    old["packages"][junctions.index(max(junctions))][9] = -1
-    with pytest.raises(ValueError, match="the junctions have changed"):
-        again.restore(old)
-
-
 FEEDER: dict[str, object] = {"interval_s": 2.0, "length_m": 0.3, "sequence": ["red", "green", "blue"]}
 
 

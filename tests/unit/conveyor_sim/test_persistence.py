@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.services.conveyor_sim import persistence
 from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
@@ -92,11 +93,16 @@ def test_unusable_snapshot_is_not_restored_and_set_aside_if_damaged(
     persistence.close()
 
 
-def test_other_maps_and_configurations_have_other_marks(tmp_path: Path) -> None:
+def test_other_maps_configurations_and_versions_have_other_marks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mark = fingerprint(CHAIN, config())
     assert mark == fingerprint(CHAIN.model_copy(update={"stamp_ns": 9}), config(rate_hz=50.0))
     assert mark != fingerprint(FORK, config())
     assert mark != fingerprint(CHAIN, config(speed_mps=1.0))
+    with monkeypatch.context() as other:
+        other.setattr(persistence, "pointit_version", lambda: "999.0.0")
+        assert mark != fingerprint(CHAIN, config())
     path = tmp_path / "a.yaml"
     path.write_text("steps: {}")
     one = fingerprint(CHAIN, config(schedule=str(path)))

@@ -7,7 +7,7 @@ by default, and a press only if the supervisor leaves presses to other services.
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pointit.geometry import vector
 from pointit.geometry.floor_sigma import place_sigma_m
@@ -90,15 +90,18 @@ class GoalChecker:
             return None
         return point if point[2] < eyes[2] else None
 
-    def yaw_rad(self, place_m: Vec3) -> float:
-        """Return the azimuth from the person to the place."""
-        feet = self._poses[self._user].position_m
-        return math.atan2(place_m[1] - feet[1], place_m[0] - feet[0])
-
-    def clearance_m(self, place_m: Vec3) -> float:
-        """Return the distance of the nearest person whose position is known, infinite if there is none."""
-        gaps = (math.dist(place_m[:2], pose.position_m[:2]) for pose in self._poses.values())
-        return min(gaps, default=math.inf)
+    def goal(self, place_m: Vec3, cursor: Cursor, now_ns: int, **details: Any) -> Goal:
+        """Return the goal at a place for which there is no `rejection_reason`, with `details`."""
+        feet_m = self._poses[self._user].position_m
+        return Goal(
+            stamp_ns=cursor.stamp_ns,
+            position_m=place_m,
+            yaw_rad=math.atan2(place_m[1] - feet_m[1], place_m[0] - feet_m[0]),
+            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
+            position_sigma_m=self.sigma_m(place_m, cursor),
+            clearance_m=min(math.dist(place_m[:2], pose.position_m[:2]) for pose in self._poses.values()),
+            **details,
+        )
 
     def sigma_m(self, place_m: Vec3, cursor: Cursor) -> float:
         """Return 1 sigma of the place on the floor along its worse direction, infinite if unknown."""
@@ -368,15 +371,12 @@ class GoalConfirmation:
             return self._refuse(reason, now_ns, place_m)
         self._proposal = None
         self._goals += 1
-        goal = Goal(
-            stamp_ns=cursor.stamp_ns,
+        goal = self._checker.goal(
+            place_m,
+            cursor,
+            now_ns,
             seq=self._goals,
-            position_m=place_m,
-            yaw_rad=self._checker.yaw_rad(place_m),
             surface_id=proposal.surface_id,
-            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
-            position_sigma_m=self._checker.sigma_m(place_m, cursor),
-            clearance_m=self._checker.clearance_m(place_m),
             proposed_ns=proposal.stamp_ns,
             confirmed_by=by,
         )

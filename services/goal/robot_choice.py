@@ -3,12 +3,6 @@
 Pure. Each robot, and "none", is a hypothesis about the angles by which the rays miss a target. Errors that
 last (place, yaw, aim, elevation bias, latency of the tracker) are common to all rays of the window: they are
 integrated out, so a robot that moves, and is followed, differs from one that merely lies near the ray.
-
-Likelihoods of the rays of some seconds if a person points at each robot, and at none.
-
-Errors that last (place, yaw, aim, elevation bias, latency of the tracker) are common to all rays of the
-window: they are integrated out, so a robot that moves, and is followed, differs from one that merely lies
-near the ray.
 """
 
 import math
@@ -198,7 +192,6 @@ class Identification:
 class _Track:
     places: deque[tuple[int, Vec3]] = field(default_factory=lambda: deque[tuple[int, Vec3]](maxlen=MAX_RAYS))
     position_sigma_m: float = 0.0
-    latency_sigma_s: float | None = None
 
 
 class RobotIdentifier:
@@ -226,23 +219,9 @@ class RobotIdentifier:
         self._pose = pose
 
     def on_robot(
-        self,
-        robot: str,
-        stamp_ns: int,
-        position_m: Vec3,
-        *,
-        position_sigma_m: float | None = None,
-        latency_sigma_s: float | None = None,
+        self, robot: str, stamp_ns: int, position_m: Vec3, *, position_sigma_m: float | None = None
     ) -> None:
-        """Add a report of `robot`.
-
-        Args:
-            robot: its name.
-            stamp_ns: time of the position.
-            position_m: {W}.
-            position_sigma_m: 1 sigma of the position. None: exact.
-            latency_sigma_s: 1 sigma of the tracker's latency. None: that of the settings alone.
-        """
+        """Add a report of `robot`, {W}. `position_sigma_m`: 1 sigma of its position, None if it is exact."""
         track = self._tracks.setdefault(robot, _Track())
         places = track.places
         if places and stamp_ns <= places[-1][0]:
@@ -253,7 +232,6 @@ class RobotIdentifier:
         while len(places) > 2 and places[1][0] < stamp_ns - 2 * self._window_ns:
             places.popleft()
         track.position_sigma_m = position_sigma_m or 0.0
-        track.latency_sigma_s = latency_sigma_s
 
     def forget(self, robot: str) -> None:
         """Remove a robot that has left."""
@@ -324,8 +302,8 @@ class RobotIdentifier:
         errors[np.ix_([0, 1, 3], [0, 1, 3])] = _valid(np.array(pose.covariance).reshape(3, 3))
         level_m2 = settings.body_sigma_m**2 + track.position_sigma_m**2 + beside_m**2
         height_m2 = settings.height_sigma_m**2 + track.position_sigma_m**2
-        late_s2 = settings.latency_sigma_s**2 + (track.latency_sigma_s or 0.0) ** 2
-        own = [level_m2, level_m2, height_m2, settings.aim_sigma_rad**2, settings.bias_sigma_rad**2, late_s2]
+        lasting = np.square([settings.aim_sigma_rad, settings.bias_sigma_rad, settings.latency_sigma_s])
+        own = [level_m2, level_m2, height_m2, *lasting]
         rows = slope.reshape(-1, 6)
         spread = rows @ (errors + np.diag(own)) @ rows.T
         return np.concatenate([aside, upwards]), np.asarray(spread, dtype=np.float64)

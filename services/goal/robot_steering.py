@@ -433,17 +433,14 @@ class RobotSteering:
             return [self._cues.make("refused", reason or "point while you press", now_ns, place_m)]
         via_m, self._waypoints = tuple(self._waypoints[:-1]), []
         self._goals += 1
-        goal = Goal(
-            stamp_ns=cursor.stamp_ns,
+        goal = self._checker.goal(
+            place_m,
+            cursor,
+            now_ns,
             seq=self._goals,
-            position_m=place_m,
             via_m=via_m,
             robot=self.robot,
-            yaw_rad=self._checker.yaw_rad(place_m),
             surface_id=cursor.surface_id,
-            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
-            position_sigma_m=self._checker.sigma_m(place_m, cursor),
-            clearance_m=self._checker.clearance_m(place_m),
             proposed_ns=cursor.stamp_ns,
             confirmed_by="press",
         )

@@ -403,6 +403,17 @@ def test_initial_objects_are_evenly_spaced_the_first_furthest_along(speed_mps: f
     assert belts.fed == 5
 
 
+def test_the_count_ends_the_feeding_and_reset_begins_it_again() -> None:
+    belts = conveyor(2.0, count=3)
+    events = belts.step(100 * S)
+    assert (belts.fed, belts.state(0).left) == (3, 3)
+    belts.reset()
+    assert (belts.fed, belts.state(0).left, belts.size) == (0, 0, 0)
+    belts.step(101 * S)
+    assert [tracked.kind for tracked in on(belts)] == ["red"]
+    assert {event.object_id for event in events}.isdisjoint(tracked.id for tracked in on(belts))
+
+
 def test_adding_says_what_is_in_the_way() -> None:
     belts = conveyor(2.0, 2.0, sequence=[], speed_mps=0.1)
     assert belts.add("box", "", 0.4) == "0-1"

@@ -146,6 +146,24 @@ def test_what_the_map_puts_a_little_into_a_crate_is_seen(depth_m: float, is_seen
     assert (met(surfaces("lamp", room=hiding(place)), place) is not None) == is_seen
 
 
+@pytest.mark.parametrize(
+    ("place", "aim"),
+    [
+        ((3.3, 0.0, 0.79), (2.6, 0.0, 0.7)),  # just under the top, seen over the front that the ray meets
+        ((3.304, 0.0, 0.696), (3.3, 0.0, 0.8)),  # under the place that the ray meets, hardly farther
+    ],
+)
+def test_whatever_is_hardly_into_a_crate_is_seen_beside_the_ray(place: Vec3, aim: Vec3) -> None:
+    assert met(surfaces("lamp", room=hiding(place)), aim) == ("lamp", "hidden")
+
+
+def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
+    front = Lamp(id="front", position_m=(2.0, 0.15, 1.0))
+    room = hiding(lamps=(front,))
+    assert met(surfaces("lamp", room=room, opaque=()), HIDDEN_M) == ("lamp", "hidden")
+    assert met(surfaces("lamp", room=room), HIDDEN_M) == ("lamp", "front")
+
+
 def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
     line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
     room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)

@@ -76,6 +76,11 @@ def test_any_sequence_toggles_as_the_paper_says(
     assert feed(dwell, objects) == as_the_paper_says(objects, method[1])
 
 
+def test_hold_fires_when_the_window_is_full() -> None:
+    assert feed(Dwell("hold"), ["a"] * 8) == [(7, "a")]
+    assert feed(Dwell("hold"), ["a"] * 7) == []
+
+
 @pytest.mark.parametrize(("first", "last", "fires"), [(None, "a", True), ("a", None, False)])
 def test_the_last_object_of_a_timestep_is_the_timesteps(
     first: str | None, last: str | None, *, fires: bool

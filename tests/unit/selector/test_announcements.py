@@ -98,13 +98,14 @@ class Listener:
                 self.cues.append(message.text)
 
 
-def test_a_name_is_spoken_after_a_steady_hover_and_once_more_1_5_s_later() -> None:
+def test_a_name_is_spoken_after_a_steady_hover_and_1_5_s_later_and_staying_selects_nothing() -> None:
     room = Listener()
     room.point(0.0, 6.0)
     (first_s, *first), (second_s, *second) = room.announced
     assert first == second == ["middle", "Middle box"]
     assert first_s == pytest.approx(0.22, abs=0.15)
     assert second_s - first_s == pytest.approx(1.5, abs=0.03)
+    assert not room.events
 
 
 def test_the_name_ends_when_the_hover_changes_and_the_next_one_follows() -> None:
@@ -249,12 +250,6 @@ def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_busines
     room.time_s += 5.0
     assert room.press() == []
     assert not room.cues
-
-
-def test_staying_selects_nothing_where_a_press_confirms() -> None:
-    room = Listener()
-    room.point(0.0, 5.0)
-    assert not room.events
 
 
 def test_staying_selects_after_1_6_s_where_nobody_has_a_button() -> None:

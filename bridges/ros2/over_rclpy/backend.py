@@ -93,20 +93,16 @@ class DdsReader(RosEndpoint[DdsContext]):
         super().__init__(context, topic)
         self._echoes = context.echoes[topic]
         self._queue = MessageQueue(context, topic, handler, qos)
-        take = self._take if context.rclpy.has_info else self._take_bare
         profile = context.rclpy.profile(qos)
-        self._subscription = context.node.create_subscription(message, topic, take, profile, raw=True)
+        self._subscription = context.node.create_subscription(message, topic, self._take, profile, raw=True)
         context.ends.add(self)
 
     def _undeclare(self) -> None:
         self._queue.close()
         self._context.node.destroy_subscription(self._subscription)
 
-    def _take_bare(self, cdr: bytes) -> None:  # on the executor's thread
-        self._take(cdr, {})
-
     def _take(self, cdr: bytes, info: MessageInfo) -> None:  # on the executor's thread
-        if not self._echoes.is_ours(cdr, info.get("source_timestamp", 0)):
+        if not self._echoes.is_ours(cdr, info["source_timestamp"]):
             self._queue.put(cdr, is_oversized=len(cdr) > self._context.max_bytes)
 
 

@@ -145,8 +145,8 @@ def full_name(name: str, namespace: str) -> str:
 
 
 def hash_of(info: EndInfo) -> str:
-    """Return the hash of an endpoint's type as `RIHS01_…`, or `""` if unknown, as before Iron."""
-    text = str(getattr(info, "topic_type_hash", ""))
+    """Return the hash of an endpoint's type as `RIHS01_…`, or `""` if unknown."""
+    text = str(info.topic_type_hash)
     return text if text.startswith("RIHS01_") else ""
 
 
@@ -250,7 +250,7 @@ class NullEndpoint:
 class LoopbackFilter:
     """Messages recently sent to one topic: rclpy delivers our own like any other.
 
-    Only rclpy from Kilted on names a message's publisher; every one since Iron gives the time of publication.
+    Only rclpy from Kilted on names a message's publisher; every one gives the time of publication.
     It is taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours,
     published while we published, is ours.
     """
@@ -265,25 +265,17 @@ class LoopbackFilter:
         return sent
 
     def is_ours(self, cdr: bytes, source_ns: int) -> bool:
-        """Return True if we published `cdr` at `source_ns`.
-
-        If the time is unknown (0, before Iron), every message of ours matches once.
-        """
-        for sent in self._sent.copy():  # the loop appends meanwhile
-            if source_ns:
-                is_match = sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns
-            else:
-                is_match = not sent.is_back
-            if is_match and sent.is_in(cdr):
-                sent.is_back = True
-                return True
-        return False
+        """Return True if we published `cdr` at `source_ns`."""
+        return any(
+            sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns and sent.is_in(cdr)
+            for sent in self._sent.copy()  # the loop appends meanwhile
+        )
 
 
 class _Sent:
     """One message of ours."""
 
-    __slots__ = ("began_ns", "ended_ns", "is_back", "length", "mark")
+    __slots__ = ("began_ns", "ended_ns", "length", "mark")
 
     def __init__(self, length: int, mark: int, began_ns: int) -> None:
         self.length = length
@@ -291,7 +283,6 @@ class _Sent:
         self.began_ns = began_ns
         self.ended_ns = math.inf
         """Infinite until it is known: the message may be back before `publish` returns."""
-        self.is_back = False
 
     def is_in(self, cdr: bytes) -> bool:
         """Return True if `cdr` is this message, with or without padding."""

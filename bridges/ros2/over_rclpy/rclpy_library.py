@@ -13,11 +13,11 @@ from pointit.runtime.errors import ConfigError
 NamesAndTypes = Sequence[tuple[str, Sequence[str]]]
 
 
-class MessageInfo(TypedDict, total=False):
-    """Metadata of a message in rclpy; before Iron, empty."""
+class MessageInfo(TypedDict):
+    """Metadata of a message in rclpy."""
 
     source_timestamp: int
-    """Time of publication, ns since 1970 by the publisher's clock; 0 if unknown."""
+    """Time of publication, ns since 1970 by the publisher's clock."""
 
 
 class ServiceClass(Protocol):
@@ -36,11 +36,12 @@ class Profile(Protocol):
 
 
 class EndInfo(Protocol):
-    """A publisher or subscription in the graph; since Iron it has `topic_type_hash`, too."""
+    """A publisher or subscription in the graph."""
 
     node_name: str
     node_namespace: str
     topic_type: str
+    topic_type_hash: object
     qos_profile: Profile
 
 
@@ -101,7 +102,7 @@ class Node(Protocol):
         self,
         msg_type: type[object],
         topic: str,
-        callback: Callable[[bytes, MessageInfo], None] | Callable[[bytes], None],
+        callback: Callable[[bytes, MessageInfo], None],
         qos_profile: Profile,
         *,
         raw: bool,
@@ -148,8 +149,6 @@ class Rclpy:
     durability: Any
     serialize: Callable[[object], bytes]
     deserialize: Callable[[bytes, type[object]], object]
-    has_info: bool
-    """True if callbacks get a `MessageInfo`: from Iron on."""
 
     def profile(self, qos: Qos) -> Profile:
         """Return `qos` as an rclpy profile."""
@@ -197,7 +196,6 @@ def loaded() -> Rclpy:
             durability=qos.DurabilityPolicy,
             serialize=serialization.serialize_message,
             deserialize=serialization.deserialize_message,
-            has_info=hasattr(importlib.import_module("rclpy.subscription").Subscription, "CallbackType"),
         )
     except (ImportError, AttributeError, OSError) as error:
         python = f"{sys.version_info.major}.{sys.version_info.minor}"

@@ -89,7 +89,6 @@ class End:
     name: str
     profile: Profile | None = None
     callback: Any = None
-    tells: bool = True
 
     def publish(self, msg: bytes) -> None:
         if b"refuse" in msg:
@@ -97,8 +96,7 @@ class End:
         for end in [*self.node.wire.ends["subscription"]]:
             if end.name == self.name:
                 info = {"source_timestamp": time.time_ns()}
-                arguments = (msg + b"\0\0\0", info) if end.tells else (msg + b"\0\0\0",)
-                end.node.run(functools.partial(end.callback, *arguments))
+                end.node.run(functools.partial(end.callback, msg + b"\0\0\0", info))
 
 
 class Service(End):
@@ -158,7 +156,6 @@ class Wire:
         default_factory=lambda: {"publisher": [], "subscription": [], "service": [], "client": []}
     )
     removed: list[Reply] = field(default_factory=list[Reply])
-    has_info: bool = True
 
     def node(self, name: str, namespace: str = "/") -> "Node":
         """Return a node of somebody else, whose callbacks run at once."""
@@ -190,7 +187,7 @@ class Node:
         self, kind: Any, topic: str, callback: Any, profile: Profile, *, raw: bool
     ) -> End:
         assert raw
-        return self._add("subscription", End(self, kind, topic, profile, callback, tells=self.wire.has_info))
+        return self._add("subscription", End(self, kind, topic, profile, callback))
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any) -> Service:
         return self._add("service", Service(self, srv_type, srv_name, callback=callback))
@@ -295,10 +292,9 @@ def deserialize(cdr: bytes, kind: type[Value]) -> Value:
     return kind(cdr)
 
 
-def installed(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire:
+def installed(monkeypatch: pytest.MonkeyPatch) -> Wire:
     """Put it where Python finds rclpy, with the types that it knows."""
-    wire = Wire(has_info=has_info)
-    subscription = type("Subscription", (), {"CallbackType": None} if has_info else {})
+    wire = Wire()
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {},
         "rclpy.context": {"Context": lambda: Context(wire)},
@@ -311,7 +307,6 @@ def installed(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire
             "DurabilityPolicy": Durability,
         },
         "rclpy.serialization": {"serialize_message": serialize, "deserialize_message": deserialize},
-        "rclpy.subscription": {"Subscription": subscription},
         "std_msgs": {},
         "std_msgs.msg": {"Bool": Bool},
         "std_srvs": {},
@@ -360,12 +355,12 @@ async def node_of_ours(**settings: Any) -> AsyncGenerator[Ours]:
         assert not [each for each in threading.enumerate() if each.name == "rclpy-spin"]
 
 
-def on_a_wire(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire:
+def on_a_wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     """Install the stand-in, in a terminal that says nothing of ROS; the graph is looked at often."""
     for variable in ("ROS_DOMAIN_ID", "ROS_DISTRO"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(rclpy_backend, "LOOK_S", 0.02)
-    return installed(monkeypatch, has_info=has_info)
+    return installed(monkeypatch)
 
 
 def profile(*, latched: bool = False) -> Profile:

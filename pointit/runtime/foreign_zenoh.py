@@ -81,11 +81,6 @@ class RawSample:
         self._sample = sample
 
     @property
-    def key(self) -> str:
-        """Return the key that it was put to."""
-        return str(self._sample.key_expr)
-
-    @property
     def payload(self) -> bytes:
         """Return its bytes."""
         return self._sample.payload.to_bytes()

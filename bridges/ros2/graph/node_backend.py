@@ -280,17 +280,13 @@ class RosServiceServer(RosEndpoint[C]):
 class MessageQueue(Generic[T]):
     """Messages of one topic on their way from threads of the middleware to the loop."""
 
-    def __init__(
-        self, context: NodeContext, topic: str, handler: Callable[[T], None], qos: Qos | None
-    ) -> None:
-        """Call `handler` in the loop. `qos` None: only the newest message waits, and losses are not shown."""
+    def __init__(self, context: NodeContext, topic: str, handler: Callable[[T], None], qos: Qos) -> None:
+        """Call `handler` in the loop."""
         self._context = context
         self._topic = topic
         self._handler = handler
         self._lock = threading.Lock()
-        capacity = 1 if qos is None else max(qos.depth, MIN_CAPACITY)
-        self._messages: collections.deque[T] = collections.deque(maxlen=capacity)
-        self._reports_losses = qos is not None
+        self._messages: collections.deque[T] = collections.deque(maxlen=max(qos.depth, MIN_CAPACITY))
         self._is_scheduled = False
         self._is_closed = False
         self.oversized = 0
@@ -324,7 +320,7 @@ class MessageQueue(Generic[T]):
             self._messages.clear()
             self._is_scheduled = False
             oversized, overrun = self.oversized, self.overrun
-        if oversized + overrun != self._lost and self._reports_losses and not self._is_closed:
+        if oversized + overrun != self._lost and not self._is_closed:
             self._lost = oversized + overrun
             self._context.warnings.show_losses(self._topic, oversized, overrun, self._context.max_bytes)
         for message in messages:

@@ -9,15 +9,7 @@ from dataclasses import replace
 import xxhash
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import (
-    SERVICE,
-    Closable,
-    EndpointKind,
-    Qos,
-    RosType,
-    Server,
-    check_cdr,
-)
+from pointit.bridges.ros2.graph.backend import SERVICE, EndpointKind, Qos, RosType, Server, check_cdr
 from pointit.bridges.ros2.graph.node_backend import (
     MessageQueue,
     NodeBackend,
@@ -143,36 +135,23 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         super().__init__(context, topic)
         self.has_received = False
         """Messages have come since this was last set to False."""
-        self._kind = kind
         self._handler = handler
         self._malformed = 0
-        self._has_arrived = False
         self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
         self._remembered = max(qos.depth, REMEMBERED)
-        # Receives misrouted messages of this topic; undeclared after the first message, good or not.
-        self._misrouted = self._subscribed(context.rmw.misrouted_keys(topic), self._on_misrouted, None)
-        self._reader = self._subscribed(context.rmw.key(topic, kind), self._on_sample, qos)
+        self._queue = MessageQueue(context, topic, self._on_sample, qos)
+        self._subscriber = context.session.subscriber(
+            context.rmw.key(topic, kind),
+            lambda sample: self._queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
+            cache_size=qos.depth if qos.latched else 0,
+            reliable=qos.reliable,
+        )
         self._token = context.announce("subscriber", topic, kind, qos)
         context.ends.add(self)
 
-    def _subscribed(
-        self, key: str, handler: Callable[[RawSample], None], qos: Qos | None
-    ) -> tuple[Closable, ...]:
-        """Return a subscriber and its queue."""
-        context = self._context
-        queue = MessageQueue(context, self.name, handler, qos)
-        subscriber = context.session.subscriber(
-            key,
-            lambda sample: queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
-            cache_size=qos.depth if qos and qos.latched else 0,
-            reliable=qos is not None and qos.reliable,
-        )
-        return subscriber, queue
-
     def _undeclare(self) -> None:
-        for each in (self._token, *self._reader):
+        for each in (self._token, self._subscriber, self._queue):
             each.close()
-        self._end_misrouted()
 
     def _on_sample(self, sample: RawSample) -> None:
         try:
@@ -188,9 +167,6 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
             return
         self.has_received = True
-        if not self._has_arrived:
-            self._has_arrived = True
-            self._end_misrouted()
         self._handler(sample.payload)
 
     def _is_known(self, attachment: bytes, payload: bytes) -> bool:
@@ -202,28 +178,6 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         if len(self._recent) > self._remembered:
             self._recent.popitem(last=False)
         return False
-
-    def _on_misrouted(self, sample: RawSample) -> None:
-        why = self._context.rmw.misrouting_reason(sample.key, self.name, self._kind)
-        if why and not self._is_of_bridge(sample):
-            self._context.warnings.show(f"stray {self.name}", why)
-            self._close_misrouted()  # one is enough: another robot may publish many
-
-    def _is_of_bridge(self, sample: RawSample) -> bool:
-        """Return True if it is from another PointIt, where misrouting is intended."""
-        try:
-            return self._context.is_own_gid(unpacked(sample.attachment).gid)
-        except ValueError:
-            return False
-
-    def _end_misrouted(self) -> None:
-        self._close_misrouted()
-        self._context.warnings.clear(f"stray {self.name}")
-
-    def _close_misrouted(self) -> None:
-        for each in self._misrouted:
-            each.close()
-        self._misrouted = ()
 
 
 EMPTY_RETRY_S = (0.005, 0.02, 0.05)

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import xxhash
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos, RosType
-from pointit.bridges.ros2.message_format import shown
 
 GID_BYTES = 16
 
@@ -440,29 +439,6 @@ class RmwZenoh:
     def key(self, name: str, kind: RosType) -> str:
         """Return the key of `name`; other type hashes have other keys."""
         return data_key(self._domain, name, kind)
-
-    def misrouted_keys(self, topic: str) -> str:
-        """Return the keys of `topic` in every domain, with every type and hash."""
-        return f"*/{resolved(topic)[1:]}/*/*"
-
-    def misrouting_reason(self, key: str, topic: str, kind: RosType) -> str:
-        """Return the difference of `key` from ours as a message."""
-        if key == self.key(topic, kind):
-            return ""
-        domain, dds_name, type_hash = key.partition("/")[0], *key.split("/")[-2:]
-        nothing = f"messages on {topic} do not reach us"
-        if domain != f"{self._domain}":
-            return (
-                f"{nothing}: they are in domain {shown(domain, 20)}, we are in {self._domain}; "
-                f"set domain_id to theirs, or start their node with ROS_DOMAIN_ID={self._domain}"
-            )
-        if dds_name != kind.dds_name:
-            remote_name = shown(dds_name, 80)
-            return f"{nothing}: they are {remote_name}, not {kind.dds_name}; rename one of the two topics"
-        return (
-            f"{nothing}: their {kind.name} has the hash {shown(type_hash, 20)}, ours {kind.hash[:20]}; "
-            "rebuild its package there, or set distro to theirs"
-        )
 
     def node_token(self) -> str:
         """Return our node's token."""

@@ -181,30 +181,6 @@ async def test_what_will_not_work_is_named_while_it_lasts(a: Node, stranger: zen
     await until(lambda: not a.shown.now)
 
 
-STRAYS = {
-    "another domain": (f"0{key_of('/x')[1:]}", "they are in domain 0, we are in 7"),
-    "another type": ("7/x/a::msg::dds_::B_/RIHS01_1", "they are a::msg::dds_::B_, not"),
-    "another hash": (f"7/x/{POSE.dds_name}/RIHS01_999", "has the hash RIHS01_999, ours RIHS01_1111111111111"),
-}
-
-
-@pytest.mark.parametrize(("key", "why"), STRAYS.values(), ids=STRAYS)
-async def test_strays_are_named_until_good_ones_come(
-    a: Node, stranger: zenoh.Session, key: str, why: str
-) -> None:
-    seen = a.hears("/x", POSE)
-
-    def is_named() -> bool:
-        stranger.put(key, b"anything")
-        return why in a.shown.now.get("stray /x", "")
-
-    await until(is_named, 5)
-    assert not seen
-    stranger.put(key_of("/x"), cdr_of(1), attachment=attachment())
-    await until(lambda: seen == [1])
-    assert not a.shown.now
-
-
 async def test_who_is_missing_is_noted_and_is_no_complaint(at: Graphs, a: Node) -> None:
     a.hears("/x", POSE)
     a.backend.advertise("/y", POSE, RELIABLE)

@@ -343,12 +343,3 @@ def test_an_attachment_is_one_or_a_sentence(data: bytes | None) -> None:
     else:
         with pytest.raises(ValueError, match="attachment"):
             unpacked(data)
-
-
-@pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])
-def test_no_key_that_goes_astray_writes_to_terminals(chunks: str) -> None:
-    ours = RmwZenoh(session="aa", node="/pointit", domain=7)
-    domain, _, rest = chunks.partition("/")
-    key = f"{domain}/x/{rest.format(POSE.dds_name, POSE.hash)}"
-    assert ours.misrouting_reason(key, "/x", POSE)
-    assert ours.misrouting_reason(key, "/x", POSE).isprintable()

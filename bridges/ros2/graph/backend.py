@@ -89,8 +89,6 @@ class Graph:
 
     nodes: frozenset[str]
     endpoints: frozenset[Endpoint]
-    unreadable: int = 0
-    """Number of tokens that could not be read."""
     unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
     """Kind and topic of endpoints that exchange messages with us, but that no token names."""
 

@@ -70,9 +70,7 @@ def findings(
     found += _domains(counterparts, other_domains, domain, is_alone=not others)
     where = f"in domain {domain}{needs and f': {needs}'}"
     found += _unseen(graph)
-    if others:
-        found += _unmatched(counterparts, matching, graph)
-    elif not graph.unseen:
+    if not others and not graph.unseen:
         found += [_no_nodes(where)]
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
@@ -216,26 +214,6 @@ def _unseen(graph: Graph) -> list[Finding]:
 
 def _no_nodes(where: str) -> Finding:
     return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
-
-
-def _unmatched(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
-    found: list[Finding] = []
-    kinds: tuple[tuple[EndpointKind, str], ...] = (
-        ("publisher", "subscribes to"),
-        ("subscriber", "publishes"),
-    )
-    for kind, what in kinds:
-        names = [
-            mine.name
-            for mine, remote in counterparts.items()
-            if mine.kind == kind
-            and (COUNTERPART[kind], mine.name) not in graph.unseen
-            and not any(_can_match(mine, each, matching) for each in remote)
-        ]
-        if names:
-            sentence = f"no node in ROS {what} {listed(dict.fromkeys(names))}"
-            found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
-    return found
 
 
 def _end(endpoint: Endpoint) -> End:

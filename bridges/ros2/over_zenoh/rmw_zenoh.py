@@ -24,9 +24,6 @@ from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qo
 
 GID_BYTES = 16
 
-OLD_FIELDS = (b"source_gid", b"sequence_number")
-"""Field names of attachments before Humble 0.1.2 and Jazzy 0.2.4."""
-
 _FORMAT = struct.Struct("<qqB16s")
 
 
@@ -64,13 +61,11 @@ def unpacked(data: bytes | None) -> Attachment:
     """
     if data is None:
         raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
-    if any(field in data for field in OLD_FIELDS):
-        raise ValueError(
-            "their attachment is of an rmw_zenoh before 0.1.2 (Humble) or 0.2.4 (Jazzy), whose nodes and "
-            "newer ones crash each other; update ros-*-rmw-zenoh-cpp there"
-        )
     if len(data) != _FORMAT.size:
-        raise ValueError(f"an attachment of {len(data)} bytes, rmw_zenoh's has {_FORMAT.size}")
+        raise ValueError(
+            f"an attachment of {len(data)} bytes, rmw_zenoh's has {_FORMAT.size}: update ros-*-rmw-zenoh-cpp "
+            "there"
+        )
     sequence, stamp_ns, length, sender = _FORMAT.unpack(data)
     if length != GID_BYTES:
         raise ValueError(f"an attachment with a gid of {length} bytes, rmw_zenoh's has {GID_BYTES}")
@@ -316,7 +311,7 @@ def gid(token: str) -> bytes:
 
 
 MAX_TOKENS = 20_000
-"""Maximum number of stored foreign tokens; further ones are only counted."""
+"""Maximum number of stored foreign tokens; further ones are ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,7 +340,6 @@ class LivelinessDirectory:
         self._on_change = on_change
         self._domain = domain
         self._seen: dict[str, Seen] = {}
-        self._unreadable: set[str] = set()
         self._own: collections.Counter[str] = collections.Counter()
         self.bridged: set[bytes] = set()
         """Gids in messages of other PointIts, of any domain."""
@@ -366,7 +360,6 @@ class LivelinessDirectory:
 
     def change(self, tokens: Mapping[str, bool]) -> None:
         """Add tokens (True) or remove them (False)."""
-        before = len(self._unreadable)
         changed = False
         for token, present in tokens.items():
             if not present and token in self._own:
@@ -376,17 +369,15 @@ class LivelinessDirectory:
                 if gone is not None:
                     changed = True
                     self.bridged -= {gone.bridge_gid}
-                self._unreadable.discard(token)
-            elif token not in self._seen and len(self._seen) + len(self._unreadable) < MAX_TOKENS:
+            elif token not in self._seen and len(self._seen) < MAX_TOKENS:
                 try:
                     seen = self._seen[token] = self._read(token)
                 except ValueError:
-                    self._unreadable.add(token)
-                else:
-                    changed = True
-                    if seen.bridge_gid is not None:
-                        self.bridged.add(seen.bridge_gid)
-        if changed or len(self._unreadable) != before:
+                    continue
+                changed = True
+                if seen.bridge_gid is not None:
+                    self.bridged.add(seen.bridge_gid)
+        if changed:
             self._on_change()
 
     def exchange(self, ends: Collection[tuple[EndpointKind, str]]) -> None:
@@ -410,7 +401,6 @@ class LivelinessDirectory:
         return Graph(
             nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
             endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),
-            unreadable=len(self._unreadable),
             unseen=self._unseen,
         )
 

@@ -3,8 +3,6 @@
 from pydantic import Field
 
 from pointit.plugins import AddressConfig
-from pointit.schemas.base import Rgb
-from pointit.schemas.environment import KIND_COLORS
 
 
 class FoxgloveConfig(AddressConfig):
@@ -24,13 +22,4 @@ class FoxgloveConfig(AddressConfig):
     )
     rate_hz: float = Field(
         default=30.0, gt=0, le=120, description="maximum rate of updates, Hz; only the newest state is sent"
-    )
-    forget_s: float = Field(
-        default=1.0,
-        ge=0.1,
-        le=60,
-        description="rays and objects without a message for this long are removed, s",
-    )
-    kind_colors: dict[str, Rgb] = Field(
-        default=KIND_COLORS, description="red, green, blue by kind of object; others are grey"
     )

@@ -31,7 +31,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.base import Rgb
-from pointit.schemas.environment import OTHER_COLOR, Cloud, Fence, Plane
+from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR, Cloud, Fence, Plane
 from pointit.schemas.topics import POSE
 from pointit.sim.aim import Stance
 
@@ -415,9 +415,8 @@ class _Box:
 class ObjectRenderer:
     """Draws objects on the lines of a map."""
 
-    def __init__(self, lines: Lines, kind_colors: Mapping[str, Rgb]) -> None:
+    def __init__(self, lines: Lines) -> None:
         self._lines = lines
-        self._kind_colors = kind_colors
 
     def entities(
         self,
@@ -438,7 +437,7 @@ class ObjectRenderer:
         colors: Mapping[str, Rgb],
         now_ns: int,
     ) -> NamedEntity:
-        rgb = self._kind_colors.get(item.kind, OTHER_COLOR)
+        rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
         facts = {"id": item.id, "kind": item.kind}
         if item.bay:
             facts["bay"] = item.bay

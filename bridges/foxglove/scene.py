@@ -216,6 +216,8 @@ DRAWN: Mapping[Topic[Any], tuple[Part, ...]] = {
     topics.GOAL: ("people",),
 }
 """Parts to be drawn again for a new message of each topic."""
+FORGET_S = 1.0
+"""Rays, hovers, objects and robots without a message for this long are removed, s."""
 EXPIRING = (topics.CURSOR, topics.HOVER, topics.OBJECTS, topics.ROBOT_STATE)
 """Topics whose messages are drawn for a limited time."""
 
@@ -223,11 +225,9 @@ EXPIRING = (topics.CURSOR, topics.HOVER, topics.OBJECTS, topics.ROBOT_STATE)
 class FoxgloveScene:
     """Draws a site; `changed` are the parts to be drawn again."""
 
-    def __init__(self, site: SiteState, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
-        """Begin with an empty room; rays, hovers, objects and robots expire after `forget_s`."""
+    def __init__(self, site: SiteState) -> None:
+        """Begin with an empty room."""
         self._site = site
-        self._kind_colors = kind_colors
-        self._forget_s = forget_s
         self.changed: set[Part] = set()
         self._fresh: dict[Topic[Any], set[str]] = {topic: set() for topic in EXPIRING}
         """Names of messages that have not expired."""
@@ -262,7 +262,7 @@ class FoxgloveScene:
         """Remove rays, hovers, objects and robots that are too old at `now_s`, the site state's time."""
         for topic, names in self._fresh.items():
             times_s = {name: self._site.received_s(topic, name) or 0.0 for name in names}
-            if expired := {name for name, at_s in times_s.items() if now_s - at_s > self._forget_s}:
+            if expired := {name for name, at_s in times_s.items() if now_s - at_s > FORGET_S}:
                 names.difference_update(expired)
                 self.changed.update(DRAWN[topic], ("objects",) if topic is topics.ROBOT_STATE else ())
 
@@ -349,7 +349,7 @@ class FoxgloveScene:
     def _set_room(self, environment: Environment) -> None:
         self._map = environment
         self._lines = Lines(environment)
-        self._renderer = ObjectRenderer(self._lines, self._kind_colors)
+        self._renderer = ObjectRenderer(self._lines)
         self._pixels = Pixels(self._lines.strips)
         self._is_lit = False
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from foxglove import Channel
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.scene import PARTS, EventLog, FoxgloveScene, LogLine
+from pointit.bridges.foxglove.scene import FORGET_S, PARTS, EventLog, FoxgloveScene, LogLine
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.plugins import (
     Change,
@@ -71,7 +71,7 @@ class Foxglove(Service[FoxgloveConfig]):
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
         super().__init__(config, context)
         self._site = SiteState(self._on_change, on_person=self._on_person, on_service=self._on_service)
-        self._scene = FoxgloveScene(self._site, config.kind_colors, config.forget_s)
+        self._scene = FoxgloveScene(self._site)
         self._event_log = EventLog(self._site)
         self._loop = asyncio.get_running_loop()
         self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
@@ -215,7 +215,7 @@ class Foxglove(Service[FoxgloveConfig]):
             if mirrored.is_new:
                 self._send(mirrored, now_ns)
         if self._scene.is_moving:  # without further messages, moving objects have to expire
-            self._fade_timer.start(self.config.forget_s)
+            self._fade_timer.start(FORGET_S)
 
 
 SERVICE = Foxglove

@@ -176,7 +176,7 @@ async def test_fast_topics_are_read_while_somebody_looks_on(
 
 async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "HEALTH_PERIOD_S", 60.0)  # not even a service about itself
-    await site.start(forget_s=0.2)
+    await site.start()
     async with viewer(site.address, "/scene/people") as one:
         site.bench.put(topics.CURSOR, cursor(1), "anna")
         await until(lambda: "ray anna" in one.ever("people"))

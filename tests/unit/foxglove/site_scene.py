@@ -1,10 +1,7 @@
 """Scene and log of a site that a test writes."""
 
-from collections.abc import Mapping
-
 from pointit.bridges.foxglove.scene import EventLog, FoxgloveScene, LogLine
 from pointit.schemas import Message
-from pointit.schemas.base import Rgb
 from pointit.schemas.topics import TOPICS
 from pointit.site.site_state import Change, SiteState
 
@@ -12,9 +9,9 @@ TOPIC_OF = {topic.message: topic for topic in TOPICS}
 
 
 class SiteScene(FoxgloveScene):
-    def __init__(self, kind_colors: Mapping[str, Rgb]) -> None:
+    def __init__(self) -> None:
         self.site = SiteState(self.show)
-        super().__init__(self.site, kind_colors, 1.0)
+        super().__init__(self.site)
 
     def take(self, message: Message, name: str, now_s: float) -> None:
         self.site.take(TOPIC_OF[type(message)], name, message, now_s)

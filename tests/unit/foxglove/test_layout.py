@@ -7,7 +7,6 @@ from typing import Any
 
 from pointit.bridges import web
 from pointit.bridges.foxglove import entities
-from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.scene import PARTS
 from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
@@ -104,6 +103,5 @@ def test_kinds_have_one_colour_on_strips_in_the_page_and_in_viewers() -> None:
         for kind, parts in re.findall(r"(\w+): \[([\d, ]+)\]", table)
     }
     assert page == KIND_COLORS
-    assert FoxgloveConfig().kind_colors == KIND_COLORS
     assert StyleConfig().kind_colors == KIND_COLORS
     assert tuple(told("OTHER_COLOR")) == OTHER_COLOR == StyleConfig().default_color

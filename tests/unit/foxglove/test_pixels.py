@@ -87,7 +87,7 @@ PLAN = models.RobotPlan(stamp_ns=1, line_m=((2.0, 2.0, 0.5), (3.0, 2.0, 0.2)), u
 
 
 def scene(*heard: tuple[models.Message, str]) -> SiteScene:
-    made = SiteScene({})
+    made = SiteScene()
     for message, name in ((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"), *heard):
         made.take(message, name, 0.0)
     return made

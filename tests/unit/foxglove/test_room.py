@@ -169,7 +169,7 @@ def test_fences_are_outlines_and_those_that_keep_out_have_sides() -> None:
 
 @given(odd_maps)
 def test_any_map_can_be_shown(environment: Environment) -> None:
-    scene = SiteScene({})
+    scene = SiteScene()
     scene.take(environment, "", 0.0)
     for part in PARTS:
         assert_finite(read(scene.draw(part, NOW_NS)))

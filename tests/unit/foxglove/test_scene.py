@@ -13,7 +13,6 @@ from pointit.schemas.selection import ReservedObject, SelectedObject
 from tests.integration.foxglove.protobuf import read
 from tests.unit.foxglove.site_scene import SiteScene
 
-RED = (255, 0, 0)
 ANNA = (0, 255, 0)
 MAP = models.Environment(
     stamp_ns=1,
@@ -40,7 +39,7 @@ def objects(*items: models.TrackedObject) -> models.TrackedObjects:
 
 
 def scene(*heard: tuple[models.Message, str]) -> SiteScene:
-    made = SiteScene({"red": RED})
+    made = SiteScene()
     made.take(MAP, "", 0.0)
     for message, name in heard:
         made.take(message, name, 0.0)
@@ -61,7 +60,7 @@ def test_a_package_stands_on_its_belt_along_it() -> None:
     assert cube["size"] == pytest.approx({"x": 0.4, "y": 0.75 * 0.4, "z": 0.6 * 0.4})
     assert cube["pose"]["position"] == pytest.approx({"y": 1.0, "z": 1.12})
     assert cube["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
-    assert cube["color"] == pytest.approx({"r": 1.0, "a": 0.85})
+    assert cube["color"] == pytest.approx({"r": 1.0, "g": 30 / 255, "a": 0.85})
     assert facts(entity) == {"id": "7", "kind": "red", "bay": "3"}
     assert "lines" not in entity
 

@@ -121,12 +121,6 @@ class BackendConfig(Config):
         default="jazzy", description="distribution of the ROS nodes; those up from jazzy hear each other"
     )
     node: str = Field(default="/pointit", description="full name of the bridge's node in the ROS graph")
-    max_message_bytes: int = Field(
-        default=1_000_000,
-        ge=1000,
-        le=16_000_000,
-        description="longer messages of ROS nodes are dropped unread, bytes",
-    )
 
     @field_validator("node")
     @classmethod
@@ -144,12 +138,8 @@ class Ros2Config(Config):
     )
     routes: Path | None = Field(
         default=None,
-        description="YAML file that changes names, rates and frames of routes, or leaves some out; "
+        description="YAML file that changes names and rates of routes, or leaves some out; "
         "`docs/reference/ros2.md` in the repository lists them",
-    )
-    unread: bool = Field(
-        default=False,
-        description="publish also topics without a subscriber in the ROS graph; this costs reading them",
     )
     ros4hri: bool = Field(
         default=False,

@@ -91,7 +91,6 @@ class NodeParameters:
         domain: int,
         appears_s: float,
         timeout_s: float,
-        max_bytes: int,
         needs: str = "",
     ) -> None:
         """Create it without requests.
@@ -103,7 +102,6 @@ class NodeParameters:
             domain: ours.
             appears_s: time to wait until it is seen.
             timeout_s: timeout of one answer.
-            max_bytes: of one answer.
             needs: conditions for other nodes to be seen, as text.
         """
         self._backend = backend
@@ -112,7 +110,6 @@ class NodeParameters:
         self._domain = domain
         self._appears_s = appears_s
         self._timeout_s = timeout_s
-        self._max_bytes = max_bytes
         self._needs = needs
         self._had_bytes = 0
         self._waited_s = 0.0
@@ -189,23 +186,11 @@ class NodeParameters:
 
     def _absence(self, graph: Graph) -> str:
         """Return a message why there is no node to query, with its remedy."""
-        other_domains = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
         names = _nodes(graph, self._domain) - {self._backend.node}
         if self._node in names:
             return (
                 f"node {self._node} serves no parameters; start it with its parameter services, or give its "
                 "map as a file"
-            )
-        if other_domains:
-            domain = min(other_domains)
-            return (
-                f"node {self._node} is in domain {domain}, not in {self._domain}; set domain_id to {domain}"
-            )
-        others = sorted({each.domain for each in graph.endpoints} - {self._domain})
-        if not names and others:
-            return (
-                f"no ROS node is seen in domain {self._domain}, but some in {_listed([*map(str, others)])}; "
-                "set domain_id to theirs"
             )
         if not names:
             why = self._backend.problem or self._needs
@@ -239,13 +224,9 @@ class NodeParameters:
                 "give it as a file"
             )
         try:
-            return types.decode(types.response_of(service), cdr, max_bytes=self._max_bytes)
+            return types.decode(types.response_of(service), cdr)
         except ValueError as error:
-            advice = "; raise max_message_bytes, or give its map as a file"
-            raise NoAnswerError(
-                f"what node {self._node} answered cannot be read: {error}"
-                f"{advice if len(cdr) > self._max_bytes else ''}"
-            ) from error
+            raise NoAnswerError(f"what node {self._node} answered cannot be read: {error}") from error
 
 
 def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
@@ -317,18 +298,6 @@ def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
     """
     start = _start(prefix)
     return [name for name in names if name.startswith(start) and (prefix or _section(name) in SECTIONS)]
-
-
-def prefixes(names: Iterable[str]) -> list[str]:
-    """Return the prefixes in `names` below which a map may be."""
-    found: dict[str, None] = {}
-    for name in names:
-        parts = name.split(".")
-        for index, part in enumerate(parts[1:-1], start=1):
-            if part in SECTIONS:
-                found[".".join(parts[:index])] = None
-                break
-    return list(found)
 
 
 def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]:
@@ -498,7 +467,6 @@ async def fetched(
             domain=config.domain_id,
             appears_s=request.timeout_s if config.kind == "dds" else min(APPEARS_S, request.timeout_s),
             timeout_s=request.timeout_s,
-            max_bytes=config.max_message_bytes,
             needs=NEEDS if config.kind == "rmw_zenoh" else "",
         )
         with notice(f"asking {request.node} for its parameters …"):
@@ -518,8 +486,8 @@ async def _taken(parameters: NodeParameters, request: FetchRequest, say: Say) ->
             return _of_text(held, f"parameter {holder} of {request.node}", say)
         if request.parameter is not None:
             raise ConfigError(
-                f"parameter {holder} of {request.node} is {_kind(held)}, not the text of a map or its path; "
-                "--parameter names another"
+                f"parameter {holder} of {request.node} is not the text of a map or its path; --parameter "
+                "names another"
             )
     prefix = (request.prefix or "").rstrip(".")
     values = await parameters.values(of_maps(names, prefix))
@@ -562,22 +530,11 @@ def _nothing(request: FetchRequest, names: Sequence[str]) -> str:
         what = f"no parameter of {request.node} begins with '{request.prefix.rstrip('.')}.'"
     else:
         what = f"nothing in the parameters of {request.node} is a map"
-    below = prefixes(names)
-    if below:
-        advice = f"try --prefix {shown(below[0], MAX_PATH)}"
-    else:
-        advice = (
-            "--parameter names the one that holds a map, --prefix what stands before lamps., strips., belts."
-        )
-    return f"{what}; {_there(names)}; {advice}"
+    return (
+        f"{what}; {_there(names)}; --parameter names the one that holds a map, --prefix what stands before "
+        "lamps., strips., belts."
+    )
 
 
 def _there(names: Sequence[str]) -> str:
     return f"it has {listed(names, MAX_SHOWN) or 'none'}"
-
-
-def _kind(value: Value | None) -> str:
-    if value is None or value == "":
-        return "empty"
-    kinds: Mapping[type, str] = {bool: "true or false", int: "a number", float: "a number", list: "a list"}
-    return kinds.get(type(value), "blank")

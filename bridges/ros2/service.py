@@ -47,8 +47,7 @@ class Ros2(Service[Ros2Config]):
         self._table = dataclasses.replace(table, inward=inward)
         types = Types(config.backend.distro)
         self._leave_out(_unusable(self._table, types))
-        file = self._table.file
-        self._state = ConversionState(types, world=file.world, person=file.person, kinds=file.kinds)
+        self._state = ConversionState(types, world=self._table.file.world)
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
         for name, why in unusable.items():
@@ -94,7 +93,7 @@ class Ros2(Service[Ros2Config]):
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(backend.close)
             site = Site(bus=self.bus, clock=self.clock, backend=backend, state=self._state)
-            outbox = Outbox(self._table.outward, site, unread=self.config.unread)
+            outbox = Outbox(self._table.outward, site)
             stack.callback(outbox.close)
             inbox = Inbox(self._table.inward, self._table.served, site)
             stack.callback(inbox.close)

@@ -12,6 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, check_cdr
 from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
+from pointit.bridges.ros2.types.types import MAX_BYTES
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.runtime.service.plugin_guard import WarningSink
@@ -195,12 +196,13 @@ MIN_CAPACITY = 64
 class NodeContext:
     """State that the endpoints of one node share. Is made in the loop."""
 
-    def __init__(self, config: BackendConfig, warnings: WarningSink, dispatcher: Dispatcher) -> None:
+    max_bytes = MAX_BYTES
+    """Maximum size of foreign messages; longer ones are dropped unread."""
+
+    def __init__(self, warnings: WarningSink, dispatcher: Dispatcher) -> None:
         self.warnings = BackendWarnings(warnings)
         self.dispatcher = dispatcher
         self.loop = asyncio.get_running_loop()
-        self.max_bytes = config.max_message_bytes
-        """Maximum size of foreign messages; longer ones are dropped unread."""
         self.ends: set[Closable] = set()
         """Declared endpoints, kept alive here, without those that failed."""
 

@@ -170,7 +170,7 @@ class DdsContext(NodeContext):
     """Our node, and the loop of its endpoints."""
 
     def __init__(self, rclpy: Rclpy, node: Node, config: BackendConfig, warnings: WarningSink) -> None:
-        super().__init__(config, warnings, Dispatcher())
+        super().__init__(warnings, Dispatcher())
         self.rclpy = rclpy
         self.node = node
         self.echoes: dict[str, LoopbackFilter] = collections.defaultdict(LoopbackFilter)

@@ -37,7 +37,6 @@ class EndpointContext(NodeContext):
 
     def __init__(
         self,
-        config: BackendConfig,
         warnings: WarningSink,
         *,
         session: RawSession,
@@ -46,7 +45,7 @@ class EndpointContext(NodeContext):
         now_ns: Callable[[], int],
     ) -> None:
         """`directory`: nodes and endpoints, ours included; `now_ns`: clock for attachments."""
-        super().__init__(config, warnings, session.dispatcher)
+        super().__init__(warnings, session.dispatcher)
         self.session = session
         self.rmw = rmw
         self.directory = directory
@@ -316,7 +315,7 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         self._session = session
         self._directory = LivelinessDirectory(rmw.read, config.domain_id, self._refresh_soon)
         context = EndpointContext(
-            config, warnings, session=session, rmw=rmw, directory=self._directory, now_ns=now_ns
+            warnings, session=session, rmw=rmw, directory=self._directory, now_ns=now_ns
         )
         super().__init__(context, config, distro=config.distro, needs=NEEDS, matching="definition")
         self._refresh_timer = Timer(context.loop.call_later, self._refresh)

@@ -280,7 +280,7 @@ class Navigator:
             header=values.header(types, self._now_ns(), self._config.frame),
             pose=values.pose(types, position_m, rotation.from_yaw(yaw_rad)),
         )
-        return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose, behavior_tree=self._config.behavior_tree)
+        return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose)
 
     async def _send_goal(self, goal: bytes, order: int, value: Any) -> None:
         if self._clearing is not None:  # which would cancel it, too

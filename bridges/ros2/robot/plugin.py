@@ -42,9 +42,6 @@ class Ros2RobotConfig(Config):
         description="nav2: goals of the action NavigateToPose; setpoints: PoseStamped for drones",
     )
     action: str = Field(default="/navigate_to_pose", description="nav2: full name of the action")
-    behavior_tree: str = Field(
-        default="", description="nav2: file of the behaviour tree on the robot; its default if empty"
-    )
     setpoint_topic: str = Field(
         default="/mavros/setpoint_position/local", description="setpoints: full name of their topic"
     )

@@ -129,22 +129,12 @@ class RosUser:
 class ConversionState:
     """The newest of everything; messages are stored here before they are converted."""
 
-    def __init__(
-        self,
-        types: Types,
-        *,
-        world: str = "world",
-        person: str = "{user}/human_footprint",
-        kinds: tuple[str, ...] = KINDS,
-    ) -> None:
-        """Create an empty state.
-
-        `world` and `person` are names of frames, `kinds` the names of kinds 0, 1, 2 ...
-        """
+    def __init__(self, types: Types, *, world: str = "world") -> None:
+        """Create an empty state; `world` is the name of the frame {W}."""
         self.types = types
         self.names = RosNames()
-        self.frames = Frames(self.names, world=world, person=person)
-        self.kinds = Kinds(kinds)
+        self.frames = Frames(self.names, world)
+        self.kinds = Kinds(KINDS)
         self.uids = Uids()
         """Numbers of objects."""
         self.channels = Uids(255)

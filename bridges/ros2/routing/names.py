@@ -69,12 +69,9 @@ class RosNames:
 class Frames:
     """Names of frames."""
 
-    def __init__(
-        self, names: RosNames, *, world: str = "world", person: str = "{user}/human_footprint"
-    ) -> None:
-        """Set the name of {W}, and that of {H} with `{user}` for the person."""
+    def __init__(self, names: RosNames, world: str = "world") -> None:
+        """Set the name of {W}."""
         self.world = world
-        self._person = person
         self._names = names
         self._resolved: dict[tuple[str, str], str] = {}
 
@@ -86,7 +83,7 @@ class Frames:
         """Return the frame that `template` of a route means for the person `name`."""
         found = self._resolved.get((template, name))
         if found is None:
-            found = template.replace(WORLD, self.world).replace(PERSON, self._person)
+            found = template.replace(WORLD, self.world).replace(PERSON, "{user}/human_footprint")
             if "{user}" in found:
                 found = found.replace("{user}", self._names.of(name))
             if len(self._resolved) >= MAX_FRAME_NAMES:

@@ -18,15 +18,12 @@ MAX_LINES = 2000
 class _Line:
     """One route to one name in ROS."""
 
-    def __init__(
-        self, route: OutboundRoute, ros: str, site: Site, has_reader: Callable[[str], bool], *, unread: bool
-    ) -> None:
+    def __init__(self, route: OutboundRoute, ros: str, site: Site, has_reader: Callable[[str], bool]) -> None:
         self.route = route
         self.ros = ros
         self._site = site
         self._has_reader = has_reader
         """True if the ROS graph shows a subscriber."""
-        self._unread = unread
         self._is_read = False
         self._rate_limiter = RateLimiter(route.rate_hz)
         self._loop = asyncio.get_running_loop()
@@ -113,7 +110,7 @@ class _Line:
         self._write(message, name)
 
     def _write(self, message: Message, name: str, *, again_ns: int | None = None) -> None:
-        if self._writer is None or not (self._has_readers or self._keeps or self._unread):
+        if self._writer is None or not (self._has_readers or self._keeps):
             return
         encode = self._site.state.types.encode
         try:
@@ -175,10 +172,9 @@ class _Line:
 class Outbox:
     """All output."""
 
-    def __init__(self, routes: Iterable[OutboundRoute], site: Site, *, unread: bool) -> None:
-        """Appear in the graph with every route without a person; `unread`: send also without subscribers."""
+    def __init__(self, routes: Iterable[OutboundRoute], site: Site) -> None:
+        """Appear in the graph with every route without a person."""
         self._site = site
-        self._unread = unread
         self._read: frozenset[str] = frozenset()
         self._given: frozenset[str] = frozenset()
         """Names that other nodes publish."""
@@ -254,7 +250,7 @@ class Outbox:
                 )
                 return None
             ros = route.ros_name(self._site.state, name)
-            line = self._lines[key] = _Line(route, ros, self._site, self._has_reader, unread=self._unread)
+            line = self._lines[key] = _Line(route, ros, self._site, self._has_reader)
             self._yield(line)
         return line
 

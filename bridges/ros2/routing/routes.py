@@ -4,8 +4,6 @@ The rows are in `outbound.table` and `inbound.table`. A file may change them:
 
     prefix: /site1              # before every name in ROS but those of `UNPREFIXED`
     world: map                  # the frame {W}
-    person: "{user}/base"       # the frame {H} of a person
-    kinds: [blue, red, green]   # what the ROS toolkit's numbers of kinds mean
     routes:
       pointing_ray: {ros: "/{user}/ray", rate_hz: 20}
       rotation_in: {enabled: false}
@@ -23,7 +21,6 @@ from pydantic import Field, ValidationError, field_validator
 from pointit.bridges.ros2.inbound.table import inward, served
 from pointit.bridges.ros2.outbound.humans import of_ros4hri
 from pointit.bridges.ros2.outbound.table import outward
-from pointit.bridges.ros2.routing.conversion_state import KINDS
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.runtime.config.config import Config, validate
 from pointit.runtime.config.validation_message import describe_validation_error, unknown_parameter_message
@@ -43,7 +40,7 @@ MAX_NAME = 150
 
 _NAME = re.compile(r"(/([A-Za-z_][A-Za-z0-9_]*|\{(user|led)\}))+\Z")
 _PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*\Z")
-_FRAME = re.compile(r"(?!/)([^\s{}]|\{user\})+\Z")
+_FRAME = re.compile(r"(?!/)[^\s{}]+\Z")
 
 
 class RouteChange(Config):
@@ -58,9 +55,6 @@ class RouteChange(Config):
     enabled: Annotated[bool | None, Field(description="true to have the route; as in the table if empty")] = (
         None
     )
-    frame: Annotated[
-        str | None, Field(max_length=MAX_NAME, description="name of its frame; as in the table if empty")
-    ] = None
 
     @field_validator("ros")
     @classmethod
@@ -69,26 +63,12 @@ class RouteChange(Config):
             raise ValueError("begin with /, use letters, digits, _, / and at most one {user} or {led}")
         return ros
 
-    @field_validator("frame")
-    @classmethod
-    def _frame(cls, frame: str | None) -> str | None:
-        if frame is not None:
-            _check_frame(frame)
-        return frame
-
 
 class RoutesFile(Config):
     """File that changes routes."""
 
     prefix: Annotated[str, Field(max_length=100, description="before names in ROS, such as /site1")] = ""
     world: Annotated[str, Field(max_length=MAX_NAME, description="name of the frame {W}")] = "world"
-    person: Annotated[str, Field(max_length=MAX_NAME, description="name of a person's frame {H}")] = (
-        "{user}/human_footprint"
-    )
-    kinds: Annotated[
-        tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
-        Field(min_length=1, max_length=255, description="meanings of the numbers 0, 1, 2 ... of kinds"),
-    ] = KINDS
     routes: dict[str, RouteChange] = Field(default={}, description="changes by a route's name")
 
     @field_validator("prefix")
@@ -101,18 +81,9 @@ class RoutesFile(Config):
     @field_validator("world")
     @classmethod
     def _world(cls, world: str) -> str:
-        _check_frame(world)
-        if "{" in world:
-            raise ValueError("the frame of the room belongs to no person: leave {user} out")
+        if not _FRAME.match(world):
+            raise ValueError("a frame has no spaces, no { } and no leading /")
         return world
-
-    @field_validator("person")
-    @classmethod
-    def _person(cls, person: str) -> str:
-        _check_frame(person)
-        if "{user}" not in person:
-            raise ValueError("each person has a frame of their own: write {user} into its name")
-        return person
 
 
 @dataclass(frozen=True)
@@ -123,7 +94,7 @@ class Routes:
     inward: tuple[InboundRoute, ...]
     served: tuple[ServiceRoute, ...]
     file: RoutesFile
-    """Source of the names of frames and kinds for the scene."""
+    """Source of the name of the frame {W}."""
 
     @property
     def all(self) -> tuple[OutboundRoute | InboundRoute | ServiceRoute, ...]:
@@ -218,8 +189,3 @@ def _check_apart(
 
 def _placeholder(ros: str) -> str:
     return ros[ros.index("{") : ros.index("}") + 1] if "{" in ros else ""
-
-
-def _check_frame(frame: str) -> None:
-    if not _FRAME.match(frame):
-        raise ValueError("a frame has no spaces and no leading /, and of { } only {user}")

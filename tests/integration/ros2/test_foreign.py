@@ -9,6 +9,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.bridges.ros2.graph.node_backend import NodeContext
 from tests.integration.ros2.nodes import ADD, GID, POSE, Graphs, Node, attachment, cdr_of, key_of, number_of
 from tests.support.bench import PATIENCE_S, until
 
@@ -42,8 +43,11 @@ async def test_malformed_attachments_are_counted(
     assert re.search(why, said), said
 
 
-async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none(at: Graphs) -> None:
-    a = await at.node("/a", "router", max_message_bytes=1000)
+async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none(
+    at: Graphs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(NodeContext, "max_bytes", 1000)
+    a = await at.node("/a", "router")
     stranger = await at.stranger()
     seen = a.hears("/x", POSE)
     key = f"7/x/{POSE.dds_name}/{POSE.hash}"
@@ -92,8 +96,9 @@ async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -
     return await asyncio.to_thread(get)
 
 
-async def test_every_request_is_answered_whatever_it_is(at: Graphs) -> None:
-    a = await at.node("/a", "router", max_message_bytes=1000)
+async def test_every_request_is_answered_whatever_it_is(at: Graphs, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NodeContext, "max_bytes", 1000)
+    a = await at.node("/a", "router")
     stranger = await at.stranger()
     asked: list[bytes] = []
     gate = asyncio.Event()

@@ -256,7 +256,7 @@ def outbox_of(node: Node) -> Outbox:
     clock = ManualClock()
     bus = ServiceBus(MemoryBus(LocalBroker()), clock, "ros2", "ros2")
     site = Site(bus=bus, clock=clock, backend=node.backend, state=ConversionState(Types("jazzy")))
-    outbox = Outbox(routes().outward, site, unread=False)
+    outbox = Outbox(routes().outward, site)
     node.backend.watch(outbox.look)
     return outbox
 

@@ -17,8 +17,8 @@ async def bridge() -> AsyncIterator[Bench]:
 
 @pytest.fixture
 async def eager() -> AsyncIterator[Bench]:
-    """Yield a bridge that publishes also what no node subscribes to."""
-    async with bench(jazzy(), unread=True) as made:
+    """Yield a bridge all of whose topics have a reader."""
+    async with bench(jazzy(), is_read=True) as made:
         yield made
 
 

@@ -63,9 +63,11 @@ class Writer(End):
 
     is_read = False
 
-    def __init__(self, close: Callable[[], None], sent: list[bytes]) -> None:
+    def __init__(self, close: Callable[[], None], sent: list[bytes], *, is_read: bool) -> None:
         super().__init__(close)
         self._sent = sent
+        if is_read:
+            self.is_read = True
 
     def put(self, cdr: bytes) -> None:
         assert self.is_open
@@ -79,6 +81,8 @@ class FakeBackend:
     node: str = "/pointit"
     problem: str = ""
     notes: tuple[str, ...] = ()
+    is_read: bool = False
+    """Every topic has a reader that the graph does not show."""
     sent: dict[str, list[bytes]] = field(default_factory=dict[str, list[bytes]])
     writers: dict[str, tuple[RosType, Qos]] = field(default_factory=dict[str, tuple[RosType, Qos]])
     readers: dict[str, Callable[[bytes], None]] = field(default_factory=dict[str, Callable[[bytes], None]])
@@ -88,7 +92,8 @@ class FakeBackend:
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         assert topic not in self.writers
         self.writers[topic] = kind, qos
-        return Writer(lambda: self._drop(self.writers, topic), self.sent.setdefault(topic, []))
+        sent = self.sent.setdefault(topic, [])
+        return Writer(lambda: self._drop(self.writers, topic), sent, is_read=self.is_read)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> End:
         assert topic not in self.readers, f"{kind} {qos}"
@@ -161,15 +166,15 @@ class Bench:
 
 
 @contextlib.asynccontextmanager
-async def bench(types: Types, table: Routes | None = None, *, unread: bool = False) -> AsyncGenerator[Bench]:
+async def bench(types: Types, table: Routes | None = None, *, is_read: bool = False) -> AsyncGenerator[Bench]:
     """Yield the bridge's two halves, wired to fakes."""
     exchange, clock = LocalBroker(), ManualClock()
     inner, other = MemoryBus(exchange), MemoryBus(exchange)
     bus = ServiceBus(inner, clock, "ros2", "ros2")
-    backend, scene = FakeBackend(), ConversionState(types)
+    backend, scene = FakeBackend(is_read=is_read), ConversionState(types)
     site = Site(bus=bus, clock=clock, backend=backend, state=scene)
     table = table or routes()
-    outbox = Outbox(table.outward, site, unread=unread)
+    outbox = Outbox(table.outward, site)
     inbox = Inbox(table.inward, table.served, site)
     made = Bench(
         backend=backend,

@@ -230,7 +230,7 @@ async def test_lists_follow_people_and_reach_readers_that_come_late() -> None:
 
 
 async def test_people_and_their_frames_are_left_to_a_person_manager_and_bodies_are_not() -> None:
-    async with bench(jazzy(), of_lists_and_people(), unread=True) as bridge:
+    async with bench(jazzy(), of_lists_and_people(), is_read=True) as bridge:
         come(bridge, "anna")
         assert "/tf" in bridge.backend.writers
         bridge.look(("publisher", TRACKED))

@@ -10,15 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.parameters import (
-    LINES,
-    SECTIONS,
-    of_maps,
-    parameters_of,
-    prefixes,
-    tree_of,
-    value_of,
-)
+from pointit.bridges.ros2.parameters import LINES, SECTIONS, of_maps, parameters_of, tree_of, value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.solids import Vec2
 from pointit.geometry.vector import Vec3
@@ -192,5 +184,3 @@ def test_what_else_a_node_has_is_left_alone_unless_it_is_below_the_prefix() -> N
     ]
     assert of_maps(names) == ["leds.a.position"]
     assert of_maps(names, "site") == ["site.leds.a.position", "site.colour"]
-    assert prefixes(names) == ["site"]
-    assert prefixes(["a.b.strips.1.line", "a.b.leds.x.y", "leds.x.y", "c.d"]) == ["a.b"]

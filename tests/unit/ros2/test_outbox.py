@@ -82,7 +82,7 @@ def slowed(name: str, rate_hz: float) -> Routes:
 
 async def test_nobody_displaces_others_where_each_has_a_message_of_their_own() -> None:
     people = ("anna", "ben", "cleo")
-    async with bench(jazzy(), slowed("tf", 20.0), unread=True) as bridge:
+    async with bench(jazzy(), slowed("tf", 20.0), is_read=True) as bridge:
         for seq in range(3):
             for user in people:
                 at_m = (float(seq), 0.0, 0.0)
@@ -102,7 +102,7 @@ def waiting(bridge: Bench, route: str) -> list[str]:
 
 @pytest.mark.parametrize(("route", "left"), [("tf", ["ben", "cleo"]), ("markers", ["cleo"])])
 async def test_what_shows_everybody_is_sent_no_more_often_for_that(route: str, left: list[str]) -> None:
-    async with bench(jazzy(), slowed(route, 0.05), unread=True) as bridge:
+    async with bench(jazzy(), slowed(route, 0.05), is_read=True) as bridge:
         for user in ("anna", "ben", "cleo"):
             pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
             take(bridge, POSE, pose, user)
@@ -138,7 +138,7 @@ async def test_the_sites_time_ends_with_who_gives_it() -> None:
     short = [dataclasses.replace(row, repeat_for_s=0.1) for row in table.outward if row.name == "clock"]
     assert CLOCK_S * NS_PER_S == SILENT_NS, "ROS and the site agree on when a clock has ended"
     assert [row.repeat_for_s for row in table.outward if row.name == "clock"] == [CLOCK_S]
-    async with bench(jazzy(), dataclasses.replace(table, outward=tuple(short)), unread=True) as bridge:
+    async with bench(jazzy(), dataclasses.replace(table, outward=tuple(short)), is_read=True) as bridge:
         take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=1, sim_ns=START_NS, speed=2.0), "")
         await until(lambda: len(bridge.backend.sent["/clock"]) > 1)
         await asyncio.sleep(0.2)  # it ends meanwhile

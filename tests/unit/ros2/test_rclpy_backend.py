@@ -12,6 +12,7 @@ import pytest
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, RosType
 from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.graph.node_backend import NodeContext
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.schemas import NS_PER_S
 from tests.support.bench import until
@@ -116,8 +117,11 @@ async def test_bytes_that_are_no_cdr_are_never_sent(wire: Wire, ours: Ours) -> N
     assert len(wire.ends["publisher"]) == 1
 
 
-async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(wire: Wire) -> None:
-    async with node_of_ours(max_message_bytes=1000) as ours:
+async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(NodeContext, "max_bytes", 1000)
+    async with node_of_ours() as ours:
         heard: list[bytes] = []
 
         def take(cdr: bytes) -> None:

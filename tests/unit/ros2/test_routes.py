@@ -67,24 +67,22 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
 def test_a_file_changes_routes_and_a_switched_off_one_frees_its_name(tmp_path: Path) -> None:
     path = tmp_path / "routes.yaml"
     path.write_text(
-        "prefix: /site1\nworld: map\nperson: '{user}/base'\nkinds: [box]\nroutes:\n"
-        "  pointing_ray: {ros: '/{user}/ray', rate_hz: 5, frame: odom}\n"
+        "prefix: /site1\nworld: map\nroutes:\n"
+        "  pointing_ray: {ros: '/{user}/ray', rate_hz: 5}\n"
         "  rotation_in: {enabled: false}\n"
         "  selected_packages: {ros: /site1/pointers}\n"
         "  pointers: {enabled: false}\n"
     )
     table = routes(path)
     rows = {row.name: row for row in table.all}
-    scene = ConversionState(jazzy(), world=table.file.world, person=table.file.person, kinds=table.file.kinds)
+    scene = ConversionState(jazzy(), world=table.file.world)
     ray = next(row for row in table.outward if row.name == "pointing_ray")
     assert (ray.ros, ray.rate_hz) == ("/{user}/ray", 5)
-    assert scene.frames.resolve(ray.frame, "anna") == "odom"
     assert scene.frames.resolve(rows["pose"].frame, "anna") == "map"
-    assert scene.frames.person("anna") == "anna/base"
+    assert scene.frames.resolve(ray.frame, "anna") == scene.frames.person("anna") == "anna/human_footprint"
     assert (rows["rotation_in"].enabled, rows["rotation"].enabled) == (False, True)
     assert (rows["packages"].ros, rows["selected_packages"].ros) == ("/site1/packages", "/site1/pointers")
     assert (rows["tf"].ros, rows["rosout"].ros) == ("/tf", "/rosout")
-    assert scene.kinds.kind(0) == "box"
 
 
 @pytest.mark.parametrize(
@@ -97,14 +95,12 @@ def test_a_file_changes_routes_and_a_switched_off_one_frees_its_name(tmp_path: P
         ("routes: {pose: {ros: '/{user}/{user}'}}", "at most one"),
         ("routes: {pose: {rate_hz: 0}}", "must be above 0"),
         ("routes: {pose: {rate: 5}}", "no parameter rate"),
-        ("routes: {pose: {frame: '/map'}}", "no leading /"),
         ("routes: {add_pack: {rate_hz: 5}}", "a service has none"),
         ("routes: {packages: {ros: /pointers}}", "'/pointers' is that of packages already"),
         ("routes: {packages: {ros: /tf}}", "'/tf' is that of tf already"),
         ("prefix: site1", "begin with /"),
-        ("world: '{user}/map'", "leave {user} out"),
-        ("person: human", "write {user}"),
-        ("kinds: []", "kinds"),
+        ("world: '{user}/map'", "no { }"),
+        ("world: /map", "no leading /"),
         ("[1, 2]", "mapping"),
     ],
 )

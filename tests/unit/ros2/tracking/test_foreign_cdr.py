@@ -261,7 +261,7 @@ def test_a_detection_whose_size_or_covariance_is_unknown_is_where_it_is() -> Non
 
 
 def scene_of(user: str) -> ConversionState:
-    scene = ConversionState(jazzy(), world="/map", person="/{user}/feet")
+    scene = ConversionState(jazzy(), world="/map")
     scene.person(user).is_here = True
     return scene
 
@@ -273,7 +273,9 @@ def outputs_of(route: str, value: Any, *, user: str = "", scene: ConversionState
     return [each.what for each in converted if isinstance(each, BusOutput)]
 
 
-@pytest.mark.parametrize(("parent", "child"), [("map", "anna/feet"), ("/map", "/anna/feet")])
+@pytest.mark.parametrize(
+    ("parent", "child"), [("map", "anna/human_footprint"), ("/map", "/anna/human_footprint")]
+)
 def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str) -> None:
     scene = scene_of("anna")
     sent = transforms((parent, child, 4.0))

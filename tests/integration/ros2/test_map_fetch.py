@@ -1,6 +1,5 @@
 """`pointit map fetch` as a process in a ROS graph on Zenoh, whose other nodes are ours too."""
 
-import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -68,14 +67,6 @@ async def test_a_map_of_the_toolkit_that_is_one_text_comes_on_standard_output(co
         for section, entries in parse_yaml(done.out.encode(), "ours").items()
     }
     assert "the map of /pui: " in done.err
-
-
-@pytest.mark.parametrize("mode", ["client", "peer"])
-async def test_both_ways_to_join_and_a_node_that_comes_meanwhile(at: Graphs, mode: str) -> None:
-    node = await at.node(NODE, "router")
-    asked = asyncio.create_task(fetched(config(at, mode=mode), wish()))
-    ParameterServer(TYPES, {"leds.a.position": [1.0, 2.0, 3.0]}).serve(node.backend, NODE)
-    assert await asked == {"leds": {"a": {"position": [1.0, 2.0, 3.0]}}}
 
 
 async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: str) -> None:

@@ -164,15 +164,6 @@ def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
     assert out(table, "goal_pose").qos == Qos(depth=10)  # not latched: who comes late gets no old goal
 
 
-def test_a_press_goes_down_and_up(table: Routes) -> None:
-    row = out(table, "button")
-    event = models.ButtonEvent(stamp_ns=NOW_NS)
-    assert [value.data for value in sent(row, event, furnished())] == [True, False]
-    double = event.model_copy(update={"gesture": "double"})
-    assert [value.data for value in sent(row, double, furnished())] == [True, False, True, False]
-    assert row.apart_s > 0.0
-
-
 def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
     scene = furnished()
     scene.take(

@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -173,11 +174,13 @@ async def test_what_stays_the_same_is_said_once_and_anew_when_they_return(bridge
     assert told()[3:] == [("anna", True)]
 
 
-async def test_a_press_goes_down_and_up(bridge: Bench) -> None:
-    take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1))
+@pytest.mark.parametrize(("gesture", "presses"), [("press", 1), ("double", 2)])
+async def test_a_press_goes_down_and_up(bridge: Bench, gesture: Any, presses: int) -> None:
+    take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1, gesture=gesture))
     ros = "/anna/metawear_ros/button"
-    await until(lambda: len(bridge.backend.sent[ros]) == 2)
-    assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False]
+    assert len(bridge.backend.sent[ros]) == 1, "it is down for a while"
+    await until(lambda: len(bridge.backend.sent[ros]) == 2 * presses)
+    assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False] * presses
 
 
 async def test_what_others_publish_is_left_to_them(bridge: Bench) -> None:

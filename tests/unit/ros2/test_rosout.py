@@ -21,7 +21,7 @@ from pointit.bridges.ros2.outbound.rosout import (
 from pointit.bridges.ros2.outbound.values import MAX_TEXT
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.schemas import NS_PER_S, Health, KeyHealth
+from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.problems import LATE, Problem
 from pointit.schemas.topics import HEALTH
 from tests.support.bench import START_NS, until
@@ -112,14 +112,6 @@ def test_counts_that_grow_are_nothing_new_and_what_is_over_is_told_as_it_was_wor
     assert log.says(health(), OVER_REPORTS) == [(INFO, f"over: {lost(49)}"), (INFO, f"over: {lost(50)}")]
 
 
-def test_names_with_digits_are_names_and_what_two_say_alike_is_said_of_both(log: Log) -> None:
-    both = ("user1 points, no pose is known: localize", "user2 points, no pose is known: localize")
-    assert log.says(health(*both)) == [(WARN, each) for each in both]
-    strips = ("strip 3 cannot be drawn: correct the map", "strip 4 cannot be drawn: correct the map")
-    assert log.says(health(*both, *strips), 2) == [(WARN, each) for each in strips]
-    assert log.says(health(*both, strips[1]), OVER_REPORTS) == [(INFO, f"over: {strips[0]}")]
-
-
 def test_calls_that_fail_are_an_error_while_they_do_in_each_process_of_the_name(log: Log) -> None:
     assert log.says(health(errors=3)) == [], "before we looked"
     ((level, said),) = log.says(health(errors=4))
@@ -129,22 +121,6 @@ def test_calls_that_fail_are_an_error_while_they_do_in_each_process_of_the_name(
     ((level, said),) = log.says(health(errors=5), OVER_REPORTS)
     assert (level, said.split(" ")[:3]) == (INFO, ["over:", "5", "of"])
     assert log.says(health(errors=9, pid=2)) == []
-
-
-def test_events_that_are_lost_are_an_error(log: Log) -> None:
-    def lost(count: int) -> Health:
-        key = KeyHealth(key="users/{user}/button", direction="in", rate_hz=0.0, lost=count)
-        return health(keys=(key,))
-
-    log.says(lost(0))
-    ((level, said),) = log.says(lost(2))
-    assert (level, "never arrived" in said) == (ERROR, True)
-
-
-def test_a_service_that_does_not_say_why_is_told_of_too_but_not_a_router_alone(log: Log) -> None:
-    degraded = health().model_copy(update={"status": "degraded"})
-    assert log.says(degraded, 9) == [(WARN, "reports itself as degraded without a reason; look at its log")]
-    assert log.says(health(instance="router"), 9) == []
 
 
 def test_what_flaps_is_said_once_and_keeps_no_other_from_being_heard(log: Log) -> None:

@@ -19,17 +19,6 @@ def accepted(goal: bytes = A, now_ns: int = LATER_NS) -> GoalBook:
     return book
 
 
-def test_a_goal_is_accepted_worked_on_and_done_each_once() -> None:
-    book = accepted()
-    assert book.on_response(A, accepted=True, now_ns=LATER_NS) is None
-    assert book.on_feedback(A, LATER_NS) == "active"
-    assert book.on_status([(A, GoalStatus.EXECUTING)], LATER_NS) == []
-    assert book.on_end(A, GoalStatus.SUCCEEDED) == "done"
-    assert book.on_end(A, GoalStatus.ABORTED) is None
-    assert book.on_feedback(A, LATER_NS) is None
-    assert not book.has_unwanted
-
-
 def test_a_refused_goal_leaves_nothing_to_cancel_but_the_one_before() -> None:
     book = GoalBook()
     book.begin(A)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.config import Ros2Config, TrackerConfig
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning, InboundRoute
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.sightings import sigma
 from pointit.bridges.ros2.trackers import Motion, tracker_routes
 from pointit.geometry import rotation
 from pointit.runtime.config.config import Layers
@@ -232,19 +231,6 @@ def test_velocity_of_steady_motion_is_found_and_a_gap_resets_it() -> None:
         found = motion.velocity_mps("a", (speed_mps * at_s, 0.0, 0.0), NOW_NS + round(at_s * NS_PER_S))
     assert found == pytest.approx((speed_mps, 0.0, 0.0), abs=1e-3)
     assert motion.velocity_mps("a", (9.0, 0.0, 0.0), NOW_NS + 9 * NS_PER_S) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        (covariance(0.0, 0.0, 0.0), None),
-        (covariance(-1.0, 0.0, 0.0), None),
-        (covariance(0.25, 0.09, 0.04), 0.5),
-        (covariance(0.04, 0.09, 1e9), 0.3),
-    ],
-)
-def test_sigma_is_that_of_the_worst_measured_direction(values: list[float], expected: float | None) -> None:
-    assert sigma(values) == (None if expected is None else pytest.approx(expected))
 
 
 @pytest.mark.parametrize(

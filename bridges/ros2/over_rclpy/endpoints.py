@@ -3,6 +3,7 @@
 import asyncio
 import collections
 import contextlib
+import functools
 import logging
 import math
 import threading
@@ -388,7 +389,7 @@ class DdsClient(RosEndpoint[DdsContext]):
                 lacking = "its server did not answer"
                 outcome: asyncio.Future[object] = self._context.loop.create_future()
                 reply = self._client.call_async(value)
-                reply.add_done_callback(lambda done: self._on_reply(done, outcome))
+                reply.add_done_callback(functools.partial(self._on_reply, outcome))
                 return self._context.rclpy.serialize(await outcome)
         except TimeoutError as error:
             raise TimeoutError(f"ROS service {self.name}: {lacking} within {timeout_s:g} s") from error
@@ -399,7 +400,7 @@ class DdsClient(RosEndpoint[DdsContext]):
     def _undeclare(self) -> None:
         self._context.node.destroy_client(self._client)
 
-    def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
+    def _on_reply(self, outcome: "asyncio.Future[object]", reply: Reply) -> None:  # on the executor's thread
         with contextlib.suppress(RuntimeError):  # the loop is closed
             self._context.loop.call_soon_threadsafe(_settle, reply, outcome)
 

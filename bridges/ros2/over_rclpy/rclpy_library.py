@@ -1,138 +1,31 @@
-"""rclpy and the types built with it, imported on demand, with protocols in place of stubs."""
+"""rclpy and the types built with it, imported on demand."""
 
 import importlib
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypedDict
+from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.runtime.errors import ConfigError
 
 NamesAndTypes = Sequence[tuple[str, Sequence[str]]]
+MessageInfo = Mapping[str, Any]
+"""Metadata of a message; `source_timestamp` is its time of publication, ns since 1970."""
 
-
-class MessageInfo(TypedDict):
-    """Metadata of a message in rclpy."""
-
-    source_timestamp: int
-    """Time of publication, ns since 1970 by the publisher's clock."""
-
-
-class ServiceClass(Protocol):
-    """Python class of a service type, `std_srvs.srv.Empty`."""
-
-    Request: type[object]
-    Response: type[object]
-
-
-class Profile(Protocol):
-    """Quality of service of an endpoint."""
-
-    depth: int
-    reliability: object
-    durability: object
-
-
-class EndInfo(Protocol):
-    """A publisher or subscription in the graph."""
-
-    node_name: str
-    node_namespace: str
-    topic_type: str
-    topic_type_hash: object
-    qos_profile: Profile
-
-
-class Sender(Protocol):
-    """A publisher."""
-
-    publish: Callable[[bytes], None]
-    """Sends CDR as it is."""
-
-
-class ServiceServer(Protocol):
-    """A server of a service."""
-
-    send_response: Callable[[Any, object], None]
-    """Sends a response to the request with this header; the executor calls it with a callback's result."""
-
-
-class Reply(Protocol):
-    """Future of a response."""
-
-    add_done_callback: Callable[[Callable[["Reply"], None]], None]
-    """Has the callback called on completion, on the executor's thread."""
-    result: Callable[[], object]
-    """Returns the response; raises the error of a failed request."""
-
-
-class ServiceCaller(Protocol):
-    """A client of a service."""
-
-    service_is_ready: Callable[[], bool]
-    call_async: Callable[[object], Reply]
-    remove_pending_request: Callable[[Reply], None]
-    """Stops waiting for a response."""
-
-
-class Node(Protocol):
-    """A node; may be used on any thread."""
-
-    create_publisher: Callable[[type[object], str, Profile], Sender]
-    create_service: Callable[[ServiceClass, str, Callable[[Any, Any], object]], ServiceServer]
-    create_client: Callable[[ServiceClass, str], ServiceCaller]
-    destroy_publisher: Callable[[Sender], bool]
-    destroy_subscription: Callable[[object], bool]
-    destroy_service: Callable[[ServiceServer], bool]
-    destroy_client: Callable[[ServiceCaller], bool]
-    destroy_node: Callable[[], None]
-    get_node_names_and_namespaces: Callable[[], Sequence[tuple[str, str]]]
-    get_topic_names_and_types: Callable[[], NamesAndTypes]
-    get_publisher_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
-    """Returns the topics that the node of a name and namespace publishes; raises if it has gone."""
-    get_subscriber_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
-    get_service_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
-    get_client_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
-    get_publishers_info_by_topic: Callable[[str], Sequence[EndInfo]]
-    get_subscriptions_info_by_topic: Callable[[str], Sequence[EndInfo]]
-
-    def create_subscription(
-        self,
-        msg_type: type[object],
-        topic: str,
-        callback: Callable[[bytes, MessageInfo], None],
-        qos_profile: Profile,
-        *,
-        raw: bool,
-    ) -> object:
-        """Declare a subscription; raw: the callback gets CDR."""
-
-
-class Executor(Protocol):
-    """Calls the callbacks of nodes, on the thread that spins it."""
-
-    add_node: Callable[[Node], bool]
-    spin: Callable[[], None]
-    """Runs callbacks until `shutdown`; raises the exceptions of callbacks and of reading requests."""
-    create_task: Callable[[Callable[[], None]], object]
-    """Calls a function on the executor's thread."""
-
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """End `spin`."""
-        ...
-
-
-class RosContext(Protocol):
-    """State that nodes belong to."""
-
-    ok: Callable[[], bool]
-    """Returns True until it is shut down."""
-    try_shutdown: Callable[[], None]
-
-    def init(self, args: list[str], *, initialize_logging: bool, domain_id: int) -> None:
-        """Initialize it."""
+# Objects of rclpy, which has no stubs.
+EndInfo = Any
+"""A publisher or subscription in the graph."""
+Executor = Any
+Node = Any
+Profile = Any
+"""Quality of service of an endpoint."""
+Reply = Any
+"""Future of a response; its callbacks are called on the executor's thread."""
+RosContext = Any
+ServiceClass = Any
+"""Python class of a service type, `std_srvs.srv.Empty`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Parameters of another node, by the services that every ROS node has, and the map in them.
 
-A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
+A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`.
 
 A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
 node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light and the
@@ -333,28 +333,6 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
     return tree
 
 
-def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
-    """Return the parameters of the valid map `tree`."""
-    start = _start(prefix)
-    parameters: dict[str, Value] = {}
-    for section, inside in tree.items():
-        for name, entry in _entries(inside):
-            if section == BAYS:
-                parameters[f"{start}{section}.{name}"] = entry
-            else:
-                for key, value in entry.items():
-                    part = cast("dict[str, Any]", value) if isinstance(value, dict) else {"": value}
-                    where = f"{start}{section}.{name}.{key}"
-                    parameters |= {f"{where}.{each}".rstrip("."): _flat(part[each]) for each in part}
-    return parameters
-
-
-def _entries(section: Any) -> Iterable[tuple[object, Any]]:
-    if isinstance(section, list):
-        return enumerate(cast("Sequence[Any]", section))
-    return cast("dict[object, Any]", section or {}).items()
-
-
 def _start(prefix: str) -> str:
     return f"{prefix}." if prefix else ""
 
@@ -375,16 +353,6 @@ def _points(name: str, value: Value, coordinates: str) -> Value:
             f"{('two', 'three')[size - 2]} for each"
         )
     return [value[index : index + size] for index in range(0, len(value), size)]
-
-
-def _flat(value: Any) -> Value:
-    """Return lists of points as one list; integers become floats if one number has a fraction."""
-    if not isinstance(value, list):
-        return cast("Value", value)
-    numbers: list[Any] = []
-    for each in cast("Sequence[Any]", value):
-        numbers += cast("Sequence[Any]", each) if isinstance(each, list) else [each]
-    return [float(number) for number in numbers] if float in map(type, numbers) else numbers
 
 
 APPEARS_S = 2.0

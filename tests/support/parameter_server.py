@@ -29,6 +29,29 @@ def message_of(types: Types, value: Value | None) -> Any:
     return types.make(MESSAGE, type=kind, **{FIELDS[kind]: value})
 
 
+def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the parameters of the valid map `tree`: the opposite of `tree_of`."""
+    start = f"{prefix}." if prefix else ""
+    parameters: dict[str, Any] = {}
+    for section, inside in tree.items():
+        for name, entry in enumerate(inside) if isinstance(inside, list) else inside.items():
+            if section == "bays":
+                parameters[f"{start}bays.{name}"] = entry
+                continue
+            for key, value in entry.items():
+                for part, each in value.items() if isinstance(value, dict) else [("", value)]:
+                    parameters[f"{start}{section}.{name}.{key}.{part}".rstrip(".")] = _flat(each)
+    return parameters
+
+
+def _flat(value: Any) -> Any:
+    """Return lists of points as one list; integers become floats if one number has a fraction."""
+    if not isinstance(value, list):
+        return value
+    numbers = [number for each in value for number in (each if isinstance(each, list) else [each])]
+    return [float(number) for number in numbers] if float in map(type, numbers) else numbers
+
+
 class ParameterServer:
     """Parameters in the form in which rclcpp and rclpy nodes report them."""
 

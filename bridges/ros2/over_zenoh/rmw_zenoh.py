@@ -256,11 +256,6 @@ class EndpointToken(NodeToken):
         name = mangled(resolved(self.name))
         return f"{node}/{name}/{self.type.dds_name}/{self.type.hash}/{qos_text(self.qos)}"
 
-    @property
-    def gid(self) -> bytes:
-        """Return the endpoint's 16 bytes, which peers compute from the token."""
-        return gid(self.text)
-
 
 def parsed(text: str) -> NodeToken | EndpointToken:
     """Return a parsed foreign token; chunks after the thirteenth are ignored.

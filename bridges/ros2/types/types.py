@@ -357,16 +357,6 @@ class Types:
         """
         return self._half(service, "Response")
 
-    def verify(self) -> None:
-        """Compare every type whose hash in a running ROS 2 is known.
-
-        Raises:
-            ConfigError: If one differs.
-        """
-        for name in self._golden:
-            if name in self._definitions.services or name in self._store.fielddefs:
-                self.kind(name)
-
     def _hash(self, name: str) -> str:
         if name not in self._definitions.services:
             self._layout(name)

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.parameters import FetchRequest, fetched, parameters_of
+from pointit.bridges.ros2.parameters import FetchRequest, fetched
 from pointit.bridges.ros2.types.types import Types
 from pointit.maps.file import load_map, map_path
 from pointit.runtime.config.yaml_file import parse_yaml
@@ -15,7 +15,7 @@ from pointit.runtime.errors import ConnectError
 from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
 from tests.support.commands import Commands
 from tests.support.data import data_file
-from tests.support.parameter_server import NODE, ParameterServer
+from tests.support.parameter_server import NODE, ParameterServer, parameters_of
 
 TYPES = Types("jazzy")
 PATIENT_S = 20.0

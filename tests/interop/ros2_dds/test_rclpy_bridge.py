@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pointit.bridges.ros2.parameters import parameters_of, tree_of
+from pointit.bridges.ros2.parameters import tree_of
 from pointit.maps.file import map_path
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -18,6 +18,7 @@ from pointit.schemas.topics import HEALTH, POSE, USER_ALIVE, WRIST
 from tests.interop.ros2_dds.driven import DOMAIN, Driven, environment
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.support.parameter_server import parameters_of
 
 pytestmark = pytest.mark.slow  # the first may fetch for a minute
 START_S = 60.0

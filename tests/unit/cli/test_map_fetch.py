@@ -12,13 +12,12 @@ from click.testing import CliRunner, Result
 
 from pointit.bridges.ros2 import parameters as map_of_node
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.parameters import parameters_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.cli.maps import exchange as map_fetch
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, NoAnswerError
-from tests.support.parameter_server import OneNode, ParameterServer
+from tests.support.parameter_server import OneNode, ParameterServer, parameters_of
 
 TYPES = Types("jazzy")
 ROOM = """\

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.parameters import LINES, SECTIONS, of_maps, parameters_of, tree_of, value_of
+from pointit.bridges.ros2.parameters import LINES, SECTIONS, of_maps, tree_of, value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.solids import Vec2
 from pointit.geometry.vector import Vec3
@@ -18,7 +18,7 @@ from pointit.maps.checks.check import check_map
 from pointit.maps.file import parse_map_file
 from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.yaml_file import parse_yaml
-from tests.support.parameter_server import message_of
+from tests.support.parameter_server import message_of, parameters_of
 
 TYPES = Types("jazzy")
 

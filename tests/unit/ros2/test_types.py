@@ -1,5 +1,6 @@
 """ROS values, their CDR and their names."""
 
+import contextlib
 import json
 import math
 import re
@@ -276,7 +277,6 @@ def test_an_unknown_type_is_told_in_a_sentence(jazzy: Types, name: str) -> None:
 
 def test_humble_writes_no_hashes() -> None:
     humble = Types("humble")
-    humble.verify()
     for name in ("std_srvs/srv/Empty", "conveyor_msgs/msg/State"):
         assert humble.kind(name).hash == "TypeHashNotSupported"
     with pytest.raises(KeyError, match="ROS 2 humble"):
@@ -285,7 +285,10 @@ def test_humble_writes_no_hashes() -> None:
 
 @pytest.mark.parametrize("distro", ["jazzy", "kilted", "lyrical", "rolling"])
 def test_our_hashes_are_those_of_ros(distro: Any) -> None:
-    Types(distro).verify()
+    kinds = Types(distro)
+    for name, expected in json.loads(types.GOLDEN.read_text(encoding="utf-8")).items():
+        with contextlib.suppress(KeyError):  # rosbags does not bring it
+            assert kinds.kind(name).hash == expected
 
 
 def test_another_hash_stops_the_bridge(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -293,11 +296,9 @@ def test_another_hash_stops_the_bridge(monkeypatch: pytest.MonkeyPatch, tmp_path
     other.write_text('{"std_msgs/msg/Bool": "RIHS01_0"}', encoding="utf-8")
     monkeypatch.setattr(types, "GOLDEN", other)
     told = r"std_msgs/msg/Bool: the hash .* in ROS 2 it is RIHS01_0; remove "
-    for use in (Types("jazzy").verify, lambda: Types("jazzy").kind("std_msgs/msg/Bool")):
+    for use in (Types("jazzy").prepare, Types("jazzy").kind):
         with pytest.raises(ConfigError, match=told):
-            use()
-    with pytest.raises(ConfigError, match=told):
-        Types("jazzy").prepare("std_msgs/msg/Bool")
+            use("std_msgs/msg/Bool")
 
 
 def test_what_is_shipped_knows_every_hash_of_ours() -> None:

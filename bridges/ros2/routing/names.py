@@ -73,7 +73,6 @@ class Frames:
         """Set the name of {W}."""
         self.world = world
         self._names = names
-        self._resolved: dict[tuple[str, str], str] = {}
 
     def person(self, user: str) -> str:
         """Return the frame {H} of `user`."""
@@ -81,15 +80,8 @@ class Frames:
 
     def resolve(self, template: str, name: str) -> str:
         """Return the frame that `template` of a route means for the person `name`."""
-        found = self._resolved.get((template, name))
-        if found is None:
-            found = template.replace(WORLD, self.world).replace(PERSON, "{user}/human_footprint")
-            if "{user}" in found:
-                found = found.replace("{user}", self._names.of(name))
-            if len(self._resolved) >= MAX_FRAME_NAMES:
-                self._resolved.clear()
-            self._resolved[template, name] = found
-        return found
+        found = template.replace(WORLD, self.world).replace(PERSON, "{user}/human_footprint")
+        return found.replace("{user}", self._names.of(name)) if "{user}" in found else found
 
 
 MAX_NUMBER = 2**31 - 1

@@ -251,11 +251,3 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Your shell": (ours("completion", "install completion with the Tab key", "shell"),),
 }
 """Commands by the heading of the help."""
-
-OLD_PAIRS = {
-    ("new", "room"): ("map", "new"),
-    ("list", "maps"): ("map", "list"),
-    ("list", "plugins"): ("plugin", "list"),
-    ("list", "services"): ("service", "list"),
-}
-"""First two words of earlier versions, which are understood until the next minor version."""

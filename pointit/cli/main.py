@@ -1,4 +1,4 @@
-"""`pointit`: the group of all commands, old spellings, and errors as wide as the terminal."""
+"""`pointit`: the group of all commands, and errors as wide as the terminal."""
 
 import difflib
 import functools
@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from pointit.cli.commands import COMMANDS, OLD_PAIRS
+from pointit.cli.commands import COMMANDS
 from pointit.cli.common.lazy import (
     COMPLETE,
     LABORATORY,
@@ -37,7 +37,7 @@ ERROR = "Error: "
 
 
 class RootGroup(LazyGroup):
-    """The top-level help: commands by heading, three examples, first steps. Understands old spellings."""
+    """The top-level help: commands by heading, three examples, first steps."""
 
     @functools.cached_property
     def _installed(self) -> Installed:
@@ -60,18 +60,11 @@ class RootGroup(LazyGroup):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command named first in `args`. For an old spelling, a note names the new one.
+        """Return the command named first in `args`.
 
         Raises:
             UnknownNameError: If there is none; suggests similar names.
         """
-        pair = (args[0], args[1] if len(args) > 1 else "")
-        if new := OLD_PAIRS.get(pair):
-            if not ctx.resilient_parsing:
-                click.echo(
-                    f"note: `{' '.join(('pointit', *pair))}` is now `{' '.join(('pointit', *new))}`", err=True
-                )
-            args = [*new, *args[2:]]
         try:
             return super().resolve_command(ctx, args)
         finally:

@@ -94,7 +94,6 @@ def setup_options(function: F) -> F:
         ),
         click.option(
             "--output",
-            "--leds",
             "output",
             default="",
             show_default=False,

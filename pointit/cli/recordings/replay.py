@@ -81,7 +81,6 @@ MAX_FIELDS = 3
 )
 @click.option(
     "--output",
-    "--leds",
     "outputs",
     type=click.Choice(["none", "recorded"]),
     default="none",

@@ -302,7 +302,6 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 )
 @click.option(
     "--output",
-    "--leds",  # of version 0.1
     "output",
     default="",
     show_default=False,
@@ -346,11 +345,6 @@ def run(
     """
     if summary is not None:
         check_writable(summary)
-    if scenario == "replay":
-        raise ConfigError(
-            "a recorded arm is no scenario: `pointit import FILE.csv --to FILE.mcap` makes a recording of "
-            "it, and `pointit replay FILE.mcap` runs the services on it"
-        )
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)

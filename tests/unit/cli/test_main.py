@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.commands import COMMANDS, OLD_PAIRS
+from pointit.cli.commands import COMMANDS
 from pointit.cli.common import lazy
 from pointit.cli.common.lazy import HEADING, LAB, LazyEntry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command, front, main
@@ -198,26 +198,6 @@ def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
     assert "'soon'" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "rest"),
-    [
-        ("new room", "map new", "--lamps 0 --strips 0"),
-        ("list maps", "map list", "--json"),
-        ("list plugins", "plugin list", "--json"),
-        ("list services", "service list", "--json"),
-    ],
-)
-def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, rest: str) -> None:
-    code, text = invoke(*f"{new} {rest}".split())
-    note = f"note: `pointit {old}` is now `pointit {new}`\n"
-    assert invoke(*f"{old} {rest}".split()) == (code, note + text)
-
-
-def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
-    assert set(OLD_PAIRS.values()) <= set(PATHS)
-    assert not set(OLD_PAIRS) & set(PATHS)
 
 
 WAVES = """

@@ -79,7 +79,7 @@ def test_a_mistake_is_one_sentence_and_changes_no_file(arguments: tuple[str, ...
 
 def test_in_a_terminal_it_asks_for_what_is_missing(terminal: int, capfd: pytest.CaptureFixture[str]) -> None:
     os.write(terminal, b"6\n\n3\n")
-    command.main(["new", "room", "--lamps", "2"], prog_name="pointit", standalone_mode=False)
+    command.main(["map", "new", "--lamps", "2"], prog_name="pointit", standalone_mode=False)
     asked = capfd.readouterr().out
     questions = ("width of the room, m [5.0]", "depth of the room, m [4.0]", "number of LED strips [2]")
     assert all(question in asked for question in questions)

@@ -88,7 +88,7 @@ LOOK_S = 0.5
 """Time in which robots are found; they say their state ten times a second."""
 
 
-async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, Found]:
+async def find_robots(bus: Bus) -> dict[str, Found]:
     """Return the robots, by name, each with its last state or why there is none.
 
     Those whose process has ended are known by their last plan, which the keeper has.
@@ -104,7 +104,7 @@ async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, Found]:
 
     listening = (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(ROBOT_PLAN, on_plan))
     try:
-        present = await list_present(bus, SERVICE_ALIVE, wait_s)
+        present = await list_present(bus, SERVICE_ALIVE, LOOK_S)
     finally:
         for each in listening:
             each.close()

@@ -29,11 +29,11 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 class DisplayPart:
     """Display functions for the observations of a run."""
 
-    rows: Callable[[Monitor, int], RenderableType | None]
+    rows: Callable[[Monitor, int], RenderableType | None] = lambda _monitor, _width: None
     """Returns its table at a terminal's width, or None if it has nothing to show."""
-    lines: Callable[[Monitor], Sequence[Text]]
+    lines: Callable[[Monitor], Sequence[Text]] = lambda _monitor: ()
     """Returns lines below the table, left out first in a low terminal."""
-    summary: Callable[[Mapping[str, Any]], Sequence[str]]
+    summary: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _summary: ()
     """Returns sentences on the summary of a run."""
 
 

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.common.output import duration_text
 from pointit.cli.summary import DisplayPart, figures
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 from pointit.geometry.polyline import Polyline
@@ -169,7 +170,7 @@ def _pose(pose: UserPose, now_ns: int) -> list[Text]:
     drift = "-"
     if pose.yaw_rate_sigma_radps is not None:
         drift = f"{math.degrees(pose.yaw_rate_radps) * 60:+.1f}°/min"
-    anchor = "-" if pose.anchored_ns == 0 else _span(now_ns - pose.anchored_ns)
+    anchor = "-" if pose.anchored_ns == 0 else duration_text((now_ns - pose.anchored_ns) / NS_PER_S)
     return [place.append(" m"), yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor)]
 
 
@@ -217,14 +218,6 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
         "bold yellow",
     )
     return [purpose, target, " · ".join(parts)]
-
-
-def _span(duration_ns: int) -> str:
-    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
-    seconds = max(duration_ns, 0) / NS_PER_S
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.0f} h"
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,13 @@ def _escaped(text: str) -> str:
     return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
+def duration_text(seconds: float) -> str:
+    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
+    if seconds < 100:
+        return f"{max(seconds, 0):.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.0f} h"
+
+
 def print_file(content: str | bytes) -> None:
     """Print what a file would have. A pipe gets it in UTF-8, as files are, whatever its encoding."""
     is_text = isinstance(content, str) and sys.stdout.isatty()

@@ -8,7 +8,6 @@ import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.text import Text
@@ -19,6 +18,7 @@ from pointit.cli.common.output import (
     OutputSection,
     Row,
     console,
+    duration_text,
     json_option,
     print_json,
     print_table,
@@ -316,7 +316,7 @@ def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
         "user": user,
         "pid": health.pid if health else None,
         "host": health.host if health else None,
-        "up": _span(health.uptime_s) if health else None,
+        "up": duration_text(health.uptime_s) if health else None,
         "in_hz": _rates(health, "in"),
         "out_hz": _rates(health, "out"),
         "step_ms": _quantiles(health.step) if health else None,
@@ -351,12 +351,3 @@ def _figures(health: Health) -> str:
 
 def _quantiles(times: Quantiles | None) -> str:
     return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
-
-
-def _span(seconds: float) -> str:
-    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
-    value: Any
-    for value, unit in ((seconds / 3600, "h"), (seconds / 60, "min")):
-        if value >= 1:
-            return f"{value:.0f} {unit}"
-    return f"{seconds:.0f} s"

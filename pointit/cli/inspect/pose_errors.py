@@ -1,9 +1,7 @@
 """Errors of localized poses where a tracker sees the true ones, over a window, and in the terminal view."""
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.text import Text
@@ -92,14 +90,4 @@ def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:
     return Text("\n").join(lines) if lines else None
 
 
-def more_lines(_monitor: Monitor) -> Sequence[Text]:
-    """Return no further lines."""
-    return ()
-
-
-def summary_sentences(_summary: Mapping[str, Any]) -> Sequence[str]:
-    """Return no sentences."""
-    return ()
-
-
-TRUTH_DISPLAY = DisplayPart(rows=error_lines, lines=more_lines, summary=summary_sentences)
+TRUTH_DISPLAY = DisplayPart(rows=error_lines)

@@ -18,6 +18,7 @@ from pointit.cli.common.panels import Finite
 from pointit.cli.common.site_link import notify_if_slow
 from pointit.diagnosis.observation import silence_reason
 from pointit.forearm.true_pose import PoseError
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.service.plain_console import PlainConsole
@@ -104,9 +105,7 @@ def changing_line() -> Generator[ChangingLine]:
 
 def sigmas(pose: UserPose) -> tuple[float, float]:
     """Return 1 sigma of the position along its worse direction, m, and of the yaw, rad."""
-    c = pose.covariance
-    middle, difference = (c[0] + c[4]) / 2.0, math.hypot((c[0] - c[4]) / 2.0, c[1])
-    return math.sqrt(max(0.0, middle + difference)), math.sqrt(max(0.0, c[8]))
+    return position_sigma_m(pose.covariance), yaw_sigma_rad(pose.covariance)
 
 
 def sigma_text(pose: UserPose) -> str:
@@ -125,13 +124,13 @@ def drift_degpmin(pose: UserPose) -> float:
 def fields(pose: UserPose, now_ns: int, error: PoseError | None = None) -> dict[str, Any]:
     """Return `pose` and its `error` for programs; angles in degrees, ages in seconds, None if unknown."""
     yaw_error_rad = None if error is None else error.yaw_rad
-    position_sigma_m, yaw_sigma_rad = sigmas(pose)
+    position_m, yaw_rad = sigmas(pose)
     rate_sigma = pose.yaw_rate_sigma_radps
     return {
         "position_m": pose.position_m,
-        "position_sigma_m": position_sigma_m,
+        "position_sigma_m": position_m,
         "yaw_deg": math.degrees(math.remainder(pose.yaw_rad, math.tau)),
-        "yaw_sigma_deg": math.degrees(yaw_sigma_rad),
+        "yaw_sigma_deg": math.degrees(yaw_rad),
         "elevation_bias_deg": math.degrees(pose.elevation_bias_rad),
         "remembered_localizations": pose.remembered_bias.localizations if pose.remembered_bias else 0,
         "drift_deg_per_min": drift_degpmin(pose),
@@ -391,12 +390,12 @@ def _ending(localization: Localization) -> str | None:
     return None if localization.phase == "sampling" else localization.reason
 
 
-def timeout_option(default_s: float = 30.0) -> click.Option:
+def timeout_option() -> click.Option:
     """Return the option for the timeout of one pointing."""
     return click.Option(
         ["--timeout", "timeout_s"],
         type=Finite(min=1, max=600),
-        default=default_s,
+        default=30.0,
         help="timeout of one pointing, s",
     )
 

@@ -170,9 +170,7 @@ def announcement_lines(summary: Mapping[str, Any]) -> list[str]:
 NAMES_PART = RunPart(
     heading="Names", names=("announce", "language"), options=_announce_options, add=_add_names
 )
-NAMES_DISPLAY = DisplayPart(
-    rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=announcement_lines
-)
+NAMES_DISPLAY = DisplayPart(summary=announcement_lines)
 
 
 def mqtt_options(function: Any) -> Any:
@@ -264,6 +262,4 @@ THINGS_PART = RunPart(
     options=_options,
     add=_add,
 )
-THINGS_DISPLAY = DisplayPart(
-    rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=summary_lines
-)
+THINGS_DISPLAY = DisplayPart(summary=summary_lines)

@@ -23,7 +23,7 @@ from pointit.services.recorder.service import Recorder
 from tests.support.invoked import python
 
 LAMPS = "lamps:\n  a: {position: [1, 2, 1]}\n  b: {position: [2, 2, 1]}\n"
-PAGES = ("cp1252", "cp932")
+PAGE = "cp932"
 
 
 @pytest.fixture
@@ -45,21 +45,20 @@ def run(*arguments: str | Path, page: str, **more: str) -> tuple[int, bytes, str
     return done.returncode, done.stdout.encode("latin-1"), done.stderr
 
 
-@pytest.mark.parametrize("page", PAGES)
 def test_letters_that_the_code_page_lacks_are_escaped_and_the_exit_code_is_the_commands(
-    tmp_path: Path, page: str
+    tmp_path: Path,
 ) -> None:
     file = tmp_path / "şék-Δ.yaml"
     file.write_text(LAMPS)
-    code, output, log = run("map", "check", file, page=page)
+    code, output, log = run("map", "check", file, page=PAGE)
     assert (code, log) == (0, "")
     assert b"no findings; 2 lamps" in output
     assert b"\\u015f" in output
     file.write_text("lamps: {a: 3}\n")
-    assert run("map", "check", file, page=page)[0] == 1
-    code, output, _ = run("map", "check", file, "--json", page=page)
+    assert run("map", "check", file, page=PAGE)[0] == 1
+    code, output, _ = run("map", "check", file, "--json", page=PAGE)
     assert code == 1
-    assert json.loads(output.decode(page))["map"] == str(file)
+    assert json.loads(output.decode(PAGE))["map"] == str(file)
 
 
 @pytest.mark.parametrize("words", ["list", "run --help-all", "topic list"])

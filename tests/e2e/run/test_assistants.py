@@ -137,8 +137,3 @@ async def test_a_stopped_assistant_ends_it(commands: Commands, endpoint: str) ->
     """Its standard input is at its end from the start, as if the assistant had gone."""
     ended = await commands.pointit("mcp", "--connect", endpoint, code=0)
     assert ended.out == ""
-
-
-async def test_an_address_that_others_reach_is_refused(commands: Commands, endpoint: str) -> None:
-    ended = await commands.pointit("mcp", "--listen", "0.0.0.0:0", "--connect", endpoint, code=2)
-    assert "SSH tunnel" in ended.sentence

@@ -16,12 +16,7 @@ from tests.support.commands import PATIENCE_S, Command, Commands, Ended, onlooke
 from tests.support.pace import within
 
 END_S = 2.0
-ENDINGS = [
-    (signal.SIGINT, ()),
-    (signal.SIGTERM, ("--processes",)),
-    pytest.param(signal.SIGTERM, (), marks=pytest.mark.long),
-    pytest.param(signal.SIGINT, ("--processes",), marks=pytest.mark.long),
-]
+ENDINGS = [(signal.SIGINT, ()), (signal.SIGTERM, ("--processes",))]
 RUN = ("run", "scenario_3", "--no-view", "--duration", "600")
 TOLD = "scenario_3 of site lab at"
 """Logged when the bus is open and the services are about to start."""
@@ -61,9 +56,8 @@ async def test_a_run_ends_with_its_summary(
     assert len(summary["services"]) == 9
 
 
-@pytest.mark.parametrize("processes", [pytest.param((), marks=pytest.mark.long), ("--processes",)])
-async def test_ctrl_c_reaches_a_group(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
-    run = commands.start_program(*RUN, *processes, "--listen", endpoint)
+async def test_ctrl_c_reaches_a_group(commands: Commands, endpoint: str) -> None:
+    run = commands.start_program(*RUN, "--processes", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "user-sim.user1" in seen.health, 30, "a run")
     family = run.family()
@@ -134,34 +128,31 @@ OTHERS: dict[str, tuple[Arguments, str]] = {
 }
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
-async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str, number: int) -> None:
+async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str) -> None:
     run = commands.start_program(*RUN, "--listen", endpoint)
     await run.says(TOLD)  # `echo` does not wait long for a site
     started = {name: commands.start_program(*arguments(endpoint)) for name, (arguments, _) in OTHERS.items()}
     for name, command in started.items():
         await command.says(OTHERS[name][1])
         family = command.family()
-        ended = await command.stop(number)
+        ended = await command.stop(signal.SIGINT)
         well(ended)
         nothing_is_left(family)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
-async def test_doctor_ends_without_a_verdict(commands: Commands, endpoint: str, number: int) -> None:
+async def test_doctor_ends_without_a_verdict(commands: Commands, endpoint: str) -> None:
     """Code 0 would mean that all is well, which it does not know: 130."""
     commands.start_program(*RUN, "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "pui" in seen.present, 30, "a run")
         doctor = commands.start_program("doctor", "--connect", endpoint)
         await until(lambda: catches(doctor, signal.SIGTERM), 30, "doctor to listen")
-        ended = await doctor.stop(number)
+        ended = await doctor.stop(signal.SIGTERM)
     assert ended.code == 130
     assert within(ended.took_s, END_S)
     assert "Traceback" not in ended.err
 
 
-PLACE = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
 MISTAKEN = ("run", "--no-view", "--duration", "60")
 
 
@@ -178,14 +169,9 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("replay",), ["`pointit import FILE.csv --to FILE.mcap`", "`pointit replay FILE.mcap`"]),
-        (("{folder}/service.yaml",), ["{folder}/service.yaml: site: no service 'puj'"]),
         (("--config", "{folder}/section.yaml"), ["section.yaml: 'puj' is no service", "did you mean pui?"]),
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
-        (("--output", "nonsense"), ["--output 'nonsense': no LED output 'nonsense' is installed"]),
-        (("--summary", "{folder}"), ["--summary {folder}: is a directory"]),
-        (("--listen", "tcp/127.0.0.1"), ["'tcp/127.0.0.1' is no address"]),
         (("--connect", "tcp/h:1", "--listen", "tcp/h:2"), ["--listen and --connect exclude each other"]),
         (("--site", "a/b"), ["site 'a/b'"]),
     ],
@@ -193,16 +179,11 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
 async def test_what_is_typed_or_written_wrong_is_named(
     commands: Commands, endpoint: str, tmp_path: Path, arguments: tuple[str, ...], parts: list[str]
 ) -> None:
-    (tmp_path / "service.yaml").write_text(PLACE + "site: {puj: {}}\n")
     (tmp_path / "section.yaml").write_text("puj: {}\n")
     filled = [argument.replace("{folder}", str(tmp_path)) for argument in arguments]
     where = () if {"--listen", "--connect"} & set(arguments) else ("--listen", endpoint)
     ended = await commands.pointit(*MISTAKEN, *filled, *where)
     one_sentence(ended, *(part.replace("{folder}", str(tmp_path)) for part in parts))
-
-
-async def test_a_number_out_of_range(commands: Commands) -> None:
-    one_sentence(await commands.pointit("run", "--users", "1000"), "'--users'", "not in the range")
 
 
 async def test_users_have_mistakes_of_their_own(commands: Commands, endpoint: str) -> None:

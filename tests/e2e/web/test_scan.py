@@ -16,7 +16,7 @@ from pointit.schemas import Strip
 from tests.e2e.web.axe import check_look
 from tests.e2e.web.conftest import page_is_built
 from tests.e2e.web.site import SitePage
-from tests.e2e.web.window import NO_WEBGL, Theme, Window
+from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.unit.pui.room import pose_at, room
@@ -157,11 +157,8 @@ async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
                 assert math.dist(cursor.point_m, place) < 0.03, (name, place, cursor.point_m)
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-async def test_the_operators_page_lets_a_phone_map_the_room(
-    browser: Browser, shared_site: SitePage, theme: Theme
-) -> None:
-    window = await Window.open(browser, shared_site.url, theme=theme, scripts=(NO_WEBGL,))
+async def test_the_operators_page_lets_a_phone_map_the_room(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
     page = window.page
     await page.get_by_role("tab", name="Set up").click()
     await page.get_by_role("button", name="With a phone").click()
@@ -171,7 +168,7 @@ async def test_the_operators_page_lets_a_phone_map_the_room(
     assert url is not None
     assert window.faults == []
     for script, sentence in ((REFUSED, "The camera was refused"), (INSECURE, "only over https")):
-        phone = await (await browser.new_context(**PHONE, color_scheme=theme)).new_page()
+        phone = await (await browser.new_context(**PHONE)).new_page()
         await phone.add_init_script(script)
         await phone.goto(url)
         await check_look(phone)

@@ -39,7 +39,7 @@ async def see_the_same(*windows: Window) -> None:
         await asyncio.sleep(0.05)
 
 
-async def test_second_who_takes_the_mouse_has_it_first_is_told(
+async def test_both_pages_stop_and_start_feeders_and_the_second_takes_the_mouse_of_the_first(
     browser: Browser, shared_site: SitePage
 ) -> None:
     first = await Window.open(browser, shared_site.url)
@@ -47,6 +47,18 @@ async def test_second_who_takes_the_mouse_has_it_first_is_told(
     for window in (first, second):
         await window.is_shown()
     await see_the_same(first, second)
+    async with onlooker(shared_site.endpoint) as seen:
+        states: list[ConveyorState] = []
+        seen.bus.subscribe(CONVEYOR_STATE, lambda state, _name: states.append(state))
+        for clicking, does, undoes, is_feeding in (
+            (first, "Stop feeding", "Start feeding", False),
+            (second, "Start feeding", "Stop feeding", True),
+        ):
+            await clicking.page.get_by_role("button", name=does).click()
+            for window in (first, second):
+                await expect(window.page.get_by_role("button", name=undoes)).to_be_visible()
+                await expect(window.page.get_by_role("button", name=does)).to_be_hidden()
+            await until(lambda wanted=is_feeding: states[-1:] != [] and states[-1].feeding is wanted)
     await first.page.get_by_role("button", name="Point with the mouse").click()
     await expect(first.page.locator("#guide")).to_contain_text("You are the arm now")
     await expect(second.page.get_by_text("Another page's mouse points.")).to_be_visible()
@@ -64,27 +76,6 @@ async def test_second_who_takes_the_mouse_has_it_first_is_told(
     await second.page.context.close()  # leaving releases it
     await expect(first.page.get_by_role("radio", name="Demo")).to_be_checked()
     await expect(first.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
-    assert first.faults == second.faults == []
-
-
-async def test_feeders_stop_and_start_from_any_page_and_all_say_so(
-    browser: Browser, shared_site: SitePage
-) -> None:
-    first, second = [await Window.open(browser, shared_site.url) for _ in range(2)]
-    async with onlooker(shared_site.endpoint) as seen:
-        states: list[ConveyorState] = []
-        seen.bus.subscribe(CONVEYOR_STATE, lambda state, _name: states.append(state))
-        for window in (first, second):
-            await window.is_shown()
-        for clicking, does, undoes, is_feeding in (
-            (first, "Stop feeding", "Start feeding", False),
-            (second, "Start feeding", "Stop feeding", True),
-        ):
-            await clicking.page.get_by_role("button", name=does).click()
-            for window in (first, second):
-                await expect(window.page.get_by_role("button", name=undoes)).to_be_visible()
-                await expect(window.page.get_by_role("button", name=does)).to_be_hidden()
-            await until(lambda wanted=is_feeding: states[-1:] != [] and states[-1].feeding is wanted)
     assert first.faults == second.faults == []
 
 

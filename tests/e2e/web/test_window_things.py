@@ -12,7 +12,7 @@ from pointit.bridges.web.model.map_editor import floor
 from pointit.maps.file import load_map
 from tests.e2e.web.axe import violations as axe_violations
 from tests.e2e.web.site import SitePage
-from tests.e2e.web.window import NO_WEBGL, Theme, Window
+from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.pace import Patience
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("shared_site", ["shelf"], indirect=True)]
@@ -65,11 +65,8 @@ async def purple(window: Window) -> float:
     return float(((red > green + 0.06) & (blue > green + 0.06)).mean())
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
-    browser: Browser, shared_site: SitePage, theme: Theme
-) -> None:
-    window = await Window.open(browser, shared_site.url, size=(1280, 960), theme=theme, scripts=(WATCH,))
+async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, size=(1280, 960), scripts=(WATCH,))
     page = window.page
     await window.is_shown()
     await page.get_by_role("button", name="Point with the mouse").click()

@@ -121,6 +121,22 @@ def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
     assert estimator.estimate(arm.now_ns) is not None
 
 
+@pytest.mark.parametrize(
+    ("make", "duration_s", "arms"), [(waving, 2.0, 20), (pointing, 5.0, 10)], ids=["waving", "pointing"]
+)
+def test_the_sigma_holds_for_imus_whose_errors_last_for_a_second(
+    make: Callable[[np.random.Generator], Course], duration_s: float, arms: int
+) -> None:
+    normalized: list[float] = []
+    for seed in range(300, 300 + arms):
+        arm = Arm(seed, delay_s=0.02 * (seed % 3), error_time_s=1.0)
+        arm.move(make(arm.dice), duration_s)
+        normalized.append(arm.error_rad() / arm.estimate().sigma_rad)
+    assert sum(each < 2.0 for each in normalized) >= 0.9 * arms
+    assert max(normalized) < 4.0
+    assert np.mean(np.square(normalized)) > 0.3  # an honest sigma is not too large either
+
+
 def test_errors_that_last_are_reported_by_a_larger_sigma() -> None:
     sigmas_rad: list[float] = []
     for error_time_s in (0.0, 1.0):

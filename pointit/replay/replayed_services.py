@@ -465,18 +465,22 @@ class ReplayedServices:
 
 def remove_unknown(parameters: dict[str, Any], kind: type[Config]) -> list[str]:
     """Remove the parameters that this version has no longer, at any depth. Return their dotted names."""
-    try:
-        validate(kind, parameters)
-    except ValidationError as error:
-        paths = [each["loc"] for each in error.errors() if each["type"] == "extra_forbidden"]
-    else:
-        return []
-    for path in paths:
-        values: Any = parameters
-        for part in path[:-1]:  # a path also names the kind of a value where there are several
-            values = values[part] if isinstance(values, list) or part in values else values
-        del values[path[-1]]
-    return [".".join(str(part) for part in path) for path in paths]
+    gone: list[str] = []
+    while True:  # a service with plug-ins tells its own ones after those of its sections, one at a time
+        try:
+            validate(kind, parameters)
+        except ValidationError as error:
+            paths = [each["loc"] for each in error.errors() if each["type"] == "extra_forbidden"]
+        else:
+            return gone
+        if not paths:
+            return gone
+        for path in paths:
+            values: Any = parameters
+            for part in path[:-1]:  # a path also names the kind of a value where there are several
+                values = values[part] if isinstance(values, list) or part in values else values
+            del values[path[-1]]
+        gone += [".".join(str(part) for part in path) for path in paths]
 
 
 def parameters_of(configuration: Configuration) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pointit.runtime.address_config import format_address
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.certificate_errors import describe_certificate_error
@@ -28,9 +29,9 @@ if TYPE_CHECKING:
 
 PASSWORD = "MQTT_PASSWORD"  # noqa: S105 - the name of a variable
 CA_FILE = "MQTT_CA_FILE"
+"""Variable with the file of the authority, where `ca_file` is not set."""
 DISCOVERY_PREFIX = "MQTT_DISCOVERY_PREFIX"
 """Variable with the first levels of the topics by which Home Assistant finds devices."""
-"""Variable with the file of the authority, where `ca_file` is not set."""
 CLIENT_ID = "pointit"
 """Start of all client identifiers."""
 CONNECT_TIMEOUT_S = 5.0
@@ -58,7 +59,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
         BrokerError: If the certificate is not accepted, or the server does not encrypt.
         OSError: If nothing answers.
     """
-    broker = f"the broker at {_shown(host, port)}"
+    broker = f"the broker at {format_address(host, port)}"
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context):
             return
@@ -80,7 +81,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
 
 async def transport_error(host: str, port: int, context: ssl.SSLContext | None) -> BrokerError | None:
     """Return the reason for which a server does not answer a CONNECT, or None if it is unknown."""
-    broker = f"the broker at {_shown(host, port)}"
+    broker = f"the broker at {format_address(host, port)}"
     if context is None:
         text = (
             f"{broker} encrypts at this port: set `tls` (mqtts:// in front of its address), or name its port "
@@ -169,10 +170,6 @@ def _unverified() -> ssl.SSLContext:
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
     return context
-
-
-def _shown(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 MAX_PASSWORD_BYTES = 65535

@@ -112,23 +112,6 @@ class TestEvent:
         await until(lambda: all(sink.seen for sink in sinks))
         assert [sink.of("anna") for sink in sinks] == [[5]] * 3
 
-    async def test_overflow_is_counted_and_said(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
-        sink = Sink()
-        subscription = site.a.subscribe(BUTTON, sink)
-        writer = site.a.publisher(BUTTON, "anna")
-        count = EVENT_CAPACITY + 500
-        for seq in range(count):  # the loop, and with it the reader, does not run meanwhile
-            writer.put(press(seq))
-        await until(lambda: len(sink.seen) == EVENT_CAPACITY)
-        assert sink.of("anna") == list(range(500, count))
-        assert subscription.traffic.received == count
-        assert subscription.traffic.dropped == 500
-        said = [record for record in caplog.records if "500 events lost" in record.message]
-        assert len(said) == 1
-        writer.put(press(count))
-        await until(lambda: sink.of("anna")[-1] == count)
-        assert [record for record in caplog.records if "events lost" in record.message] == said
-
     async def test_overflow_of_a_remote_reader_is_counted(self, site: Site) -> None:
         sink = Sink()
         subscription = site.b.subscribe(BUTTON, sink)

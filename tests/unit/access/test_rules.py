@@ -309,11 +309,3 @@ def test_who_reads_selection_events_and_does_more_than_view_may_ask_for_those_of
     reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
     assert reads & set(rights.reads)
     assert asks & set(rights.asks)
-
-
-def test_a_person_writes_their_own_steps_and_no_other() -> None:
-    own, services = rights_of("user", "anna"), rights_of("services", "site")
-    assert "users/anna/step" in own.writes
-    assert not [key for key in own.writes if key.endswith("/step") and key != "users/anna/step"]
-    assert "users/*/announced" in services.writes
-    assert "users/*/announced" in rights_of("dashboard", "wall").reads

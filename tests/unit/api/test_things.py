@@ -211,13 +211,6 @@ def test_script_iterates_over_events(script: Shop) -> None:
     assert next(events).thing == "radio"
 
 
-def test_misspelt_thing_is_refused_where_the_script_has_it(script: Shop) -> None:
-    with pytest.raises(ConfigError, match=MISSPELT):
-        next(script.site.pointed("scews"))
-    with pytest.raises(ConfigError, match=MISSPELT):
-        script.site.on_pointed("scews")(print)
-
-
 def test_script_waits_for_the_map_and_says_that_it_has_not_come() -> None:
     with SyncSite(in_memory(), LoopThread(virtual=True)) as site:
         for act in (lambda: next(site.pointed("screws")), site.on_pointed):

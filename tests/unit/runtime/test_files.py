@@ -27,14 +27,6 @@ def mode_of(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
 
 
-@pytest.mark.parametrize("durable", [False, True])
-def test_an_existing_file_is_replaced(tmp_path: Path, durable: bool) -> None:  # noqa: FBT001 - pytest's way
-    write_atomically(tmp_path / "x", b"old, and longer", durable=durable)
-    write_atomically(tmp_path / "x", b"new", durable=durable)
-    assert (tmp_path / "x").read_bytes() == b"new"
-    assert names(tmp_path) == ["x"]
-
-
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
 def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_path: Path) -> None:
     write_atomically(tmp_path / "a" / "b" / "secret", b"")
@@ -55,19 +47,6 @@ def test_error_names_the_file_and_leaves_it_as_it_was(tmp_path: Path) -> None:
     assert read_limited(tmp_path / "file", 2) == b"ol"
     assert (tmp_path / "file").read_bytes() == b"old"
     assert names(tmp_path) == ["file", "folder"]
-
-
-def test_a_disk_that_is_full_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_atomically(tmp_path / "x", b"old")
-
-    def full(_descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(ConfigError, match="No space left on device"):
-        write_atomically(tmp_path / "x", b"new", durable=True)
-    assert (tmp_path / "x").read_bytes() == b"old"
-    assert names(tmp_path) == ["x"]
 
 
 def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

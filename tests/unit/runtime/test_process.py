@@ -202,13 +202,14 @@ def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.Capt
     assert "Error: sample-one.anna: rate_hz: 50 is none of the recording's" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--listen", "--connect"])
 @pytest.mark.parametrize(
-    ("address", "said"),
+    ("option", "address", "said"),
     [
-        ("tcp/127.0.0.1:70000", "'tcp/127.0.0.1:70000': there is no port 70000; use one up to 65535"),
-        ("tcp/127.0.0.1:-1", "'tcp/127.0.0.1:-1' is no address"),
-        ("tcp/127.0.0.1:http", "is no address"),
+        ("--listen", "tcp/127.0.0.1:70000", "there is no port 70000; use one up to 65535"),
+        ("--connect", "tcp/127.0.0.1:70000", "there is no port 70000; use one up to 65535"),
+        ("--connect", "tcp/127.0.0.1:0", "there is no port 0; use one up to 65535"),
+        ("--listen", "tcp/127.0.0.1:-1", "'tcp/127.0.0.1:-1' is no address"),
+        ("--connect", "tcp/127.0.0.1:http", "is no address"),
     ],
 )
 def test_an_invalid_port_is_named(
@@ -218,11 +219,6 @@ def test_an_invalid_port_is_named(
     error = capsys.readouterr().err
     assert said in error
     assert "another PointIt" not in error
-
-
-def test_port_0_is_none_to_connect_to(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ended(service_command(Sample), "--user", "anna", "--connect", "tcp/127.0.0.1:0") == 2
-    assert "'tcp/127.0.0.1:0': there is no port 0; use one up to 65535" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -158,10 +158,17 @@ def test_error_of_a_command_has_no_secret(kind: type[Exception], capsys: pytest.
     assert SECRET not in output.err + output.out
 
 
+class Account(Config):
+    name: str
+    password: str
+
+
 class Camera(Config):
     api_token: int = Field(default=0)
     address: str = ""
     headers: dict[str, str] = Field(default_factory=dict[str, str])
+    accounts: dict[str, Account] = Field(default_factory=dict[str, Account])
+    keys: tuple[str, ...] = ("w", "a")
 
 
 @pytest.mark.parametrize("value", [SECRET, f"[{SECRET}]", f"{{x: {SECRET}}}", f"[{SECRET}", f"'{SECRET}"])
@@ -176,15 +183,18 @@ def test_invalid_secret_is_refused_without_its_value(value: str) -> None:
     assert SECRET not in str(caught.value)
 
 
-def test_parameters_that_are_published_have_no_secret() -> None:
+def test_parameters_that_are_published_have_no_secret_at_any_depth() -> None:
     config = Camera(
         api_token=1234,
         address=f"rtsp://me:{SECRET}@hub/1",
         headers={"Authorization": f"Bearer {SECRET}", "Referer": f"http://hub/{SECRET}", "Accept": "any"},
+        accounts={"first": Account(name="me", password=SECRET)},
     )
     assert json.loads(published_parameters(config)) == {
         "address": "rtsp://***@hub/1",
         "headers": {"Referer": "http://hub/...", "Accept": "any"},
+        "accounts": {"first": {"name": "me"}},
+        "keys": ["w", "a"],
     }
 
 

@@ -342,26 +342,3 @@ async def test_large_reply_is_given_and_left_out_of_what_is_published(bus: Memor
 def test_parameters_of_every_process_survive_the_way_through_json(row: Process) -> None:
     config = row.config()()
     assert row.config().model_validate_json(published_parameters(config)) == config
-
-
-def test_secrets_are_not_published_at_any_depth() -> None:
-    class Account(Config):
-        name: str
-        password: str
-
-    class CloudConfig(Config):
-        address: str
-        api_token: str
-        accounts: dict[str, Account]
-        keys: tuple[str, ...] = ("w", "a")
-
-    config = CloudConfig(
-        address="mqtt://me:hush@broker:1883/lamps",
-        api_token="hush",  # noqa: S106 - no real one
-        accounts={"first": Account(name="me", password="hush")},  # noqa: S106
-    )
-    assert json.loads(published_parameters(config)) == {
-        "address": "mqtt://***@broker:1883/lamps",
-        "accounts": {"first": {"name": "me"}},
-        "keys": ["w", "a"],
-    }

@@ -67,28 +67,6 @@ def press(seq: int) -> ButtonEvent:
 
 
 @pytest.mark.usefixtures("restless")
-async def test_events_of_many_threads_all_come_each_thread_in_order() -> None:
-    seen: list[tuple[str, int]] = []
-    mailbox = Mailbox(BUTTON, lambda message, name: seen.append((name, message.seq)), Dispatcher())
-    each = 5000
-    events = [press(seq) for seq in range(each)]
-
-    def offer(index: int) -> None:
-        for event in events:
-            mailbox.offer(f"t{index}", event)
-
-    threads = run_threads(offer)
-    traffic = mailbox.traffic
-    await until(lambda: len(seen) + traffic.dropped >= THREADS * each, 30)
-    for thread in threads:
-        thread.join()
-    assert traffic.received == len(seen) + traffic.dropped == THREADS * each
-    for index in range(THREADS):
-        mine = [seq for name, seq in seen if name == f"t{index}"]
-        assert mine == sorted(set(mine))
-
-
-@pytest.mark.usefixtures("restless")
 async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() -> None:
     newest: dict[str, int] = {}
     handled = 0

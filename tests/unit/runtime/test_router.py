@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from pointit.runtime import router
-from pointit.runtime.router import MAX_LINES, TIME_BYTES, Router, _read
+from pointit.runtime.router import TIME_BYTES, Router, _read
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
@@ -69,6 +69,8 @@ async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: py
 
 
 MARK = b"unauthorized"
+LIMIT = 1000
+"""Value of `MAX_LINES` here: with the real one, 400 000 lines would be needed."""
 
 
 Lines = list[tuple[str, int]]
@@ -85,6 +87,7 @@ def read(lines: list[bytes]) -> Lines:
     thread = threading.Thread(target=_read, args=(source, take, (MARK,)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(router, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
+        patch.setattr(router, "MAX_LINES", LIMIT)
         thread.start()
         with os.fdopen(sink, "wb") as pipe:
             pipe.write(b"".join(line + b"\n" for line in lines))
@@ -106,7 +109,7 @@ def test_every_line_is_taken_where_there_are_few() -> None:
 
 
 def test_equal_lines_beyond_the_limit_are_counted_exactly_and_taken_rarely() -> None:
-    count = 20 * MAX_LINES
+    count = 20 * LIMIT
     taken = read([line(b"anna" if at % 4 else b"ben", at % 60) for at in range(count)])
     assert number_of("ben", taken) == count / 4
     assert number_of("anna", taken) == 3 * count / 4
@@ -114,7 +117,7 @@ def test_equal_lines_beyond_the_limit_are_counted_exactly_and_taken_rarely() -> 
 
 
 def test_of_too_many_different_lines_those_with_a_mark_are_taken_and_others_are_left_out() -> None:
-    count = 20 * MAX_LINES
+    count = 20 * LIMIT
     taken = read([*(line(b"x%d" % at) for at in range(count)), line(b"anna is unauthorized")])
     assert number_of("anna is unauthorized", taken) == 1
     assert len(taken) < count / 2
@@ -123,5 +126,5 @@ def test_of_too_many_different_lines_those_with_a_mark_are_taken_and_others_are_
 def test_rest_of_a_key_with_a_line_break_becomes_no_line_of_zenoh() -> None:
     """It has as many characters before the forged text as Zenoh's time has."""
     forged = b"x" * TIME_BYTES + b"ben is unauthorized"
-    taken = read([*[line(b"x")] * MAX_LINES, *[forged] * 3])
+    taken = read([*[line(b"x")] * LIMIT, *[forged] * 3])
     assert number_of("ben is unauthorized", taken) == 0

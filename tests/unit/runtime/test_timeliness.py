@@ -223,6 +223,6 @@ def test_a_clock_that_was_set_right_is_believed() -> None:
 
 def test_hosts_are_bounded() -> None:
     watch = ClockSkewMonitor("here")
-    for number in range(10_000):
+    for number in range(1000):
         watch.on_report(f"made-up-{number}", START_NS, START_NS, number / 1000)
     assert len(watch._late) <= 256

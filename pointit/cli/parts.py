@@ -49,7 +49,6 @@ class RunPart:
 PersonCheck: TypeAlias = Callable[[str], None]
 """Checks whether a command may start the services of a person; raises ConfigError."""
 
-_ROBOT_ROOMS = ("pointit.launch.robots", "pointit.services.user_sim")
 _NAMES_ROOMS = ("pointit.bridges.speaker", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
 
 RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (

@@ -81,13 +81,7 @@ class PlantPersistence:
             return ()
         try:
             plant.restore(saved.snapshot)
-        except (
-            ArithmeticError,
-            AttributeError,
-            LookupError,
-            TypeError,
-            ValueError,
-        ):  # written by another version
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # it is damaged
             plant.reset()
             return ()
         self._seq = saved.seq

@@ -215,9 +215,18 @@ class Acts:
             if now_ns - act.began_ns > (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
         ]
         for act in late:
-            names = ", ".join(sorted(act.waits_for))
-            act.problem = ("no_answer", f"{names} did not tell the result in time: look at `pointit doctor`")
-            del self._pending[act.key]
+            wanted = "on" if act.event == "selected" else "off"
+            for name in [*act.waits_for]:  # started again with the selector, a carrier has no last result
+                carrier = self._carriers.get(name, _Carrier())
+                state = carrier.states.get(act.record.object_id)
+                if carrier.is_present and state is not None and (state.state, state.last) == (wanted, None):
+                    self._end(act, name, None)
+            if names := ", ".join(sorted(act.waits_for)):
+                act.problem = (
+                    "no_answer",
+                    f"{names} did not tell the result in time: look at `pointit doctor`",
+                )
+            self._pending.pop(act.key, None)
         return late
 
     def _follow_clock(self, now_ns: int, speed: float) -> None:
@@ -249,7 +258,9 @@ class Acts:
 
     def has_state(self, object_id: str, state: str) -> bool:
         """Return True if a target reports that the object is `on`, or `off`."""
-        states = (each.states.get(object_id) for each in self._carriers.values() if each.is_present)
+        states = (
+            each.states.get(object_id) for each in self._carriers.values() if each.is_present is not False
+        )
         return any(each is not None and each.state == state for each in states)
 
     def _limit_s(self, act: PendingAct) -> float:

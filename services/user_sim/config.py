@@ -178,7 +178,7 @@ class UserSimConfig(Config):
         default="select",
         description="rest: nothing; lamps: one lamp after another; strips: along the strips, there and back; "
         "select: every object of a kind; send: places on the floor; fly: take a quadrotor, "
-        " and land it on each of spots_m; drive: take a ground robot, and send it along them",
+        "and land it on each of spots_m; drive: take a ground robot, and send it along them",
     )
     spots_m: tuple[Vec3, ...] = Field(
         default=(),

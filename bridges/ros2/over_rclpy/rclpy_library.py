@@ -74,9 +74,10 @@ def loaded() -> Rclpy:
     """Return rclpy.
 
     Raises:
-        ConfigError: If it is not there, or not for this Python.
+        ConfigError: If it is not there, not for this Python, or older than Iron.
     """
     try:
+        _ = importlib.import_module("rclpy.subscription").Subscription.CallbackType  # since Iron
         qos = importlib.import_module("rclpy.qos")
         serialization = importlib.import_module("rclpy.serialization")
         return Rclpy(

@@ -307,6 +307,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Wire:
             "DurabilityPolicy": Durability,
         },
         "rclpy.serialization": {"serialize_message": serialize, "deserialize_message": deserialize},
+        "rclpy.subscription": {"Subscription": type("Subscription", (), {"CallbackType": None})},
         "std_msgs": {},
         "std_msgs.msg": {"Bool": Bool},
         "std_srvs": {},

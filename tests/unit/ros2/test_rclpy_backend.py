@@ -59,6 +59,11 @@ async def test_an_rclpy_that_does_not_load_is_named(wire: Wire, monkeypatch: pyt
     monkeypatch.setitem(sys.modules, "rclpy.node", None)
     with pytest.raises(ConfigError, match=r"rclpy does not load in this Python .*rclpy\.node.*source"):
         await opened(BackendConfig(kind="dds"), Ours())
+    monkeypatch.undo()
+    fake_rclpy.on_a_wire(monkeypatch)
+    monkeypatch.delattr(sys.modules["rclpy.subscription"].Subscription, "CallbackType")  # before Iron
+    with pytest.raises(ConfigError, match=r"rclpy does not load in this Python .*CallbackType.*source"):
+        await opened(BackendConfig(kind="dds"), Ours())
     assert not wire.nodes
 
 

@@ -239,6 +239,15 @@ def test_a_result_that_nobody_heard_is_read_with_the_states_once(result: str) ->
     assert home.selected == [("lamp", False)] * (not is_on), "the state counts, the result is from before"
 
 
+def test_a_carrier_that_started_with_the_selector_has_done_what_its_state_says() -> None:
+    home = Home()
+    home.set("lamp")
+    home.report(LAMP.model_copy(update={"state": "on"}))
+    home.point(80.0, 7.0)
+    assert [(each.result, each.code) for each in home.outcomes] == [("done", "")]
+    assert home.selected == [("lamp", False)]
+
+
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> None:
     home = Home()
@@ -363,6 +372,20 @@ def restarted(home: Home) -> None:
     home.engine = SelectionEngine(SelectorConfig(), lambda _record: None)
     home.engine.on_map(home.room)
     home.engine.restore(entries, 100, at(home.time_s), pending=records)
+
+
+def test_after_a_restart_a_lamp_that_is_on_stays_so_if_its_carrier_is_heard_before_it_is_seen() -> None:
+    home = Home()
+    home.set("lamp")
+    (act,) = home.acts
+    restarted(home)
+    last = ActResult.model_validate(
+        {"stamp_ns": at(home.time_s), "object_id": "lamp", "event_ns": act.stamp_ns, "result": "failed"}
+    )
+    home.report(ThingState(id="lamp", state="on", last=last))
+    home.take(home.engine.on_carrier("home", True, at(home.time_s)))
+    assert [each.result for each in home.outcomes] == ["failed"]
+    assert (home.selected, len(home.events)) == ([("lamp", False)], 1)
 
 
 @pytest.mark.parametrize("on", [True, False])

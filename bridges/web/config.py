@@ -42,9 +42,6 @@ class WebConfig(AddressConfig):
         default="", description="this machine's address in the local network; detected if empty"
     )
     rate_hz: float = Field(default=60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
-    wrist_rate_hz: float = Field(
-        default=60.0, ge=5, le=200, description="sample rate of an arm moved by a mouse, Hz"
-    )
     record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"

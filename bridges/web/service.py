@@ -110,11 +110,7 @@ class Web(Service[WebConfig]):
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
-            wrists=self._wrists,
-            people=self._people,
-            clock=self.clock,
-            rate_hz=config.wrist_rate_hz,
-            ended=self._changed,
+            wrists=self._wrists, people=self._people, clock=self.clock, ended=self._changed
         )
         hello = functools.partial(hello_of, version=version, site=self.bus.site, language=config.language)
         self._pages = Pages(

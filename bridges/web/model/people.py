@@ -159,6 +159,10 @@ class People:
             self._poses.pop(user).close()
 
 
+WRIST_PERIOD_S = 1.0 / 60.0
+"""Period of the samples of wrists that a page moves, s of wall time."""
+
+
 @dataclass(kw_only=True)
 class WristMotion:
     """Publishes samples of wrists; rests while no page holds one."""
@@ -166,8 +170,6 @@ class WristMotion:
     wrists: WristControl
     people: People
     clock: Clock
-    rate_hz: float
-    """Samples a second of wall time."""
     ended: Callable[[], None]
     """Called when no page holds a wrist any more."""
     _moving: asyncio.Event = field(default_factory=asyncio.Event)
@@ -188,7 +190,7 @@ class WristMotion:
             if not self._is_needed:
                 self._moving.clear()
                 self.ended()
-            await asyncio.sleep(1.0 / self.rate_hz)
+            await asyncio.sleep(WRIST_PERIOD_S)
 
     @property
     def _is_needed(self) -> bool:

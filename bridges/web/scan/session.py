@@ -124,9 +124,9 @@ MARKS = 10
 """Marked pixels of a strip, its ends included. Three determine a line, the others find wrong numbers."""
 
 
-def marked_pixels(count: int, marks: int = MARKS) -> tuple[int, ...]:
+def marked_pixels(count: int) -> tuple[int, ...]:
     """Return the numbers of marked pixels of a strip of `count` pixels, ends included, evenly spread."""
-    marks = min(count, marks)
+    marks = min(count, MARKS)
     return tuple(round(number * (count - 1) / max(1, marks - 1)) for number in range(marks))
 
 

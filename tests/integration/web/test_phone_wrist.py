@@ -1,7 +1,6 @@
 """A phone is paired by an operator's page and moves an arm: real sockets, real services, a bus in memory."""
 
 import asyncio
-import itertools
 import json
 import math
 import time
@@ -172,47 +171,29 @@ async def test_centring_a_phone_makes_its_direction_the_middle_of_the_room() -> 
         await until(lambda: azimuth(site.imu[-1]) == pytest.approx(to_belt_rad + 0.1, abs=1e-6))
 
 
-async def test_a_still_phone_goes_on_and_a_lost_one_lets_go() -> None:
-    async with room() as site:
-        async with phone(site) as socket:
-            await socket.send(turn(held(0.0)))
-            await until(lambda: len(site.wrists) >= 4, what="a still phone is said to be still")
-            assert {sample.device_time_ns for sample in site.wrists} == {1_000_000}
-            gaps = [(b.stamp_ns - a.stamp_ns) / 1e9 for a, b in itertools.pairwise(site.wrists)]
-            assert min(gaps) > 0.15
-            await until(lambda: site.person["moved_by"] == "own", what="a silent phone lets go")
-            await socket.send(turn(held(0.0), 2.0))
-            await until(lambda: site.person["moved_by"] == "phone", what="it comes back")
-        await until(lambda: site.person["moved_by"] == "own", what="a phone that is gone lets go")
-        assert site.person["phone"] != ""
+async def lost_arm(socket: ClientConnection) -> str:
+    """Return what the phone is told once it has lost the arm."""
+    cue = await heard(socket, "cue")
+    while not cue["has_lost_arm"]:
+        cue = await heard(socket, "cue")
+    return str(cue["text"])
 
 
-async def test_the_mouse_takes_over_and_the_phone_is_told() -> None:
+async def test_a_phone_is_told_that_the_mouse_takes_over_and_that_the_arm_is_given_back() -> None:
     async with room() as site, phone(site) as socket:
         await socket.send(turn(held(0.0)))
         await until(lambda: site.person["moved_by"] == "phone")
         assert (await site.ask("take"))["error"] == ""
-        cue = await heard(socket, "cue")
-        while not cue["text"]:
-            cue = await heard(socket, "cue")
-        assert "another device" in cue["text"]
+        assert "another device" in await lost_arm(socket)
         await until(lambda: site.person["moved_by"] == "mouse")
         await socket.send(turn(held(0.0), 2.0))
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "take"}))
         assert (await heard(socket, "answer"))["error"] == ""
         await until(lambda: site.person["moved_by"] == "phone")
-
-
-async def test_an_operator_gives_the_arm_back_and_the_phone_is_told_that_it_is_the_persons_own() -> None:
-    async with room() as site, phone(site) as socket:
-        await socket.send(turn(held(0.0)))
-        await until(lambda: site.person["moved_by"] == "phone")
         assert (await site.ask("give"))["error"] == ""
-        cue = await heard(socket, "cue")
-        while not cue["has_lost_arm"]:
-            cue = await heard(socket, "cue")
-        assert "your own again" in cue["text"]
-        assert "another device" not in cue["text"]
+        text = await lost_arm(socket)
+        assert "your own again" in text
+        assert "another device" not in text
         await until(lambda: site.person["moved_by"] == "own")
 
 

@@ -26,23 +26,18 @@ def bearer(token: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {token}"}
 
 
-@pytest.mark.parametrize("token", [OPERATOR, VIEWER])
-async def test_the_page_shows_metrics_to_who_has_a_token(token: str) -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client(**bearer(token)) as client:
-        bench.bus.announce(SERVICE_ALIVE, "pui")
-        answer = await client.get(PATH)
-        while (
-            'pointit_service_present{name="",service="pui"} 1.0' not in answer.text
-        ):  # the test's time limit
-            answer = await client.get(PATH)
+async def test_metrics_are_shown_to_who_has_a_token_or_the_cookie_of_a_page(
+    bench: Bench, server: Server, client: httpx.AsyncClient
+) -> None:
+    bench.bus.announce(SERVICE_ALIVE, "pui")
+    answer = await client.get(PATH, headers=bearer(VIEWER))
+    while 'pointit_service_present{name="",service="pui"} 1.0' not in answer.text:  # the test's time limit
+        answer = await client.get(PATH, headers=bearer(VIEWER))
+    assert answer.headers["content-type"].startswith("text/plain")
+    for headers in (bearer(OPERATOR), {"Cookie": await server.cookie(VIEWER)}):
+        answer = await client.get(PATH, headers=headers)
         assert answer.status_code == 200
-        assert answer.headers["content-type"].startswith("text/plain")
         assert 'pointit_site_info{site="' in answer.text
-
-
-async def test_the_cookie_of_a_page_shows_metrics_too(server: Server, client: httpx.AsyncClient) -> None:
-    answer = await client.get(PATH, headers={"Cookie": await server.cookie(VIEWER)})
-    assert answer.status_code == 200
 
 
 async def test_metrics_are_computed_once_a_second_for_all_who_read(
@@ -62,10 +57,9 @@ async def test_metrics_are_computed_once_a_second_for_all_who_read(
     assert len(computed) <= 1 + (time.monotonic() - begin_s)
 
 
-@pytest.mark.parametrize("headers", [{}, bearer("wrong"), {"Authorization": f"Basic {VIEWER}"}])
-async def test_without_a_token_there_are_no_metrics(headers: dict[str, str]) -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client(**headers) as client:
-        answer = await client.get(PATH)
+async def test_without_a_token_there_are_no_metrics(client: httpx.AsyncClient) -> None:
+    for headers in ({}, bearer("wrong"), {"Authorization": f"Basic {VIEWER}"}):
+        answer = await client.get(PATH, headers=headers)
         assert answer.status_code == 401
         assert answer.headers["www-authenticate"] == "Bearer"
         assert "pointit_" not in answer.text
@@ -159,8 +153,8 @@ async def test_the_past_cannot_be_changed_and_the_present_not_played(server: Ser
         )
 
 
-async def test_few_pages_look_at_the_past_at_a_time() -> None:
-    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+async def test_few_pages_look_at_the_past_at_a_time(server: Server) -> None:
+    async with contextlib.AsyncExitStack() as stack:
         for _ in range(MAX_PAST_PAGES):
             await stack.enter_async_context(server.page(path=PAST))
         with pytest.raises(Exception, match="503"):

@@ -218,13 +218,14 @@ async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
 
 
 @pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0), ("localizing", 0)])
-async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        pressed = bench.collect(topics.BUTTON, "anna")
-        await person(bench, page, state)
-        await page.ask(deed="take", name="anna")
-        await page.ask(deed="give", name="anna")
-        assert len(pressed) == presses
+async def test_who_is_idle_begins_to_point_when_taken(
+    bench: Bench, page: Page, state: str, presses: int
+) -> None:
+    pressed = bench.collect(topics.BUTTON, "anna")
+    await person(bench, page, state)
+    await page.ask(deed="take", name="anna")
+    await page.ask(deed="give", name="anna")
+    assert len(pressed) == presses
 
 
 async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) -> None:
@@ -233,25 +234,22 @@ async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) 
     assert "imu-bridge --user anna" in (await page.ask(deed="take", name="anna"))["error"]
 
 
-async def test_the_last_who_takes_has_it_and_the_other_is_told() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as one, server.page() as two:
+async def test_the_last_who_takes_has_it_until_their_page_closes_and_the_other_is_told() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as one:
         await person(bench, one)
-        await one.ask(deed="take", name="anna")
-        await until(lambda: one.person("anna")["is_mine"] and two.person("anna")["moved_by"] == "mouse")
-        assert not two.person("anna")["is_mine"]
-        await two.ask(deed="take", name="anna")
-        await until(lambda: two.person("anna")["is_mine"] and not one.person("anna")["is_mine"])
-        assert "take it first" in (await one.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
-        assert not (await two.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
+        async with server.page() as two:
+            await take_in_turn(one, two)
+        await until(lambda: one.person("anna")["moved_by"] == "own")
 
 
-async def test_who_closes_the_page_lets_go() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as other:
-        async with server.page() as page:
-            await person(bench, page)
-            await page.ask(deed="take", name="anna")
-            await until(lambda: other.person("anna")["moved_by"] == "mouse")
-        await until(lambda: other.person("anna")["moved_by"] == "own")
+async def take_in_turn(one: Page, two: Page) -> None:
+    await one.ask(deed="take", name="anna")
+    await until(lambda: one.person("anna")["is_mine"] and two.person("anna")["moved_by"] == "mouse")
+    assert not two.person("anna")["is_mine"]
+    await two.ask(deed="take", name="anna")
+    await until(lambda: two.person("anna")["is_mine"] and not one.person("anna")["is_mine"])
+    assert "take it first" in (await one.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
+    assert not (await two.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
 
 
 async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest.MonkeyPatch) -> None:

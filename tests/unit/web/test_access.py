@@ -12,8 +12,6 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtensionOID
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pointit.bridges.web.server import access
 from pointit.bridges.web.server.access import GUESSES_S, MAX_ADDRESSES, MAX_GUESSES, Access, RequestInfo
@@ -40,7 +38,9 @@ def with_cookie(token: str) -> RequestInfo:
     return asked(cookies={access.cookie_name(HERE): access.cookie_value(token)})
 
 
-@pytest.mark.parametrize(("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer"), ("else", None)])
+@pytest.mark.parametrize(
+    ("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer"), ("else", None), ("", None)]
+)
 def test_the_token_gives_the_role_and_so_does_the_cookie(doors: Access, token: str, role: str | None) -> None:
     assert doors.enter(token, HERE, 0.0) == role
     assert doors.admit(with_cookie(token), 0.0) == role
@@ -50,13 +50,6 @@ def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
     for _ in range(2 * MAX_GUESSES):
         assert doors.admit(HERE, 0.0) is None
     assert not doors.is_rate_limited("127.0.0.1", 0.0)
-
-
-@given(st.text())
-def test_any_other_token_is_rejected(token: str) -> None:
-    doors = Access(OPERATOR, VIEWER)
-    assert (doors.enter(token, HERE, 0.0) is None) == (token not in (OPERATOR, VIEWER))
-    assert doors.admit(asked(cookies={access.cookie_name(HERE): token}), 0.0) is None
 
 
 def test_new_tokens_differ_and_are_long() -> None:

@@ -202,11 +202,15 @@ async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phon
     state = await said(phone, kind="begin")
     assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
     assert state["lights"][-1] == ["desk", 29]
+    assert len(state["lights"]) == 20, "ten of each strip"
     reds = [0] * len(state["lights"])
-    await said(phone, 204, kind="light", colors=reds, brightness=0.5)
+    await said(phone, 204, kind="light", colors=[1, 2, *reds[2:]], brightness=0.5)
     lit, for_s = bench.shown[-1]
-    assert [(each.id, each.color) for each in lit] == [("shelf", (128, 0, 0)), ("desk", (128, 0, 0))]
-    assert lit[0].pixels[:2] == (0, 2)
+    assert [(each.id, each.color) for each in lit] == [
+        *(("shelf", color) for color in ((0, 128, 0), (0, 0, 128), (128, 0, 0))),
+        ("desk", (128, 0, 0)),
+    ]
+    assert (lit[0].pixels, lit[1].pixels) == ((0,), (2,))
     assert for_s == 6.0
     await said(phone, 204, kind="light", colors=[])
     assert bench.shown[-1] == ((), 6.0)

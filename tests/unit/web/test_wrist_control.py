@@ -199,11 +199,6 @@ def test_what_people_are_told_of_a_wrist(wrists: WristControl) -> None:
     assert wrists.line("anna", "", at(2.0), paired="phone1").phone == "paired, but silent"
 
 
-def test_a_phone_that_takes_before_it_says_anything_has_no_sample_yet(wrists: WristControl) -> None:
-    wrists.acquire("anna", "phone1", "phone")
-    assert wrists.step(START) == []
-
-
 def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:
     belt = models.Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
     wrists.room(models.Environment(stamp_ns=0, name="hall", belts=(belt,)))

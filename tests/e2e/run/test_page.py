@@ -85,7 +85,9 @@ async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, end
         assert (await command.stop()).code == 0
 
 
-async def test_a_dashboard_beside_a_run_with_a_page(commands: Commands, endpoint: str) -> None:
+async def test_a_dashboard_beside_a_run_with_a_page_and_one_that_only_looks_on(
+    commands: Commands, endpoint: str
+) -> None:
     commands.start(
         "run", "scenario_2", "--no-view", "--duration", "600", "--web-port", "0", "--listen", endpoint
     )
@@ -111,10 +113,6 @@ async def test_a_dashboard_beside_a_run_with_a_page(commands: Commands, endpoint
         await seen.sees_cursors("user1")  # the run goes on
         doctor = await commands.pointit("doctor", "--connect", endpoint)
         assert "twice" not in doctor.out
-
-
-async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--duration", "600", "--listen", endpoint)
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0", "--view-only")
     async with looking_on(await address_of(dashboard)) as (_, hello):
         assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])

@@ -52,22 +52,14 @@ async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 3
             assert not patience.is_over(), f"at yaw {yaw} the ray is at {last}"
 
 
-@pytest.mark.parametrize("source", ["sensor", "event"])
+@pytest.mark.parametrize(("source", "scheme"), [("event", "http"), ("sensor", "https")])
 async def test_an_emulated_phone_moves_the_ray_by_as_much_as_it_turns(
-    browser: Browser, shared_site: SitePage, source: Source
+    browser: Browser, shared_site: SitePage, source: Source, scheme: str
 ) -> None:
-    phone = await PhonePage.open(browser, await address(shared_site), source=source)
-    async with onlooker(shared_site.endpoint) as seen:
-        await phone.start()
-        await sweeps_the_ray(phone, seen)
-    assert phone.faults == []
-
-
-async def test_by_https_in_the_local_network_it_is_the_same(browser: Browser, shared_site: SitePage) -> None:
     async with shared_site.operator() as operator:
-        url = await operator.pair(USER)
-    assert url.startswith("https://")
-    phone = await PhonePage.open(browser, url)
+        url = await operator.pair(USER) if scheme == "https" else await address(shared_site)
+    assert url.startswith(f"{scheme}://")
+    phone = await PhonePage.open(browser, url, source=source)
     async with onlooker(shared_site.endpoint) as seen:
         await phone.start()
         await sweeps_the_ray(phone, seen)
@@ -163,19 +155,6 @@ async def test_the_server_comes_back_and_so_does_the_phone(browser: Browser, sha
     await expect(phone.page.locator("#link")).to_have_text("Connected", timeout=60_000)
 
 
-async def test_nothing_bars_the_way_of_anybody(browser: Browser, shared_site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(shared_site))
-    for stage in ("before", "running", "button"):
-        if stage == "running":
-            await phone.start()
-        elif stage == "button":
-            await phone.page.get_by_role("button", name="Skip").tap()
-        else:
-            for details in await phone.page.locator("summary").all():
-                await details.tap()
-        await check_look(phone.page, stage)
-
-
 @pytest.mark.parametrize("path", ["/phone", "/nowhere"])
 async def test_a_page_that_lets_nobody_in_looks_like_the_others(
     browser: Browser, shared_site: SitePage, path: str
@@ -188,7 +167,7 @@ async def test_a_page_that_lets_nobody_in_looks_like_the_others(
     await check_look(page, path)
 
 
-async def test_it_fits_every_phone_without_scrolling_once_it_runs(
+async def test_it_fits_every_phone_without_scrolling_once_it_runs_and_nothing_bars_the_way_of_anybody(
     browser: Browser, shared_site: SitePage
 ) -> None:
     phone = await PhonePage.open(browser, await address(shared_site))
@@ -198,8 +177,13 @@ async def test_it_fits_every_phone_without_scrolling_once_it_runs(
     for width, height in sizes:
         await page.set_viewport_size({"width": width, "height": height})
         assert await page.evaluate(sideways) <= 0
+    for details in await page.locator("summary").all():
+        await details.tap()
+    await check_look(page, "before")
     await phone.start()
+    await check_look(page, "running")
     await page.get_by_role("button", name="Skip").tap()
+    await check_look(page, "button")
     await expect(page.locator("#state")).to_have_text("Pointing", timeout=60_000)
     for width, height in sizes:
         await page.set_viewport_size({"width": width, "height": height})

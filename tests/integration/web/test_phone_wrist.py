@@ -172,7 +172,7 @@ async def test_centring_a_phone_makes_its_direction_the_middle_of_the_room() -> 
 
 
 async def lost_arm(socket: ClientConnection) -> str:
-    """Return what the phone is told once it has lost the arm."""
+    """Wait until the phone has lost the arm, and return the text that says so."""
     cue = await heard(socket, "cue")
     while not cue["has_lost_arm"]:
         cue = await heard(socket, "cue")

@@ -1,4 +1,4 @@
-"""Details of the page: a code that ends, the colour of a start, a toast that undoes, labels."""
+"""Details of the page: whole texts, a code that ends, the colour of a start, a toast that undoes, labels."""
 
 from typing import Any
 
@@ -20,6 +20,17 @@ NO_SOCKET = """
 window.WebSocket = class extends EventTarget { close() {} send() {} };
 """
 """A connection that neither opens nor fails, as while a server starts."""
+CUT = """() => {
+  const view = document.querySelector("svg.plan-map").getBoundingClientRect(), cut = [];
+  for (const each of document.querySelectorAll("svg.plan-map text")) {
+    if (!each.textContent || each.closest("[display=none]") || !each.checkVisibility()) continue;
+    const { left, right, top, bottom } = each.getBoundingClientRect();
+    const isBeside = left < view.left - 1 || right > view.right + 1;
+    if (isBeside || top < view.top - 1 || bottom > view.bottom + 1) cut.push(each.textContent);
+  }
+  return cut;
+}"""
+"""Texts of the plan that go beyond it."""
 PHONE_OF = "window.pointit.site.people.get('user1')?.line?.phone"
 OWNED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id).join()"
 SCENARIOS = (
@@ -28,6 +39,17 @@ SCENARIOS = (
 )  # fmt: skip
 LOOKS = 4
 """Packages, people and robots move: labels are compared as many times."""
+
+
+async def test_texts_of_the_plan_are_whole_at_each_size(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,), reduced_motion="reduce")
+    await window.is_shown()
+    await expect(window.page.locator("svg.plan-map").get_by_text("Bay 1", exact=True)).to_be_visible()
+    for width, height in ((1440, 900), (768, 1024), (390, 844), (844, 390)):
+        await window.page.set_viewport_size({"width": width, "height": height})
+        await window.is_drawn_anew()
+        assert await window.page.evaluate(CUT) == [], (width, height)
+    assert window.faults == []
 
 
 async def test_closing_the_code_withdraws_the_pairing(browser: Browser, shared_site: SitePage) -> None:

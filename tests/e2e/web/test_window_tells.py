@@ -1,5 +1,6 @@
-"""Messages of the page: a wrong package, a service that hangs, past events; the plan."""
+"""Messages of the page: a wrong package, a service that hangs, past events; the plan; at 200 % zoom."""
 
+import asyncio
 import os
 import re
 import signal
@@ -17,9 +18,12 @@ from tests.e2e.web.window import NO_WEBGL, TOLD, USUAL_MPS, Theme, Window
 from tests.support.bench import until
 from tests.support.buses import is_listening
 from tests.support.commands import onlooker
+from tests.support.pace import Patience
 
 pytestmark = pytest.mark.slow
 
+ZOOMED = (720, 450)
+"""CSS pixels of a 1440 x 900 window at 200 % zoom."""
 SOUNDS = """
 window.sounds = [];
 const start = OscillatorNode.prototype.start;
@@ -39,6 +43,19 @@ BAD_AND_BORDER = """() => {
   toast.style.color = "var(--bad)";
   return [getComputedStyle(toast).color, border];
 }"""
+FREE_HEIGHT = """() => {
+  const view = document.getElementById("view").getBoundingClientRect(), middle = view.top + view.height / 2;
+  const cards = [...document.querySelectorAll("#guide, #cameras")]
+    .map((card) => card.getBoundingClientRect()).filter(({ height }) => height > 0);
+  const above = cards.filter(({ top }) => top < middle).map(({ bottom }) => bottom);
+  const below = cards.filter(({ top }) => top >= middle).map(({ top }) => top);
+  return Math.min(view.bottom, ...below) - Math.max(view.top, ...above);
+}"""
+"""Height of the scene that no card covers, px."""
+LEAST_FREE_PX = 160.0
+LEAST_PANEL_PX = 380.0
+
+
 PLAN_COLORS = """() => {
   const of = (selector, property) => {
     const found = document.querySelector(selector);
@@ -156,6 +173,29 @@ async def test_plan_shows_an_unlit_strip_edged_rays_and_rings(
             assert contrast(color[edge], color[inner]) >= LEAST_CONTRAST, (edge, theme)
 
 
+async def test_at_200_percent_zoom_scene_and_controls_fit_beside_each_other(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.url, size=ZOOMED)
+    page = window.page
+    await window.is_shown()
+    await expect(page.locator("#guide")).to_be_visible()
+    assert await page.evaluate(FREE_HEIGHT) >= LEAST_FREE_PX
+    for tab in ("Control", "Health"):
+        await page.get_by_role("tab", name=tab).click()
+        assert await page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        panel = await page.locator("#panel").bounding_box()
+        assert panel is not None
+        assert panel["height"] >= LEAST_PANEL_PX
+    await page.get_by_role("tab", name="Control").click()
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    assert await page.evaluate(FREE_HEIGHT) >= LEAST_FREE_PX
+    await page.get_by_role("button", name="Give back").click()
+    await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
+    assert window.faults == []
+
+
 async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, shared_site: SitePage) -> None:
     window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
     page = window.page
@@ -171,4 +211,32 @@ async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, share
     await expect(summary).to_have_text(re.compile(r"As a list: 1 person, \d+ objects?, 3 lamps"))
     await summary.click()
     assert await violations(page) == []
+    assert window.faults == []
+
+
+async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
+    page = window.page
+    await expect(page.locator("svg.plan-map")).to_be_visible(timeout=60_000)
+    # the plan is there before anything is known of the site, even the people
+    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=60_000)
+    events: list[SelectionEvent] = []
+    async with onlooker(shared_site.endpoint) as seen:
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
+        await page.keyboard.press("m")
+        await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
+        await page.locator(".plan-list summary").focus()
+        await page.keyboard.press("Enter")
+        blue = page.get_by_role("button", name=re.compile("^Point at blue package"))
+        chosen = page.get_by_role("button", name=re.compile("^Point at blue package"), pressed=True)
+        await expect(blue.first).to_be_visible(timeout=60_000)
+        events.clear()
+        patience = Patience(30.0)
+        # only a person who chose it from the list wants a blue one; one that leaves is followed by the next
+        while not any(event.event == "selected" and event.kind == "blue" for event in events):
+            assert not patience.is_over(), "no blue package was selected"
+            if not await chosen.count():
+                await blue.first.focus()
+                await page.keyboard.press("Enter")
+            await asyncio.sleep(0.5)
     assert window.faults == []

@@ -12,12 +12,17 @@ less than the arm moves the shoulder along the arm at first, which hardly change
 import math
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pointit.geometry import vector
 from pointit.geometry.one_euro import OneEuro
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, ImuSample, PointingOffset, PointingRay, UserProfile
 from pointit.schemas.base import unchecked
+
+Array = NDArray[np.float64]
 
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 
@@ -88,6 +93,31 @@ class ArmRay:
         if length < MIN_REACH_M:
             return None
         return (0.0, 0.0, self._height_m), (ahead / length, left / length, up / length)
+
+    def rays(self, orientations_xyzw: Array) -> tuple[Array, Array]:
+        """Return the rays of many orientations.
+
+        Args:
+            orientations_xyzw: n x 4.
+
+        Returns:
+            Origins in {H}, n x 3, m; unit directions, n x 3, NaN if the finger is at the eyes.
+        """
+        x, y, z, w = orientations_xyzw.T
+        square = x * x + y * y + z * z + w * w
+        arm = np.stack([square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], axis=1)
+        arm /= square[:, None]
+        beside = self._side_m / np.maximum(np.hypot(arm[:, 0], arm[:, 1]), VERTICAL)
+        shoulder = np.stack(
+            [-beside * arm[:, 1], beside * arm[:, 0], np.full(len(arm), self._height_m)], axis=1
+        )
+        if not self._is_from_eyes:
+            return shoulder, arm / np.linalg.norm(arm, axis=1)[:, None]
+        eyes = np.tile([0.0, 0.0, self._height_m], (len(arm), 1))
+        reach = self._arm_m * arm + shoulder - eyes - [0.0, 0.0, self._drop_m]
+        length = np.linalg.norm(reach, axis=1)
+        length[length < MIN_REACH_M] = np.nan
+        return eyes, reach / length[:, None]
 
 
 def apply(

@@ -8,16 +8,24 @@ import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.estimation.estimator import Pointings, Solution
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.pointer import ArmRay
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import injections
-from pointit_lab.evaluation.honesty.honesty import chosen, drawn_again, judged_sources, sources_of, verdict
+from pointit_lab.evaluation.honesty.honesty import (
+    chosen,
+    drawn_again,
+    judged_sources,
+    sources_of,
+    trials_of,
+    verdict,
+)
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, pooled_rows, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
-from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, rays_of, scaled_body
+from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
+from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
 from tests.support import there
 from tests.support.invoked import printed
@@ -70,9 +78,26 @@ def test_who_knows_of_the_shoulder_finds_the_rays_again(
     back = after.yaw_rad + math.radians(turned) - following.yaw_rad
     assert math.remainder(back, math.tau) == pytest.approx(0.0, abs=1e-2)
     told = scaled_body(STATURE_M).model_copy(update={"neck_to_shoulder_m": injections.BESIDE_M})
-    arms = [along(arm) for arm in injections.arm_directions(after).tolist()]
-    _, directions = rays_of(ArmRay(told, hand=hand), arms)
+    arms = np.array([along(arm) for arm in injections.arm_directions(after).tolist()])
+    _, directions = ArmRay(told, hand=hand).rays(arms)
     assert directions == pytest.approx(following.pointings.directions, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
+    following = next(followers([seed])[0].trials([10.0]))
+    turning = azimuths(injections.shoulder(following, rng(), to_right_m=injections.BESIDE_M)) - azimuths(
+        following
+    )
+    still = azimuths(injections.shoulder_still(following, rng())) - azimuths(following)
+    assert np.ptp(still) > 1.1 * np.ptp(turning)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_a_share_of_the_rays_is_garbage(following: LocalizationTrial, share: float) -> None:
+    after = injections.garbage(following, rng(), share=share)
+    changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
+    assert np.mean(changed) == pytest.approx(share, rel=0.35)
 
 
 def test_drift_turns_by_one_degree_a_second_about_the_middle(following: LocalizationTrial) -> None:
@@ -130,6 +155,17 @@ def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: LocalizationTri
     assert pointings.directions[first].tolist() == pointings.directions[second].tolist()
     assert pointings.targets_m[first].tolist() == pointings.targets_m[second].tolist()
     assert pointings.stamps_s[second[0]] > pointings.stamps_s[first[-1]]
+
+
+def test_each_pass_of_a_person_has_faults_of_its_own(room: LocalizationTrial) -> None:
+    injection = next(each for each in injections.INJECTIONS if each.name == "garbage 15 %")
+    passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
+    changed = [
+        {row for row, ray in enumerate(rows(each.directions)) if ray not in rows(room.pointings.directions)}
+        for each in passes
+    ]
+    assert changed[0]
+    assert changed[0] != changed[1]
 
 
 def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> Solution:
@@ -231,6 +267,24 @@ def test_people_are_drawn_until_a_row_has_as_many_as_it_needs() -> None:
     assert len({each.subject for each in found}) == row.n // 4
     one_less = [each.subject for each in found[: -2 * 4] if each.taken]
     assert len(set(one_less)) < 5
+
+
+def test_windows_of_a_stretch_of_a_recording_are_one_trial(follower: FollowRecording) -> None:
+    recorded = replace(follower, set="motion_relloc", name="walk")
+    ends = [verdict(trial, injections.NONE).unit for trial in recorded.trials([2.0])]
+    assert ends == ["walk 0.0"] * 10
+
+
+def test_a_refused_trial_is_not_taken(following: LocalizationTrial) -> None:
+    turned = injections.backwards(following, rng())
+    assert isinstance(judged(turned.pointings), Refusal)
+    assert not verdict(turned, "mounted backwards").taken
+
+
+def test_other_processes_find_the_same(follower: FollowRecording, room: LocalizationTrial) -> None:
+    sources = sources_of([follower], [room], injections.INJECTIONS[::6], max_trials=1)
+    alone, together = (judged_sources(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
+    assert alone == together
 
 
 def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed(

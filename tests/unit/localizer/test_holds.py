@@ -25,7 +25,6 @@ from pointit.services.localizer.procedure import Hold
 from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.verification import held, outlier_lamps, without_spikes
 from pointit.services.pointing.pointer import ArmRay
-from pointit_lab.evaluation.localization.arm_rays import rays_of
 from tests.support import there
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, told
 from tests.unit.localizer.test_static_targets import TICK_NS
@@ -39,6 +38,7 @@ LAMPS: tuple[Vec3, ...] = (
     (0.5, -3.5, 1.2),
 )
 RAYS = 40
+NAMES = [each.name for each in dataclasses.fields(Pointings)]
 UNLIMITED = dataclasses.replace(SolverSettings().unlimited(), max_act_residual_rad=math.inf)
 TURNS: dict[str, Quaternion] = {
     "across": rotation.from_yaw(math.pi / 2.0),
@@ -72,7 +72,7 @@ def pointed(
         arm = rotation.from_azimuth_elevation(vector.azimuth(ray) + float(off_rad[0]), raised)
         rolled = rotation.from_axis_angle((1.0, 0.0, 0.0), float(rng.normal(0.0, math.radians(10.0))))
         sensors += [rotation.multiply(rotation.multiply(arm, rolled), turn)] * RAYS
-    origins, directions = rays_of(ArmRay(), sensors)
+    origins, directions = ArmRay().rays(np.array(sensors))
     stamps_s = np.arange(len(sensors)) / 20.0 + 2.0 * np.repeat(np.arange(len(aims)), RAYS)
     return person, Pointings(stamps_s, origins, directions, np.repeat(np.array(lamps_m), RAYS, axis=0))
 
@@ -108,6 +108,17 @@ def test_one_pointing_at_another_lamp_does_not_count_when_five_others_agree() ->
             taken += 1
             assert error_m(found, person) < max(0.5, 2.0 * found.position_sigma_m)
     assert taken >= 15
+
+
+def test_one_of_three_or_four_pointings_at_another_lamp_makes_no_sure_wrong_pose() -> None:
+    wrong = 0
+    for count in (3, 4):
+        for seed in range(20):
+            person, pointings = pointed(seed, LAMPS[:count], wrong=seed % count)
+            found = held(pointings, SolverSettings())
+            if isinstance(found, Solution):
+                wrong += error_m(found, person) > max(0.5, 2.0 * found.position_sigma_m)
+    assert wrong <= 2
 
 
 def test_pointings_that_agree_leave_none_out() -> None:

@@ -21,7 +21,6 @@ from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
 from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.outputs import Output
 from pointit.services.pointing.pointer import ArmRay
-from pointit_lab.evaluation.localization.arm_rays import rays_of
 from tests.unit.localizer.person import EYES_M, START_NS, config, poses, solved, told
 from tests.unit.localizer.test_moving_target import robots
 
@@ -72,13 +71,32 @@ def following(seed: int, turn: Quaternion, *, rise_m: float = 0.4, is_around: bo
         rotation.multiply(rotation.from_azimuth_elevation(*arm), turn)
         for arm in np.column_stack([azimuths, raised, rolls]).tolist()
     ]
-    return Pointings(t_s, *rays_of(ArmRay(BODY), sensors), targets)
+    return Pointings(t_s, *ArmRay(BODY).rays(np.array(sensors)), targets)
 
 
 def verdict(pointings: Pointings) -> tuple[bool, str]:
     """Return True if the solver accepts `pointings`, and the message about the mounting."""
     result = solve(pointings, SolverSettings())
     return isinstance(result, Solution), mounting_fault(pointings, result, SolverSettings(), 0.0)
+
+
+@pytest.mark.parametrize("rise_m", [0.3, 0.8])
+@pytest.mark.parametrize("turn", ["left", "right", "backwards"])
+def test_wrong_mounting_is_recognized_when_the_robot_rises_and_sinks(turn: str, rise_m: float) -> None:
+    named = 0
+    for seed in range(25):
+        is_accepted, fault = verdict(following(seed, TURNS[turn], rise_m=rise_m))
+        assert fault or not is_accepted
+        named += "calibrate mounting" in fault and ("backwards" if turn == "backwards" else "across") in fault
+    assert named >= 20
+
+
+@pytest.mark.parametrize("turn", ["along", "upside down"])
+def test_sensor_along_the_arm_causes_no_alarm(turn: str) -> None:
+    for seed in range(25):
+        for rise_m, is_around in ((0.4, False), (0.0, False), (0.0, True)):
+            gathered = following(seed, TURNS[turn], rise_m=rise_m, is_around=is_around)
+            assert verdict(gathered) == (True, "")
 
 
 def test_robot_at_one_elevation_does_not_tell_the_mounting() -> None:

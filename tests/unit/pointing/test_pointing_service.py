@@ -129,6 +129,19 @@ def test_samples_that_overtook_each_other_are_no_restart() -> None:
     assert (verdicts, freshness.restarts, freshness.stale) == (["fresh", "fresh", "stale", "fresh"], 0, 1)
 
 
+@given(st.lists(st.integers(1, S), max_size=30), st.lists(st.integers(0, 29), max_size=30))
+def test_every_news_is_fresh_once_however_often_it_is_said(steps: list[int], again: list[int]) -> None:
+    freshness = Freshness(0.2)
+    device_ns = 0
+    for index, step in enumerate(steps):
+        device_ns += step
+        now_ns = NOW_NS + device_ns
+        said = 1 + again.count(index)
+        verdicts = [freshness.classify(still(now_ns, device_ns), now_ns) for _ in range(said)]
+        assert verdicts == ["fresh", *["repeated"] * (said - 1)]
+    assert freshness.count == len(steps) + freshness.repeated
+
+
 @given(messages(UserProfile), st.lists(messages(ImuSample), min_size=1, max_size=3), st.floats(-10.0, 10.0))
 def test_any_profile_and_samples_give_valid_rays(
     profile: UserProfile, samples: list[ImuSample], yaw_rad: float

@@ -31,20 +31,9 @@ def eye_height_m(body: BodyMeasures) -> float:
 
 def eye_finger_rays(orientations: Iterable[Quaternion], body: BodyMeasures) -> tuple[Array, Array]:
     """Return origins and directions (n x 3 each, {H}) of straight arms, whose x axes point to the finger."""
-    return rays_of(ArmRay(body), orientations)
-
-
-def rays_of(arm: ArmRay, orientations: Iterable[Quaternion]) -> tuple[Array, Array]:
-    """Return origins and directions (n x 3 each, {H}) of the rays of `arm`.
-
-    Raises:
-        ValueError: If a finger is at the eyes.
-    """
-    rays = [arm.ray(each) for each in orientations]
-    known = [each for each in rays if each is not None]
-    if len(known) < len(rays):
+    origins, directions = ArmRay(body).rays(np.array(list(orientations), dtype=np.float64).reshape(-1, 4))
+    if np.isnan(directions).any():
         raise ValueError("a finger at the eyes points nowhere")
-    origins, directions = np.array(known, dtype=np.float64).reshape(-1, 2, 3).transpose(1, 0, 2).copy()
     return origins, directions
 
 

@@ -190,7 +190,7 @@ class ThingStates(Message):
     """All things that a carrier has targets for. An act on one that is unavailable is refused at once."""
 
     version: ClassVar[int] = 2
-    max_bytes: ClassVar[int] = 4 * 1024 * 1024
+    max_bytes: ClassVar[int] = 1024 * 1024
 
     things: Many[ThingState] = ()
 

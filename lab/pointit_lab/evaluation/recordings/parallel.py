@@ -105,7 +105,8 @@ def map_parallel(
                     process.kill()
                     process.join()
             if sys.version_info < (3, 11, 5):  # gh-94777: its thread may wait for ever to write to them
-                getattr(pool, "_call_queue")._reader.close()  # noqa: B009, SLF001
+                with contextlib.suppress(OSError):  # the thread has closed it
+                    getattr(pool, "_call_queue")._reader.close()  # noqa: B009, SLF001
         # wait for the pool's thread: at exit Python would wake it by a pipe that it may be closing
         pool.shutdown(cancel_futures=True)
 

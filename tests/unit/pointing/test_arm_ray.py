@@ -309,7 +309,7 @@ def test_lone_sighting_with_a_hanging_hand_is_dropped() -> None:
 
 
 @pytest.mark.parametrize("scatter_deg", [0.6, 1.5, 4.0])
-@pytest.mark.parametrize("count", [1, 2, 4, 8])
+@pytest.mark.parametrize("count", [1, 2, 4, 7])
 def test_two_sigma_hold_for_people_of_any_scatter(scatter_deg: float, count: int) -> None:
     rng = np.random.default_rng(11)
     within: list[bool] = []
@@ -319,12 +319,12 @@ def test_two_sigma_hold_for_people_of_any_scatter(scatter_deg: float, count: int
         *anchors, new = (
             seen(*place, 0.0, bias + rng.normal(0.0, scatter_deg)) for place in spread_out(count + 1, rng)
         )
-        offset = there(fit(anchors, highest="pitch").offset)
+        offset = there(fit(anchors).offset)
         off = new.target_elevation_rad - new.elevation_rad
         within.append(abs(off - offset.elevation[0]) <= 2.0 * offset.sigma_rad)
         stated.append(offset.sigma_rad / DEG)
     assert np.mean(within) >= 0.88
-    if count == 8:  # the anchors have told the scatter
+    if count == 7:  # the anchors have told the scatter
         assert np.median(stated) < 2.0 * scatter_deg
 
 
@@ -348,7 +348,7 @@ def test_with_many_anchors_a_bent_error_is_straightened() -> None:
     rng = np.random.default_rng(11)
     anchors = [bent(place, rng) for place in spread_out(24, rng)]
     held_out = [bent(place, rng) for place in spread_out(200, rng)]
-    flat, fitted = fit(anchors, highest="pitch"), fit(anchors)
+    flat, fitted = fit(anchors[:7]), fit(anchors)
     assert (there(flat.offset).rung, there(fitted.offset).rung) == ("pitch", "polynomial")
     azimuth_before, elevation_before = left_deg(flat, held_out)
     azimuth_after, elevation_after = left_deg(fitted, held_out)

@@ -78,4 +78,8 @@ def _serve(listener: socket.socket, server: HostileServer, chunks: Chunks, is_ov
                     for chunk in chunks(is_over):
                         connection.sendall(chunk)
                         server.sent += len(chunk)
+                    # closing with an unread request resets the connection, and the client may lose the answer
+                    connection.shutdown(socket.SHUT_WR)
+                    while connection.recv(65536):
+                        pass
                 server.closed.set()

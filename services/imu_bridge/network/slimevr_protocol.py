@@ -1,4 +1,4 @@
-"""SlimeVR's tracker protocol: datagrams to packets, and answers to datagrams (hardware.md A.5).
+"""SlimeVR's tracker protocol: datagrams to packets, and answers to datagrams.
 
 All numbers are big-endian. A tracker's datagram is `u32 kind | u64 number | payload`. Answers have the number
 0, but for the handshake's and the sensor info's, which have none.

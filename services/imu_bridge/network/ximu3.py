@@ -1,4 +1,4 @@
-"""An x-IMU3 in the network: messages by UDP, and its announcements (hardware.md A.6)."""
+"""An x-IMU3 in the network: messages by UDP, and its announcements."""
 
 import asyncio
 import json

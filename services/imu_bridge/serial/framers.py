@@ -1,4 +1,4 @@
-"""Framers: bytes of BNO08x (UART-RVC), WitMotion and x-IMU3 boards to readings (hardware.md A).
+"""Framers: bytes of BNO08x (UART-RVC), WitMotion and x-IMU3 boards to readings.
 
 They are pure. Whatever bytes they are fed, they do not raise, buffer at most one packet, and do not spin.
 

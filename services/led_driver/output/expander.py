@@ -1,6 +1,6 @@
 """Output to a serial LED expander: channels with parts of strips, their wiring, and UPXL.
 
-A frame is `UPXL`, channel, type, body, CRC-32 (little-endian) of all before; hardware.md B.1.
+A frame is `UPXL`, channel, type, body, CRC-32 (little-endian) of all before.
 """
 
 import logging

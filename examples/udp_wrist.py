@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from pointit.services.imu_bridge.network import datagram_source
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramError, DatagramSource
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.sources import ImuSource, Item, Reading
-from pointit.services.imu_bridge.streams import SensorChoice
+from pointit.services.imu_bridge.streams import ContentError, SensorChoice, unit_rotation
 
 DATAGRAM = struct.Struct("<Iffff")
 """Time of the device in ms, then w, x, y, z of world_from_sensor."""
@@ -20,18 +19,18 @@ class WristConfig(DatagramConfig):
     port: int = Field(default=46100, ge=1, le=65535, description="UDP port to which the device sends")
 
 
-class WristDecoder(datagram_source.Decoder):
+class WristDecoder(Decoder):
     """Reads the datagrams of one device."""
 
     def __init__(self, config: WristConfig) -> None:
         super().__init__(SensorChoice("my_wrist.sensor", config.sensor))
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
-        """Return the reading of a datagram. Raises `DatagramError` if it is none."""
+        """Return the reading of a datagram. Raises `ContentError` if it is none."""
         if len(data) != DATAGRAM.size:
-            raise DatagramError(f"has {len(data)} bytes, {DATAGRAM.size} were expected")
+            raise ContentError(f"has {len(data)} bytes, {DATAGRAM.size} were expected")
         time_ms, *wxyz = DATAGRAM.unpack(data)
-        return [Reading(stamp_ns, datagram_source.orientation(wxyz, "wxyz"), time_ms * 1_000_000)]
+        return [Reading(stamp_ns, unit_rotation(wxyz, "wxyz"), time_ms * 1_000_000)]
 
 
 MY_WRIST = ImuSource(

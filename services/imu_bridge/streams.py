@@ -110,7 +110,7 @@ _COMPONENT = re.compile(r"(|q|quat|quat_)([wxyz])", re.IGNORECASE)
 
 
 class ContentError(ValueError):
-    """No quaternion can be read; the message is a clause whose subject is the content."""
+    """A line, message or datagram cannot be used; the text is a clause whose subject is the content."""
 
 
 def component(key: str) -> tuple[str, str]:

@@ -8,43 +8,24 @@ from collections.abc import Callable, Sequence
 
 from pydantic import Field
 
-from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.service.plugin_guard import HealthSink
-from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.network.udp_server import Address, PortSource
 from pointit.services.imu_bridge.sources import Disconnected, Item, Reconnected
-from pointit.services.imu_bridge.streams import Order, SensorChoice
-
-
-class DatagramError(ValueError):
-    """A datagram cannot be used; the message, a clause, is the reason."""
-
-
-def orientation(numbers: Sequence[float], order: Order) -> Quaternion:
-    """Return the rotation x, y, z, w, with norm 1, that four `numbers` in `order` are.
-
-    Raises:
-        DatagramError: If their norm is not 1, or one is not finite.
-    """
-    a, b, c, d = numbers
-    try:
-        return unit_quaternion((b, c, d, a) if order == "wxyz" else (a, b, c, d))
-    except ValueError as error:
-        raise DatagramError(f"has {error}") from error
+from pointit.services.imu_bridge.streams import ContentError, SensorChoice
 
 
 def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
     """Return the first three `numbers`, multiplied by `scale`.
 
     Raises:
-        DatagramError: If they are fewer, or one is not finite.
+        ContentError: If they are fewer, or one is not finite.
     """
     if len(numbers) < 3 or not all(math.isfinite(number) for number in numbers[:3]):
-        raise DatagramError("has a vector that is not three finite numbers")
+        raise ContentError("has a vector that is not three finite numbers")
     x, y, z = numbers[:3]
     return (scale * x, scale * y, scale * z)
 
@@ -192,7 +173,7 @@ class Decoder(ABC):
         """Return the readings and events of a datagram that arrived at `stamp_ns`, if it has any.
 
         Raises:
-            DatagramError: If it cannot be read.
+            ContentError: If it cannot be read.
         """
 
 
@@ -241,7 +222,7 @@ class DatagramSource(PortSource):
         items: Sequence[Item] = ()
         try:
             items = decoder.items(data, self._clock.now_ns())
-        except DatagramError as error:
+        except ContentError as error:
             decoder.problem = str(error)
         if decoder.problem:
             self._bad_s, self._bad = now_s, f"the last, from {address[0]}, {decoder.problem}"

@@ -13,14 +13,12 @@ from pointit.runtime.config.parameters import set_option
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.datagram_source import (
     DatagramConfig,
-    DatagramError,
     DatagramSource,
     Decoder,
-    orientation,
     vector,
 )
 from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.streams import Order, SensorChoice, component
+from pointit.services.imu_bridge.streams import ContentError, Order, SensorChoice, component, unit_rotation
 
 LONGEST_DATAGRAM = 8192
 MAX_MESSAGES = 64
@@ -280,7 +278,7 @@ class OscDecoder(Decoder):
         """Return the readings and events of a datagram.
 
         Raises:
-            DatagramError: If it is not OSC, or its orientation is none.
+            ContentError: If it is not OSC, or its orientation is none.
         """
         messages, problem = parse(data)
         items: list[Item] = []
@@ -288,7 +286,7 @@ class OscDecoder(Decoder):
         for message in messages:
             try:
                 item = self._item(message, stamp_ns)
-            except DatagramError as error:
+            except ContentError as error:
                 problem = problem or f"{message.address} {error}"
                 continue
             if isinstance(item, NamedReading):
@@ -301,7 +299,7 @@ class OscDecoder(Decoder):
             if item is not None:
                 items.append(item)
         if problem and not items:
-            raise DatagramError(problem)
+            raise ContentError(problem)
         self.problem = problem or self.problem
         return items
 
@@ -309,7 +307,7 @@ class OscDecoder(Decoder):
         """Return the orientation of `message`, or its other item, or None if it has none.
 
         Raises:
-            DatagramError: If it cannot be read.
+            ContentError: If it cannot be read.
         """
         address, numbers = message.address, message.numbers
         if address == self._config.address or (not self._config.address and self._is_documented(address)):
@@ -350,11 +348,11 @@ class OscDecoder(Decoder):
                 f"name, 0 if there is none, by {set_option('imu-bridge', 'osc.first', 2)} "
                 + set_option("imu-bridge", "osc.sensor_position", 0)
             )
-            raise DatagramError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
-        reading = Reading(stamp_ns, orientation(four, self._order(address)), message.time_ns)
+            raise ContentError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
+        reading = Reading(stamp_ns, unit_rotation(four, self._order(address)), message.time_ns)
         at = self._config.sensor_position or 0
         if at > len(numbers):
-            raise DatagramError(
+            raise ContentError(
                 f"has {len(numbers)} numbers: name one of them, or 0, by "
                 + set_option("imu-bridge", "osc.sensor_position", 0)
             )
@@ -371,7 +369,7 @@ class OscDecoder(Decoder):
         four = [components[each] for each in "xyzw"]
         components.clear()
         names = (self._config.address, *message.strings)
-        return NamedReading(Reading(stamp_ns, orientation(four, "xyzw"), message.time_ns), names)
+        return NamedReading(Reading(stamp_ns, unit_rotation(four, "xyzw"), message.time_ns), names)
 
     def _is_of_other(self, address: str) -> bool:
         """Return True if an event at `address` stands beside the orientation of another sensor only."""
@@ -387,12 +385,12 @@ class OscDecoder(Decoder):
         """Return the order of the numbers at `address`.
 
         Raises:
-            DatagramError: If it is not documented.
+            ContentError: If it is not documented.
         """
         if self._config.order != "auto":
             return self._config.order
         if not self._is_documented(address):
-            raise DatagramError(f"has numbers in an unknown order: give it, xyzw or wxyz, by {ORDER_OPTION}")
+            raise ContentError(f"has numbers in an unknown order: give it, xyzw or wxyz, by {ORDER_OPTION}")
         return ORDERS.get(address, "xyzw")
 
     def _changed_battery(self, numbers: Sequence[float]) -> Battery | None:

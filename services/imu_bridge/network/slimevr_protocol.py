@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.geometry.rotation import Quaternion
-from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
 from pointit.services.imu_bridge.sources import Battery, Signal
+from pointit.services.imu_bridge.streams import ContentError, unit_rotation
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500
@@ -118,7 +118,7 @@ def decode(data: bytes) -> SlimevrDatagram | None:
         number = 0
     try:
         return SlimevrDatagram(number, _packet(kind, data[_HEAD.size :]))
-    except (struct.error, IndexError, DatagramError):
+    except (struct.error, IndexError, ContentError):
         return SlimevrDatagram(number, None, is_readable=False)
 
 
@@ -140,7 +140,7 @@ def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
 def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table
     match kind:
         case 1:
-            return Rotation(0, orientation(struct.unpack_from(">4f", payload), "xyzw"))
+            return Rotation(0, unit_rotation(struct.unpack_from(">4f", payload), "xyzw"))
         case 3:
             return _handshake(payload)
         case 10:
@@ -154,10 +154,10 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
         case 15:
             return SensorInfo(payload[0], payload[1])
         case 16:
-            return Rotation(1, orientation(struct.unpack_from(">4f", payload), "xyzw"))
+            return Rotation(1, unit_rotation(struct.unpack_from(">4f", payload), "xyzw"))
         case 17:
             sensor, meaning, *numbers = struct.unpack_from(">BB4f", payload)
-            return Rotation(sensor, orientation(numbers, "xyzw")) if meaning == _NORMAL else None
+            return Rotation(sensor, unit_rotation(numbers, "xyzw")) if meaning == _NORMAL else None
         case 19:
             return Signal(float(struct.unpack_from(">xb", payload)[0]))
         case 21:
@@ -166,7 +166,7 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             return FlagsRequest()
         case 23:
             sensor, *parts = struct.unpack_from(">B4h", payload)
-            return Rotation(sensor, orientation([part / 32768 for part in parts], "xyzw"))
+            return Rotation(sensor, unit_rotation([part / 32768 for part in parts], "xyzw"))
         case 60:
             return SlimevrButton("press")
         case _:
@@ -177,7 +177,7 @@ def _battery(payload: bytes) -> Battery:
     first, *rest = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
     level, volts = (rest[0], first) if rest else (first, 0.0)
     if not 0.0 <= level <= 1.5:
-        raise DatagramError(f"has the battery level {level:.3g}")
+        raise ContentError(f"has the battery level {level:.3g}")
     return Battery(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
 
 

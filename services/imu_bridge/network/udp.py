@@ -11,15 +11,21 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.datagram_source import (
     DatagramConfig,
-    DatagramError,
     DatagramSource,
     Decoder,
-    orientation,
     vector,
 )
-from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, compile_line
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineParser, compile_line
 from pointit.services.imu_bridge.sources import ImuSource, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.streams import Order, SensorChoice, is_object, names_in, quoted
+from pointit.services.imu_bridge.streams import (
+    ContentError,
+    Order,
+    SensorChoice,
+    is_object,
+    names_in,
+    quoted,
+    unit_rotation,
+)
 
 LONGEST_DATAGRAM = 4096
 MAX_LINES = 64
@@ -73,10 +79,10 @@ class UdpDecoder(Decoder):
         """Return the reading of a datagram, or nothing if it is of another sensor.
 
         Raises:
-            DatagramError: If it cannot be read.
+            ContentError: If it cannot be read.
         """
         if len(data) > LONGEST_DATAGRAM:
-            raise DatagramError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
+            raise ContentError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
         text = data.strip()
         if len(data) == _WEARMOCAP.size and not text.isascii() and not self._is_described:
             return [self._wearmocap(data, stamp_ns)]
@@ -86,7 +92,7 @@ class UdpDecoder(Decoder):
             try:
                 item = self._android(reading, _numbers(reading["values"]), stamp_ns)
             except (ValueError, TypeError, OverflowError) as error:
-                raise DatagramError(f"{quoted(text)} has a wrong value: {error}") from error
+                raise ContentError(f"{quoted(text)} has a wrong value: {error}") from error
             return [] if item is None else [item]
         return self._text(text, stamp_ns)
 
@@ -95,7 +101,7 @@ class UdpDecoder(Decoder):
         for line in [text] if text.startswith(b"{") else text.splitlines()[:MAX_LINES]:
             try:
                 parsed = self._lines.parse(line)
-            except LineError as error:
+            except ContentError as error:
                 self.problem = f"{quoted(line)} {error}"
                 continue
             if isinstance(parsed, ButtonLine):
@@ -104,7 +110,7 @@ class UdpDecoder(Decoder):
             elif parsed is not None and self.sensors.accepts(*parsed.names):
                 items.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
         if self.problem and not items:
-            raise DatagramError(self.problem)
+            raise ContentError(self.problem)
         return items
 
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
@@ -117,8 +123,8 @@ class UdpDecoder(Decoder):
             if len(values) == 3:  # old phones leave w out
                 values.append(max(0.0, 1.0 - sum(value * value for value in values)) ** 0.5)
             if len(values) < 4:
-                raise DatagramError(f"has {len(values)} values, 4 were expected")
-            return Reading(stamp_ns, orientation(values[:4], "xyzw"), time_ns)
+                raise ContentError(f"has {len(values)} values, 4 were expected")
+            return Reading(stamp_ns, unit_rotation(values[:4], "xyzw"), time_ns)
         if kind == "accelerometer":
             self._acceleration, self._acceleration_ns = vector(values), stamp_ns
         elif kind == "gyroscope" and not self._kind and self._acceleration is not None:
@@ -133,7 +139,7 @@ class UdpDecoder(Decoder):
     def _wearmocap(self, data: bytes, stamp_ns: int) -> Reading:
         """Return the reading of a datagram. Its time is the time of day."""
         numbers = _WEARMOCAP.unpack(data)
-        world_from_sensor = orientation(numbers[5:9], "wxyz")
+        world_from_sensor = unit_rotation(numbers[5:9], "wxyz")
         hours, minutes, seconds, nanoseconds = vector(numbers[1:4]) + vector(numbers[4:7])[:1]
         time_ns = round((hours * 3600 + minutes * 60 + seconds) * NS_PER_S + nanoseconds)
         if not 0 <= time_ns < DAY_NS:

@@ -13,16 +13,11 @@ from pointit.runtime.config.parameters import set_option
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.network.datagram_source import (
-    DatagramConfig,
-    DatagramError,
-    DatagramSource,
-    Decoder,
-)
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
 from pointit.services.imu_bridge.serial.framers import FLASH_S, Ximu3Framer
 from pointit.services.imu_bridge.sources import ImuSource, Item
-from pointit.services.imu_bridge.streams import SensorChoice
+from pointit.services.imu_bridge.streams import ContentError, SensorChoice
 
 ANNOUNCEMENTS = 10000
 """UDP port to which each device announces itself once a second."""
@@ -66,18 +61,18 @@ class Ximu3Decoder(Decoder):
         """Return the items of a datagram.
 
         Raises:
-            DatagramError: If nothing in it can be read, or if it is too long.
+            ContentError: If nothing in it can be read, or if it is too long.
         """
         messages = data.rstrip(b"\n").split(b"\n")
         if len(data) > LONGEST_DATAGRAM or len(messages) > MAX_MESSAGES:
-            raise DatagramError(
+            raise ContentError(
                 f"has {len(data)} bytes and {len(messages)} messages, more than {LONGEST_DATAGRAM} or "
                 f"{MAX_MESSAGES}"
             )
         before = self.framer.bad
         items = self.framer.feed(b"\n".join(messages) + b"\n", stamp_ns)
         if self.framer.bad > before and not items:
-            raise DatagramError(self.framer.reason)
+            raise ContentError(self.framer.reason)
         return items
 
 

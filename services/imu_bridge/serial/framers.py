@@ -32,6 +32,7 @@ from pointit.runtime.config.parameters import set_option
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, Reconnected, Signal
+from pointit.services.imu_bridge.streams import ContentError, unit_rotation
 
 QUATERNION: Final = 0
 EULER: Final = 1
@@ -333,22 +334,18 @@ _ESCAPES = re.compile(rb"\xdb(?![\xdc\xdd])")
 _HEAD = struct.Struct("<Q")
 
 
-class MessageError(ValueError):
-    """A message cannot be read; the text is the reason."""
-
-
 def split(message: bytes) -> tuple[str, int, list[float]] | None:
     """Return letter, time in µs and arguments of `message` without its end, or None if nothing reads them.
 
     Raises:
-        MessageError: If it is no message.
+        ContentError: If it is no message.
     """
     if message.startswith((b"{", b"^")):
         return None
     try:
         return _binary(message) if message[0] & 0x80 else _ascii(message)
     except (ValueError, IndexError, struct.error) as error:
-        raise MessageError(str(error)) from error
+        raise ContentError(str(error)) from error
 
 
 def _binary(message: bytes) -> tuple[str, int, list[float]] | None:
@@ -358,10 +355,10 @@ def _binary(message: bytes) -> tuple[str, int, list[float]] | None:
         _check_letter(letter)
         return None
     if _ESCAPES.search(message):
-        raise MessageError("has a wrong escape sequence")
+        raise ContentError("has a wrong escape sequence")
     body = message[1:].replace(b"\xdb\xdc", b"\n").replace(b"\xdb\xdd", b"\xdb")
     if len(body) != _HEAD.size + 4 * count:
-        raise MessageError(f"has {len(body)} bytes as {letter}, {_HEAD.size + 4 * count} were expected")
+        raise ContentError(f"has {len(body)} bytes as {letter}, {_HEAD.size + 4 * count} were expected")
     (time_us,) = _HEAD.unpack_from(body)
     return letter, time_us, list(struct.unpack_from(f"<{count}f", body, _HEAD.size))
 
@@ -373,13 +370,13 @@ def _ascii(message: bytes) -> tuple[str, int, list[float]] | None:
         _check_letter(letter)
         return None
     if len(words) < count + 1:
-        raise MessageError(f"has {len(words)} values as {letter}, {count + 1} were expected")
+        raise ContentError(f"has {len(words)} values as {letter}, {count + 1} were expected")
     return letter, int(words[0]), [float(word) for word in words[1 : count + 1]]
 
 
 def _check_letter(letter: str) -> None:
     if letter not in string.ascii_uppercase:
-        raise MessageError(f"begins with {letter[:20]!r}")
+        raise ContentError(f"begins with {letter[:20]!r}")
 
 
 class Ximu3Framer(SerialFramer):
@@ -418,7 +415,7 @@ class Ximu3Framer(SerialFramer):
                     self.good += 1
                     if item is not None:
                         items.append(item)
-            except MessageError as error:
+            except ContentError as error:
                 self._count(str(error))
         return items
 
@@ -436,9 +433,9 @@ class Ximu3Framer(SerialFramer):
 
     def _item(self, letter: str, time_us: int, values: list[float], stamp_ns: int) -> Item | None:
         if not all(math.isfinite(value) for value in values):
-            raise MessageError("has a number that is not finite")
+            raise ContentError("has a number that is not finite")
         if not 0 <= time_us <= MAX_TIME_US:
-            raise MessageError(f"has the time {time_us} µs")
+            raise ContentError(f"has the time {time_us} µs")
         if letter == "B":
             return Battery(min(max(values[0] / 100.0, 0.0), 1.0), values[1])
         if letter == "W":
@@ -458,10 +455,6 @@ class Ximu3Framer(SerialFramer):
             roll, pitch, yaw = (math.radians(value) for value in values)
             world_from_sensor = from_roll_pitch_yaw(roll, pitch, yaw)
             return Reading(stamp_ns, world_from_sensor, time_ns) if self._preference.accepts(EULER) else None
-        w, x, y, z = values[:4]
-        try:
-            world_from_sensor = unit_quaternion((x, y, z, w))
-        except ValueError as error:
-            raise MessageError(f"has {error}") from error
+        world_from_sensor = unit_rotation(values[:4], "wxyz")
         self._preference.accepts(QUATERNION)
         return Reading(stamp_ns, world_from_sensor, time_ns)

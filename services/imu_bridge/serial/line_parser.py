@@ -53,10 +53,6 @@ _PART = re.compile(r"\{(\w+)\}")
 Gesture = Literal["press", "double", "hold"]
 
 
-class LineError(ValueError):
-    """A line is neither a quaternion nor a button; the message is the reason."""
-
-
 @dataclass(frozen=True, slots=True)
 class QuaternionLine:
     """world_from_sensor, scalar last and with norm 1, and the other values of the line."""
@@ -130,25 +126,22 @@ class LineParser:
         """Return the content of `line`, or None for an empty line or one that is passed over.
 
         Raises:
-            LineError: If it has another form, or a wrong value. Names the parameter that describes it.
+            ContentError: If it has another form, or a wrong value. Names the parameter that describes it.
         """
         try:
             text = line.decode().strip(" ,;|\t\r\n\0\ufeff")
         except ValueError as error:
-            raise LineError("is not text") from error
-        try:
-            if self._form is not None and (values := self._form.fullmatch(text)):
-                return _described(values.groupdict())
-            if not text or text.casefold().startswith(_PASSED_OVER):
-                return None
-            if button := _BUTTON.match(text):
-                names = (button[1].strip(),) if button[1] else ()
-                return ButtonLine(cast("Gesture", (button[2] or "press").lower()), names)
-            if self._form is not None:
-                raise LineError(f"has another form than {self._parameter}; {self._remedy(text)}")
-            return self._documented(text)
-        except ContentError as error:
-            raise LineError(f"{error}") from error
+            raise ContentError("is not text") from error
+        if self._form is not None and (values := self._form.fullmatch(text)):
+            return _described(values.groupdict())
+        if not text or text.casefold().startswith(_PASSED_OVER):
+            return None
+        if button := _BUTTON.match(text):
+            names = (button[1].strip(),) if button[1] else ()
+            return ButtonLine(cast("Gesture", (button[2] or "press").lower()), names)
+        if self._form is not None:
+            raise ContentError(f"has another form than {self._parameter}; {self._remedy(text)}")
+        return self._documented(text)
 
     def _documented(self, text: str) -> QuaternionLine:
         if text.startswith("{"):
@@ -163,17 +156,17 @@ class LineParser:
             four = named_components(dict(zip(fields[::2], fields[1::2], strict=True)))
             if four is not None:
                 return QuaternionLine(unit_rotation(four, "xyzw"))
-        raise LineError(f"has none of the documented forms; {self._remedy(text)}")
+        raise ContentError(f"has none of the documented forms; {self._remedy(text)}")
 
     def _json(self, text: str) -> QuaternionLine:
         try:
             content = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise LineError(f"is no JSON ({error}); {self._remedy(text)}") from error
+            raise ContentError(f"is no JSON ({error}); {self._remedy(text)}") from error
         try:
             return QuaternionLine(quaternion_in(content, self._order), None, names_in(content))
         except ContentError as error:
-            raise LineError(f"{error}; {self._remedy(text)}") from error
+            raise ContentError(f"{error}; {self._remedy(text)}") from error
 
     def _remedy(self, text: str) -> str:
         form = suggested_line(text)
@@ -198,5 +191,5 @@ def _described(values: dict[str, str]) -> QuaternionLine:
 
 def _time_ns(time_ns: float) -> int:
     if not 0 <= time_ns <= MAX_TIME_US * 1e3:
-        raise LineError(f"has the time {time_ns / 1e3:g} µs")
+        raise ContentError(f"has the time {time_ns / 1e3:g} µs")
     return round(time_ns)

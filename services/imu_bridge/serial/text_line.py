@@ -1,9 +1,9 @@
 """Lines of text of a board: bytes to lines, lines to readings of one of its sensors."""
 
 from pointit.services.imu_bridge.serial.framers import SerialFramer
-from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE, LineError, LineParser, QuaternionLine
+from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE, LineParser, QuaternionLine
 from pointit.services.imu_bridge.sources import Item, Press, Reading
-from pointit.services.imu_bridge.streams import Order, SensorChoice, quoted
+from pointit.services.imu_bridge.streams import ContentError, Order, SensorChoice, quoted
 
 
 class LineSplitter:
@@ -60,7 +60,7 @@ class TextFramer(SerialFramer):
         for line in self._splitter.feed(data):
             try:
                 items += self._items(line, stamp_ns)
-            except LineError as error:
+            except ContentError as error:
                 self._count(1, f"{quoted(line)} {error}")
         if self._splitter.overlong > overlong:
             self._count(self._splitter.overlong - overlong, f"a line of more than {LONGEST_LINE} bytes")

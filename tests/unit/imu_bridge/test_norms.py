@@ -13,12 +13,12 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import WristSample
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.services.imu_bridge.ble import metamotion, xsens_dot
-from pointit.services.imu_bridge.network.datagram_source import orientation
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.serial.framers import FULL_SCALE, WitMotionFramer, Ximu3Framer
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.sources import Item, Reading, fault
+from pointit.services.imu_bridge.streams import unit_rotation
 from pointit.sim.recordings import read_imu_csv
 from pointit_lab.devices.serial_formats import witmotion_packet, ximu3_binary
 
@@ -69,7 +69,7 @@ def by_xsens_dot(q: Quaternion) -> Quaternion | None:
 
 
 def by_tracker(q: Quaternion) -> Quaternion | None:
-    return orientation(q, "xyzw")
+    return unit_rotation(q, "xyzw")
 
 
 def by_plugin(q: Quaternion) -> Quaternion | None:

@@ -9,14 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
-from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, QuaternionLine
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineParser, QuaternionLine
 from pointit.services.imu_bridge.serial.source import SilenceWatch
 from pointit.services.imu_bridge.serial.text_line import LineSplitter, TextFramer
 from pointit.services.imu_bridge.sources import Press, Reading
-from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_SENSORS, SensorChoice, quoted
+from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_SENSORS, ContentError, SensorChoice, quoted
 
 XYZW = (0.64, 0.0, -0.48, 0.6)
 FORM = re.compile(r'imu-bridge\.(serial|udp)\.line=("(?:[^"\\]|\\.)*")')
@@ -75,7 +74,7 @@ def filled_form(sentence: str, places: Sequence[int]) -> str:
 
 @pytest.mark.parametrize(("line", "places"), DESCRIBED)
 def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, places: Sequence[int]) -> None:
-    with pytest.raises(LineError) as refusal:
+    with pytest.raises(ContentError) as refusal:
         LineParser().parse(line.encode())
     config = SerialConfig(line=filled_form(str(refusal.value), places))
     later = line.replace("12:", "23:").replace("123", "987").replace("-03-", "-11-").replace("_05_", "_11_")
@@ -83,7 +82,7 @@ def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, pla
         parsed = LineParser(config.order, config.line).parse(each.encode())
         assert isinstance(parsed, QuaternionLine)
         assert parsed.orientation_xyzw == pytest.approx(XYZW)
-    with pytest.raises(DatagramError) as refused:
+    with pytest.raises(ContentError) as refused:
         UdpDecoder(UdpConfig()).items(line.encode(), 0)
     decoder = UdpDecoder(UdpConfig(line=filled_form(str(refused.value), places)))
     (reading,) = decoder.items(line.encode(), 0)
@@ -93,7 +92,7 @@ def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, pla
 
 @pytest.mark.parametrize("line", ANGLES)
 def test_lines_without_a_quaternion_are_refused_with_the_remedy_in_the_sketch(line: str) -> None:
-    with pytest.raises(LineError, match="let the device send four numbers, w, x, y and z"):
+    with pytest.raises(ContentError, match="let the device send four numbers, w, x, y and z"):
         LineParser().parse(line.encode())
 
 
@@ -259,7 +258,7 @@ def test_described_line_is_read_as_it_is_described(
     parser = LineParser("wxyz", form)
     assert quaternion(line.encode(), parser) == QuaternionLine((0.0, 0.0, 0.0, 1.0), time_ns, names)
     assert parser.parse(b"wrist: button hold") == ButtonLine("hold", ("wrist",))
-    with pytest.raises(LineError, match=r"has another form than imu-bridge\.serial\.line; describe it by"):
+    with pytest.raises(ContentError, match=r"has another form than imu-bridge\.serial\.line; describe it by"):
         parser.parse(b"1,0,0,0,7,7,7")
 
 
@@ -281,7 +280,7 @@ def test_form_without_a_clear_quaternion_is_refused(form: str, reason: str) -> N
 
 def test_line_that_nearly_fits_a_form_of_many_parts_is_refused_at_once() -> None:
     parser = LineParser("wxyz", ":".join(["{_}"] * 40) + ",{w},{x},{y},{z}")
-    with pytest.raises(LineError):
+    with pytest.raises(ContentError):
         parser.parse(b":" * 200 + b"1:" * 28)
 
 
@@ -321,7 +320,7 @@ def test_lines_of_other_readings_are_ignored(line: bytes) -> None:
     ],
 )
 def test_unreadable_line_is_refused_with_a_reason(line: bytes, reason: str) -> None:
-    with pytest.raises(LineError, match=re.escape(reason)):
+    with pytest.raises(ContentError, match=re.escape(reason)):
         LineParser().parse(line)
 
 
@@ -329,7 +328,7 @@ def test_unreadable_line_is_refused_with_a_reason(line: bytes, reason: str) -> N
 def test_random_almost_lines_give_unit_quaternions_or_reasons(text: str) -> None:
     try:
         parsed = LineParser().parse(text.encode())
-    except LineError:
+    except ContentError:
         return
     if isinstance(parsed, QuaternionLine):
         assert math.isclose(math.hypot(*parsed.orientation_xyzw), 1.0, abs_tol=1e-9)

@@ -14,10 +14,9 @@ from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import build_msg
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.streams import MIN_READINGS
+from pointit.services.imu_bridge.streams import MIN_READINGS, ContentError
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S
@@ -62,21 +61,21 @@ def test_address_and_order_are_configurable() -> None:
     assert items(decoder, "/wrist/8", *XYZW) == []
     assert items(decoder, "/quaternion", *XYZW) == []
     with pytest.raises(
-        DatagramError, match=r"/wrist/7 has numbers in an unknown order: .* --set imu-bridge\.osc\.order=xyzw"
+        ContentError, match=r"/wrist/7 has numbers in an unknown order: .* --set imu-bridge\.osc\.order=xyzw"
     ):
         items(OscDecoder(OscConfig(address="/wrist/7")), "/wrist/7", *XYZW)
 
 
 def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> None:
     with pytest.raises(
-        DatagramError, match=r"4 were expected: .* --set imu-bridge\.osc\.first=2 .*osc\.sensor_position=0"
+        ContentError, match=r"4 were expected: .* --set imu-bridge\.osc\.first=2 .*osc\.sensor_position=0"
     ):
         items(OscDecoder(OscConfig()), "/quaternion", 7.0, *WXYZ)
     with pytest.raises(ValidationError, match=r"osc\.first needs osc\.sensor_position: the position of"):
         OscConfig(first=2)
     config = OscConfig(first=2, sensor_position=0)
     assert items(OscDecoder(config), "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
-    with pytest.raises(DatagramError, match=r"has 5 numbers: name one .*osc\.sensor_position=0"):
+    with pytest.raises(ContentError, match=r"has 5 numbers: name one .*osc\.sensor_position=0"):
         items(OscDecoder(OscConfig(first=2, sensor_position=6)), "/quaternion", 7.0, *WXYZ)
 
 
@@ -136,10 +135,10 @@ def test_battery_when_it_changes_and_button_when_it_is_pressed() -> None:
 
 def test_messages_that_are_too_short_or_not_numbers_are_refused() -> None:
     decoder = OscDecoder(OscConfig())
-    with pytest.raises(DatagramError, match="/quaternion has 2 numbers, 4 were expected"):
+    with pytest.raises(ContentError, match="/quaternion has 2 numbers, 4 were expected"):
         items(decoder, "/quaternion", 1.0, 0.0)
     assert items(decoder, "/battery", math.nan, 60.0, 3.9) == []
-    with pytest.raises(DatagramError, match="three finite numbers"):
+    with pytest.raises(ContentError, match="three finite numbers"):
         items(decoder, "/sensors", math.nan, *[0.0] * 9)
 
 
@@ -194,7 +193,7 @@ def test_bundle_without_a_time_has_none_and_a_clock_that_was_never_set_counts_fr
     ],
 )
 def test_what_is_not_osc_is_refused(data: bytes) -> None:
-    with pytest.raises(DatagramError):
+    with pytest.raises(ContentError):
         OscDecoder(OscConfig()).items(data, NOW)
 
 

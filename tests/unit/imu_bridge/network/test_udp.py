@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.udp import LONGEST_DATAGRAM, UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.network.udp_server import Address, UdpServer
 from pointit.services.imu_bridge.sources import Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.streams import ContentError
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import Health, phone_at
@@ -135,7 +135,7 @@ def test_order_of_lists_and_lines_is_configurable() -> None:
     ],
 )
 def test_what_is_no_orientation_is_refused(data: bytes) -> None:
-    with pytest.raises(DatagramError):
+    with pytest.raises(ContentError):
         items(data)
 
 
@@ -159,7 +159,7 @@ def test_any_datagram_is_read_or_refused(data: bytes) -> None:
     for _ in range(2):
         try:
             found = decoder.items(data, NOW)
-        except DatagramError:
+        except ContentError:
             assert len(data) <= LONGEST_DATAGRAM
             continue
         for item in found:

@@ -7,9 +7,9 @@ import pytest
 
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import ximu3
-from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.ximu3 import XIMU3, Ximu3Decoder, announced
 from pointit.services.imu_bridge.sources import Battery, Reading
+from pointit.services.imu_bridge.streams import ContentError
 from pointit.testing.devices import UdpDevice
 from pointit_lab.devices.serial_formats import ximu3_binary, ximu3_text
 from tests.support.bench import until
@@ -58,7 +58,7 @@ async def test_device_that_sends_angles_alone_is_used() -> None:
 
 @pytest.mark.parametrize("data", [b"a\n" * 65, b"a" * 1501])
 def test_datagram_that_would_take_long_is_refused(data: bytes) -> None:
-    with pytest.raises(DatagramError, match="more than"):
+    with pytest.raises(ContentError, match="more than"):
         Ximu3Decoder().items(data, 0)
 
 

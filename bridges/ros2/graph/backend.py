@@ -89,8 +89,6 @@ class Graph:
 
     nodes: frozenset[str]
     endpoints: frozenset[Endpoint]
-    unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
-    """Kind and topic of endpoints that exchange messages with us, but that no token names."""
 
     def within(self, domain: int) -> "Graph":
         """Return it without the endpoints of other domains, which ours never meet."""

@@ -69,8 +69,7 @@ def findings(
         found += _qualities(mine, [each for each in remote if _can_match(mine, each, matching)])
     found += _domains(counterparts, other_domains, domain, is_alone=not others)
     where = f"in domain {domain}{needs and f': {needs}'}"
-    found += _unseen(graph)
-    if not others and not graph.unseen:
+    if not others:
         found += [_no_nodes(where)]
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
@@ -191,23 +190,6 @@ def _domains(
             sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, remote))}, we are in "
             f"{domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
             f"ROS_DOMAIN_ID={domain}",
-        )
-    ]
-
-
-def _unseen(graph: Graph) -> list[Finding]:
-    exchanged = [
-        f"{listed(names)} {'is' if len(names) == 1 else 'are'} {what} by"
-        for kind, what in (("subscriber", "read"), ("publisher", "written"))
-        if (names := sorted(name for end, name in graph.unseen if end == kind))
-    ]
-    if not exchanged:
-        return []
-    return [
-        Finding(
-            about="unseen",
-            sentence=f"{' and '.join(exchanged)} a node that the ROS graph does not show, as one that was "
-            "started before the router: messages pass, but that node is invisible; start it again",
         )
     ]
 

@@ -132,8 +132,6 @@ class ZenohReader(RosEndpoint[EndpointContext]):
     ) -> None:
         """Declare; `handler` gets the CDR of messages."""
         super().__init__(context, topic)
-        self.has_received = False
-        """Messages have come since this was last set to False."""
         self._handler = handler
         self._malformed = 0
         self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
@@ -165,7 +163,6 @@ class ZenohReader(RosEndpoint[EndpointContext]):
             return
         if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
             return
-        self.has_received = True
         self._handler(sample.payload)
 
     def _is_known(self, attachment: bytes, payload: bytes) -> bool:
@@ -294,8 +291,6 @@ class ZenohServiceClient(RosEndpoint[EndpointContext]):
 
 NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
 """Conditions for other nodes to be seen."""
-UNSEEN_S = 1.0
-"""Interval of checking which topics exchange messages; nodes without a token are reported the second time."""
 SETTLE_S = 0.05
 """Time (s) to gather changes of the graph: a node that starts has twenty endpoints."""
 
@@ -319,12 +314,10 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         )
         super().__init__(context, config, distro=config.distro, needs=NEEDS, matching="definition")
         self._refresh_timer = Timer(context.loop.call_later, self._refresh)
-        self._look_timer = Timer(context.loop.call_later, self._look)
         session.on_change = self._refresh_soon
         self._announcement = Announcement(context, rmw.node_token())
         session.watch_tokens(EVERY_TOKEN, self._directory.change)
         self._refresh_soon()
-        self._look_timer.start(UNSEEN_S)
 
     @property
     def problem(self) -> str:
@@ -350,23 +343,10 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         """Leave the graph; no handler runs afterwards."""
         if self._context.is_closed:
             return
-        self._look_timer.cancel()
         self._refresh_timer.cancel()
         self._session.stop()  # so that endpoints do not undeclare themselves one by one
         self._close_endpoints()
         await self._session.close()
-
-    def _look(self) -> None:
-        """Update the topics that exchange messages with us, with or without a token."""
-        ends: set[tuple[EndpointKind, str]] = set()
-        for end in self._context.ends:
-            if isinstance(end, ZenohWriter) and end.is_read:
-                ends.add(("subscriber", end.name))
-            elif isinstance(end, ZenohReader) and end.has_received:
-                end.has_received = False
-                ends.add(("publisher", end.name))
-        self._directory.exchange(ends)
-        self._look_timer.start(UNSEEN_S)
 
     def _refresh_soon(self) -> None:
         if not self._context.is_closed:

@@ -15,7 +15,7 @@ import collections
 import itertools
 import re
 import struct
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import xxhash
@@ -338,8 +338,6 @@ class LivelinessDirectory:
         self._own: collections.Counter[str] = collections.Counter()
         self.bridged: set[bytes] = set()
         """Gids in messages of other PointIts, of any domain."""
-        self._exchanged: frozenset[tuple[EndpointKind, str]] = frozenset()
-        self._unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
 
     def announce(self, token: str) -> None:
         """Add a token of ours. It stays even if others report its end, as lost routers do."""
@@ -375,28 +373,11 @@ class LivelinessDirectory:
         if changed:
             self._on_change()
 
-    def exchange(self, ends: Collection[tuple[EndpointKind, str]]) -> None:
-        """Set kind and topic of the endpoints that others must have, since messages are exchanged with them.
-
-        One without a token in any domain counts as unseen from the second call on: tokens may come later.
-        """
-        named = {
-            (seen.endpoint.kind, seen.endpoint.name)
-            for token, seen in self._seen.items()
-            if seen.endpoint is not None and token not in self._own
-        }
-        before, self._exchanged = self._exchanged, frozenset(ends) - named
-        unseen = before & self._exchanged
-        if unseen != self._unseen:
-            self._unseen = unseen
-            self._on_change()
-
     def graph(self) -> Graph:
         """Return the graph: the nodes of our domain, the endpoints of every domain."""
         return Graph(
             nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
             endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),
-            unseen=self._unseen,
         )
 
 

@@ -1,7 +1,6 @@
 """Topics of ROS, and other nodes beside ours."""
 
 import gc
-import itertools
 import time
 from typing import Any, cast
 
@@ -276,35 +275,6 @@ async def test_a_subscriber_without_a_token_gets_live_data(at: Graphs, mode: str
     outbox.close()
 
 
-async def test_a_subscriber_without_a_token_is_reported_until_it_has_gone(at: Graphs) -> None:
-    node = await at.node("/pointit", "router")
-    writers = [node.backend.advertise(f"/user{index}/ray", POSE, SENSOR) for index in range(2)]
-    take = Callback(list[zenoh.Sample]().append, indirect=False)
-    subscriber = (await at.stranger()).declare_subscriber(key_of("/user0/ray"), take)
-    await until(lambda: "unseen" in node.shown.now)
-    assert "/user0/ray is read by" in node.shown.now["unseen"]
-    assert "/user1/ray" not in node.shown.now["unseen"]
-    assert not any("no other ROS node" in note for note in node.backend.notes)
-    subscriber.undeclare()
-    await until(lambda: "unseen" not in node.shown.now)
-    assert writers
-
-
-async def test_a_publisher_without_a_token_is_heard_and_reported(at: Graphs) -> None:
-    node = await at.node("/pointit", "router")
-    seen, old_node, counts = node.hears("/user1/imu_in", POSE), await at.stranger(), itertools.count(1)
-
-    def put_and_look() -> bool:
-        count = next(counts)
-        old_node.put(key_of("/user1/imu_in"), cdr_of(count), attachment=attachment(count))
-        return "unseen" in node.shown.now
-
-    await until(put_and_look, what="a publisher that no token names to be reported")
-    assert seen
-    assert "/user1/imu_in is written by" in node.shown.now["unseen"]
-    await until(lambda: "unseen" not in node.shown.now)
-
-
 async def test_nodes_with_tokens_are_not_reported(at: Graphs) -> None:
     node, robot = await at.node("/pointit", "router"), await at.node("/robot")
     writer = node.backend.advertise("/ray", POSE, SENSOR)
@@ -314,12 +284,10 @@ async def test_nodes_with_tokens_are_not_reported(at: Graphs) -> None:
     async def both_ways(count: int) -> None:
         await arrives(lambda: writer.put(cdr_of(len(to_robot))), to_robot, count)
         await arrives(lambda: back.put(cdr_of(len(to_node))), to_node, count)
-        node.backend._look()
 
     await both_ways(1)  # a node of another domain is named as long as there is none of this one
     elsewhere = await at.node("/elsewhere", domain_id=DOMAIN + 1)
     elsewhere.hears("/ray", POSE, SENSOR)
     for count in range(2, 5):
         await both_ways(count)
-    assert not node.backend._directory.graph().unseen
     assert not node.shown.ever

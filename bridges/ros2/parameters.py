@@ -24,6 +24,7 @@ from pointit.bridges.ros2.over_zenoh.backend import NEEDS
 from pointit.bridges.ros2.types.types import NO_HASH, Types
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
+from pointit.runtime.service.plugin_guard import NullHealth
 
 Value = bool | int | float | str | list[Any]
 """A list holds values of one of the other types: ROS has no lists of lists."""
@@ -389,16 +390,6 @@ class FetchRequest:
     """Timeout of the node's answer."""
 
 
-class _IgnoredWarnings:
-    """Ignores warnings: those of so short a connection are in the error."""
-
-    def warn(self, code: str, sentence: str, subject: str = "") -> None:
-        log.debug("%s %s: %s", code, subject, sentence)
-
-    def clear(self, code: str, subject: str = "") -> None:
-        log.debug("%s %s: well", code, subject)
-
-
 async def fetched(
     config: BackendConfig,
     request: FetchRequest,
@@ -424,7 +415,7 @@ async def fetched(
     types.prepare(LIST, GET)
     try:
         with notice(f"looking for a ROS router at {config.endpoint} …"):
-            backend = await opened(config, _IgnoredWarnings(), patience_s=CONNECT_TIMEOUT_S)
+            backend = await opened(config, NullHealth(), patience_s=CONNECT_TIMEOUT_S)
     except ConnectError as error:
         raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
     try:

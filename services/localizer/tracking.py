@@ -359,7 +359,6 @@ class PoseTracker:
             elevation_bias_rad=base.elevation_bias_rad,
             spread_rad=mean.spread_rad,
             sigma_rad=mean.sigma_rad,
-            samples=mean.samples,
             now_ns=now_ns,
         )
         if rejection:

@@ -29,7 +29,7 @@ from pointit.services.localizer.drift.state import (
     X,
     Y,
     bounded,
-    checked,
+    nearest_psd,
 )
 
 
@@ -126,11 +126,7 @@ class DriftFilter:
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
             now_ns: the time, see `set_time`.
-
-        Raises:
-            ValueError: If the fix is not finite or its covariance not 3 x 3; the state stays.
         """
-        covariance = checked(fix)
         self.set_time(now_ns)
         state = self._state
         state.advance(fix.stamp_ns)
@@ -145,7 +141,7 @@ class DriftFilter:
         value, slope = np.zeros((len(yaw.value), 3)), np.zeros((len(yaw.value), 3, 5))
         slope[:, [0, 1], [X, Y]] = 1.0
         value[:, 2:], slope[:, 2:] = yaw
-        noise = bounded(covariance, self._settings) + state.walked(late_s)[:3, :3]
+        noise = bounded(nearest_psd(fix.covariance), self._settings) + state.walked(late_s)[:3, :3]
         state.update(Innovation(value, slope), self._cases(noise, moved_m=0.0)[: 2 if is_new else 1])
         self._took(fix)
 
@@ -182,7 +178,6 @@ class DriftFilter:
         elevation_bias_rad: float = 0.0,
         spread_rad: float = 0.0,
         sigma_rad: float | None = None,
-        samples: int = 1,
         now_ns: int | None = None,
     ) -> AnchorResult:
         """Apply one pointing at a known place without a cursor.
@@ -199,7 +194,6 @@ class DriftFilter:
             elevation_bias_rad: of the pose: the angle by which rays lie above the targets.
             spread_rad: rms of the rays about their mean.
             sigma_rad: standard deviation of the pointing sideways. None: `DriftSettings.anchor_sigma_rad`.
-            samples: number of rays in the mean.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
@@ -212,7 +206,7 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        rejection = self._untimely(stamp_ns) or self._unusable(measurement, direction_h, samples)
+        rejection = self._untimely(stamp_ns) or self._unusable(measurement)
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
         state = self._state
@@ -268,8 +262,6 @@ class DriftFilter:
         rejection = self._untimely(stamp_ns)
         if not rejection and abs(vector.elevation(direction_h)) > self._settings.max_elevation_rad:
             rejection = "the arm points too steeply for a direction; point level at the wall"
-        if not rejection and not (math.isfinite(azimuth_w_rad) and 0.0 < sigma_rad < math.inf):
-            rejection = "the direction is not a finite angle; give the wall's azimuth in degrees"
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
         state = self._state
@@ -311,8 +303,7 @@ class DriftFilter:
         settings, state = self._settings, self._state
         noise = np.array([[sigma_radps**2]])
         allowed = settings.gate * (sigma_radps + (settings.creep_sigma_radps if is_raised else 0.0))
-        usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma_radps)
-        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
+        if abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
         if stamp_ns < state.stamp_ns - MAX_REST_AGE_S * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
@@ -370,16 +361,7 @@ class DriftFilter:
             return ""
         return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
-    def _unusable(self, measurement: AnchorMeasurement, direction_h: Vec3, samples: int) -> str:
-        values = (
-            *measurement.target_m,
-            *measurement.origin_m,
-            *direction_h,
-            measurement.elevation_rad,
-            measurement.spread_rad,
-        )
-        if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
-            return "no usable ray came while the person pointed; see the IMU"
+    def _unusable(self, measurement: AnchorMeasurement) -> str:
         if abs(measurement.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
         if predicted_bearing(self._state.moments()[0][None], measurement)[2][0] < NEAREST_M:

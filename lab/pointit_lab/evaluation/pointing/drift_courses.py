@@ -31,7 +31,6 @@ class CourseHold:
     direction_h: Vec3
     """Mean of the rays, unit."""
     spread_rad: float
-    samples: int
     rest: RestYawRate | None
     """Result of `RestDetector`, with the time of the hold."""
 
@@ -139,6 +138,5 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
         target_m=(*trial.target_m, 0.0),
         direction_h=vector.direction(azimuth, elevation),
         spread_rad=float(np.median(about)),
-        samples=len(azimuths),
         rest=next((rest for rest in rests if rest is not None), None),
     )

@@ -240,7 +240,7 @@ def outcome(
         for drift in (plain, rested):
             drift.update_anchor(
                 round(at_s * NS_PER_S), target, (0.0, 0.0, person_model.eye_m), direction,
-                spread_rad=person_model.hold_yaw_sigma_rad, samples=50,
+                spread_rad=person_model.hold_yaw_sigma_rad,
             )  # fmt: skip
         seen = vector.azimuth((target[0] - fix.x_m, target[1] - fix.y_m, 0.0))
         anchors.append((at_s, seen - vector.azimuth(direction)))

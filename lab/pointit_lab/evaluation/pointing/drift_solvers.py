@@ -110,7 +110,6 @@ def filtered(
                 (0.0, 0.0, EYE_M),
                 hold.direction_h,
                 spread_rad=hold.spread_rad,
-                samples=hold.samples,
             )
         rest = hold.rest
         if rests and rest is not None:

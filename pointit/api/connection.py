@@ -99,7 +99,7 @@ async def _join(
 
 @functools.cache  # once
 def _tell_joined(what: str) -> None:
-    log.warning("joined %s; for another run give the address at which that listens", what)
+    log.warning("joined %s; to join another run, pass its address, such as tcp/HOST:7447", what)
 
 
 def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:

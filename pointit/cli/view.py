@@ -36,7 +36,7 @@ AMPLE_WIDTH = 90
 SCANT_WIDTH = 56
 """Columns below which only the position of a pose is shown."""
 
-METHODS = {"fixed": "told", "static_targets": "lamps", "moving_target": "robot", "external": "tracker"}
+METHODS = {"fixed": "given", "static_targets": "lamps", "moving_target": "robot", "external": "tracker"}
 """Short name of each pose method."""
 
 CANDIDATES = 3

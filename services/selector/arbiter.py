@@ -431,8 +431,10 @@ class Arbiter:
         if on is is_on:
             return []
         if tracked.mode == "button" and (is_on or on is False):
-            text = f"{thing} is a button, which goes off by itself"
-            return [self._publisher.cue(user, "refused", text, now_ns)]
+            status = (
+                "has just fired: try again in a second" if on is None else "is a button: it goes off itself"
+            )
+            return [self._publisher.cue(user, "refused", f"{thing} {status}", now_ns)]
         if reason := self._ownership.refusal(thing, now_ns):
             return [self._publisher.cue(user, "refused", reason, now_ns)]
         self._reservations.free(thing)

@@ -33,8 +33,8 @@ def choose_address(configured: str, found: list[str]) -> str:
     if not configured:
         if not found:
             raise ConfigError(
-                "this machine has no address in a local network: connect it to one, or say which address "
-                "it is with lan_address=..."
+                "this machine has no address in a local network: connect it to one, or name its "
+                "address, as in --set web.lan_address=192.168.1.20"
             )
         return found[0]
     try:

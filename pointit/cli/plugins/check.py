@@ -5,7 +5,7 @@ import keyword
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -45,6 +45,9 @@ class CheckResult:
     """Empty if the promise is kept."""
 
 
+Report = Callable[[CheckResult], None]
+
+
 @click.command("check")
 @click.argument("name", required=False)
 @json_option
@@ -59,10 +62,7 @@ def command(*, name: str | None, as_json: bool) -> None:
     """
     results: list[CheckResult] = []
     for kind, found in chosen(name):
-        for result in examined(kind, found):
-            results.append(result)
-            if not as_json:
-                _print(result)
+        examine(kind, found, results.append if as_json else lambda result: results.append(_print(result)))
     broken = sum(bool(result.problem) for result in results)
     if as_json:
         print_json([vars(result) for result in results])
@@ -96,52 +96,46 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
     )
 
 
-def examined(kind: str, name: str) -> Iterator[CheckResult]:
-    """Yield the results of the checks of a plug-in.
+def examine(kind: str, name: str, report: Report) -> None:
+    """Check a plug-in, and report each result at once.
 
     Raises:
         ConfigError: If it is one of ours, and the laboratory, which has their devices, is not installed.
     """
     title = f"{kind} {name}"
     if kind == COMMAND:
-        yield from examined_command(title, name)
+        report(examined_command(title, name))
         return
     try:
         plugin: Plugin = GROUPS[kind].get(name)
         contract = installed_contract(name, plugin)
     except ConfigError as error:
-        yield CheckResult(title, "import", "can be imported", str(error))
+        report(CheckResult(title, "import", "can be imported", str(error)))
         return
     if contract is not None:
-        yield from tested(title, contract)
+        run_contract(title, contract, report)
         return
     if GROUPS[kind].package(name) in OURS and find_spec(lazy.LAB.replace("-", "_")) is None:
         raise ConfigError(
             f"{title}: ours are checked with devices of {lazy.LAB}, which is not installed; "
             f"run {remedy('lab')}"
         )
-    yield CheckResult(
-        title,
-        "fake_device",
-        "has a fake device, with which the other promises can be checked",
-        f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
-        "write-a-plug-in.md",
-    )
+    problem = f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
+    promise = "has a fake device, with which the other promises can be checked"
+    report(CheckResult(title, "fake_device", promise, f"{problem}write-a-plug-in.md"))
 
 
-def examined_command(title: str, name: str) -> Iterator[CheckResult]:
-    """Yield the results of the checks of the command `name`."""
+def examined_command(title: str, name: str) -> CheckResult:
+    """Return the result of the check of the command `name`."""
     root = click.get_current_context().find_root().command
     refused: dict[Any, str] = getattr(root, "refused", {})
     if reason := next((text for each, text in refused.items() if each.name == name), ""):
-        yield CheckResult(title, "name", "has a name of its own", reason)
-        return
+        return CheckResult(title, "name", "has a name of its own", reason)
     package = next(each.package for each in lazy.declared() if each.name == name)
     try:
         command = lazy.load(package, name)
     except ConfigError as error:
-        yield CheckResult(title, "import", "can be imported", str(error))
-        return
+        return CheckResult(title, "import", "can be imported", str(error))
     context = click.Context(command, info_name=f"pointit {name}")
     lacking = [
         each.name
@@ -151,7 +145,7 @@ def examined_command(title: str, name: str) -> Iterator[CheckResult]:
     problem = "" if (command.help or "").strip() else "it has no help: give its function a docstring"
     if lacking and not problem:
         problem = f"options without a help text: {', '.join(filter(None, lacking))}"
-    yield CheckResult(title, "help", "describes itself and its options", problem)
+    return CheckResult(title, "help", "describes itself and its options", problem)
 
 
 def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
@@ -185,14 +179,13 @@ def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
 
 
 class _Reporter:
-    """A plug-in of pytest that collects the results of the tests of one contract."""
+    """A plug-in of pytest that reports the results of the tests of one contract."""
 
-    def __init__(self, contract: type[Contract], title: str) -> None:
-        self._contract, self._title = contract, title
-        self.results: list[CheckResult] = []
+    def __init__(self, contract: type[Contract], title: str, report: Report) -> None:
+        self._contract, self._title, self._report = contract, title, report
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """Keep the result of a test, unless it was skipped."""
+        """Report the result of a test, unless it was skipped."""
         if report.skipped or (report.when != "call" and report.passed):
             return
         test = report.nodeid.rpartition("::")[2]
@@ -201,7 +194,7 @@ class _Reporter:
         problem = "" if report.passed else str(crash.message if crash else report.longrepr)
         problem = problem.removeprefix(f"{CheckFailedError.__module__}.{CheckFailedError.__name__}: ")
         promise = f"{sentence[:1].lower()}{sentence[1:]}"
-        self.results.append(CheckResult(self._title, test.removeprefix("test_"), promise, problem))
+        self._report(CheckResult(self._title, test.removeprefix("test_"), promise, problem))
 
 
 CONTRACTS: dict[str, type[Contract]] = {}
@@ -209,8 +202,8 @@ CONTRACTS: dict[str, type[Contract]] = {}
 TEST_FILE = f"from {__name__} import CONTRACTS\n\nTestContract = CONTRACTS[__name__]\n"
 
 
-def tested(title: str, contract: type[Contract]) -> list[CheckResult]:
-    """Run pytest on a contract, without configuration. Return the results of its tests.
+def run_contract(title: str, contract: type[Contract], report: Report) -> None:
+    """Run pytest on a contract, without configuration. Report each result when its test ends.
 
     Raises:
         ConfigError: If pytest is not installed, or could not run.
@@ -219,7 +212,7 @@ def tested(title: str, contract: type[Contract]) -> list[CheckResult]:
         import pytest  # noqa: PLC0415 - no command but this one needs it
     except ImportError as error:
         raise ConfigError("pytest is not installed; run `pip install pytest`") from error
-    reporter = _Reporter(contract, title)
+    reporter = _Reporter(contract, title, report)
     with TemporaryDirectory(prefix="pointit_") as folder:
         module = f"test_{Path(folder).name}"
         file = Path(folder) / f"{module}.py"
@@ -232,16 +225,16 @@ def tested(title: str, contract: type[Contract]) -> list[CheckResult]:
             sys.modules.pop(module, None)
     if ended not in {pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED}:
         raise ConfigError(f"{title}: pytest could not run its contract {contract.__qualname__} ({ended!r})")
-    return reporter.results
 
 
-def _print(result: CheckResult) -> None:
+def _print(result: CheckResult) -> CheckResult:
     verdict = (
         click.style("broken", fg="red", bold=True) if result.problem else click.style("kept  ", fg="green")
     )
     click.echo(f"{verdict} {result.plugin}: {result.promise}")
     if result.problem:
         click.echo(f"       {result.problem}")
+    return result
 
 
 KINDS = {

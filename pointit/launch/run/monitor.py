@@ -387,14 +387,14 @@ class Monitor:
         if event.event == "deselected" and not (event.cause or event.reason):
             return  # a button is over
         kind = self.score.kinds.get(event.object_id, "object")
-        where = f" at bay {event.bay}" if event.bay else ""
-        who = f"{where} by {event.user}" if event.user and not where else where
+        word = "for" if event.event == "refused" else "by"
+        where = f" at bay {event.bay}" if event.bay else event.user and f" {word} {event.user}"
         room = self.environment
         has_label = room is not None and any(thing.id == event.object_id for thing in room.things)
         number = "" if has_label or event.object_id == kind else f" {event.object_id.rpartition('-')[2]}"
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
-            self._add_event(f"{kind}{number} {event.event}{who}{reason}")
+            self._add_event(f"{kind}{number} {event.event}{where}{reason}")
 
     def _on_interaction(self, interaction: Interaction, user: str, before: Interaction | None) -> None:
         if before is not None and before.state == "idle" != interaction.state:

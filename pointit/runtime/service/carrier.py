@@ -220,6 +220,5 @@ def check_things(names: Collection[str], room: Environment) -> None:
     known = [thing.id for thing in room.things]
     for name in names:
         if name not in known:
-            raise ConfigError(
-                f"the map has no thing {name!r}; {nearest(name, known) if known else 'it has none'}"
-            )
+            similar = nearest(name, known) if known else "it has none: add a section `things`"
+            raise ConfigError(f"the map has no thing {name!r}; {similar}")

@@ -99,7 +99,10 @@ async def test_the_run_that_is_joined_without_a_name_is_told_once(
     for _ in range(2):
         async with pointit.connect(timeout_s=PATIENCE_S):
             pass
-    assert caplog.text.count(f"joined site lab at {endpoint}, with anna; for another run give") == 1
+    assert (
+        caplog.text.count(f"joined site lab at {endpoint}, with anna; to join another run, pass its address")
+        == 1
+    )
 
 
 @pytest.mark.usefixtures("home")

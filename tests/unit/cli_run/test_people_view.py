@@ -97,7 +97,7 @@ def test_what_is_not_known_is_not_claimed() -> None:
     told = row(monitor, "anna")
     assert "±" not in told
     assert "2.00, 0.50 m" in told
-    assert told.split()[-4:-1] == ["told", "-", "-"]
+    assert told.split()[-4:-1] == ["given", "-", "-"]
     monitor.interactions["ben"] = Interaction(stamp_ns=1, state="idle", next_step="Press.")
     assert row(monitor, "ben").split()[2:-1] == ["-"] * 5
 

@@ -252,7 +252,7 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
         "anna: idle. Silent.",
         "anna: pointing. Asked.",
         "red 1 selected by anna",
-        "red 1 refused by ben: anna's",
+        "red 1 refused for ben: anna's",
     }
     assert monitor.first_cursor_unix_s is not None
     assert monitor.latency.count == 1

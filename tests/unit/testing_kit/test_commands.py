@@ -19,6 +19,7 @@ from pointit.cli.plugins import check, print_selections
 from pointit.cli.plugins import check as new
 from pointit.plugins import GROUPS
 from pointit.runtime.errors import ConfigError
+from pointit.testing.contract import Contract
 from tests.support import strangers
 
 
@@ -55,6 +56,24 @@ def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: cont
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
     assert "6 of 6 promises are kept" in result.output
+
+
+def test_each_result_is_reported_before_the_next_promise_is_tested() -> None:
+    results: list[check.CheckResult] = []
+
+    class TwoPromises(Contract):
+        def test_first(self) -> None:
+            """Is tested first."""
+
+        def test_second(self) -> None:
+            """Is tested second."""
+            assert [each.check for each in results] == ["first"]
+
+    check.run_contract("mine", TwoPromises, results.append)
+    assert [(each.promise, each.problem) for each in results] == [
+        ("is tested first", ""),
+        ("is tested second", ""),
+    ]
 
 
 @pytest.mark.parametrize(

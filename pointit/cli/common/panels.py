@@ -4,9 +4,7 @@ import copy
 import inspect
 import math
 import re
-from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from itertools import pairwise
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import click
@@ -42,7 +40,6 @@ class PanelCommand(click.Command):
         *arguments: Any,
         panels: Mapping[str, Collection[str]] | None = None,
         usual: Collection[str] = (),
-        optional: Mapping[str, tuple[str, re.Pattern[str]]] | None = None,
         **attributes: Any,
     ) -> None:
         """Create the command.
@@ -52,8 +49,6 @@ class PanelCommand(click.Command):
             panels: headings with names of parameters, in the order shown.
             usual: names of the parameters that `--help` shows, each by the first clause of its help, below
                 the first paragraph and the examples; `--help-all` shows all. None: `--help` shows all.
-            optional: options whose value may be left out, each with its value then, and with what a value
-                looks like: an argument after the option that does not is none.
             attributes: of `click.Command`.
         """
         super().__init__(*arguments, **attributes)
@@ -62,45 +57,6 @@ class PanelCommand(click.Command):
         if usual:
             flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
             self.params.append(click.Option(["--help-all"], callback=_show_all, help="Show all.", **flag))
-        self.optional = optional or {}
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse `args`, after the values that were left out.
-
-        Raises:
-            UsageError: If `args` cannot be parsed. An argument too many that follows an option of `optional`
-                is taken as a wrong value of that option.
-        """
-        arguments = tuple(args)
-        try:
-            return super().parse_args(ctx, list(self._complete(arguments)))
-        except click.UsageError as error:
-            if error.message.startswith("Got unexpected extra argument"):
-                self._check_values(ctx, arguments)
-            raise
-
-    def _check_values(self, ctx: click.Context, args: Iterable[str]) -> None:
-        """Raise BadParameter if an argument after an option of `optional` is not a value of that option."""
-        options = {name: parameter for parameter in self.get_params(ctx) for name in parameter.opts}
-        for option, value in pairwise(args):
-            if option in self.optional and not value.startswith("-"):
-                options[option].process_value(ctx, value)
-
-    def _complete(self, args: Iterable[str]) -> Iterator[str]:
-        """Yield `args`; each option of `optional` has its value, as `--option=value`."""
-        left = deque(args)
-        while left:
-            argument = left.popleft()
-            if argument == "--":
-                yield argument
-                yield from left
-                return
-            if argument in self.optional:
-                value, pattern = self.optional[argument]
-                if left and pattern.fullmatch(left[0]):
-                    value = left.popleft()
-                argument = f"{argument}={value}"
-            yield argument
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the help: with usual options only its first paragraph and its examples."""

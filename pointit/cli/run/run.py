@@ -277,9 +277,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     context.exit()
 
 
-@click.command(
-    "run", cls=PanelCommand, panels=run_options.PANELS, usual=run_options.USUAL, optional=run_options.OPTIONAL
-)
+@click.command("run", cls=PanelCommand, panels=run_options.PANELS, usual=run_options.USUAL)
 @click.argument("scenario", default=USUAL, shell_complete=scenarios)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"

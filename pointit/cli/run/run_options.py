@@ -42,11 +42,6 @@ USUAL = ("users", "method", "localize", "imu", "output", "lan", "record", "on", 
 PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "Network")}
 """The same for `person add`."""
 
-LOCALIZE = "--localize"
-
-OPTIONAL = {LOCALIZE: (LAMPS, LOCALIZATIONS)}
-"""Option whose value is optional, its value without one, and the pattern of a value."""
-
 
 def _localization(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     if value is not None and not LOCALIZATIONS.fullmatch(value):
@@ -61,7 +56,9 @@ def shared_options(function: Any) -> Any:
     for option in reversed(
         [
             click.option(
-                LOCALIZE,
+                "--localize",
+                is_flag=False,
+                flag_value=LAMPS,
                 metavar="[lamps|robot[:NAME]]",
                 callback=_localization,
                 help="find people's poses by pointing: at lamps, or by following a robot of the scenario "

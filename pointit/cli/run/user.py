@@ -13,7 +13,7 @@ from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import join_site
 from pointit.cli.parts import PERSON_CHECKS
 from pointit.cli.run.run import execute
-from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
+from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
 from pointit.launch.plan.launches import (
     added_services,
     assumed_places,
@@ -82,7 +82,7 @@ Example: pointit service run pointing --user anna
 USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "duration")
 
 
-@click.command("add", cls=PanelCommand, panels=PERSON_PANELS, optional=OPTIONAL, usual=USUAL_OPTIONS)
+@click.command("add", cls=PanelCommand, panels=PERSON_PANELS, usual=USUAL_OPTIONS)
 @click.argument("name")
 @shared_options
 @click.option(

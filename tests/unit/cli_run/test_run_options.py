@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run import run as run_command
 from pointit.cli.run import run_options
-from pointit.cli.run.run_options import OPTIONAL, choices_of, pose, shared_options
+from pointit.cli.run.run_options import choices_of, pose, shared_options
 from pointit.launch.plan.launches import Choices, robot_of, user_launches
 from pointit.launch.plan.plan import FloorPose, Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
@@ -31,7 +31,7 @@ user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {}}
 """
 
 
-@click.command(cls=PanelCommand, panels={}, optional=OPTIONAL)
+@click.command(cls=PanelCommand, panels={})
 @click.argument("scenario", default="usual")
 @shared_options
 def command(scenario: str, **options: object) -> Choices:
@@ -45,7 +45,6 @@ def command(scenario: str, **options: object) -> Choices:
     [
         ([], "usual False None"),
         (["--localize"], "usual True None"),
-        (["--localize", "mine.yaml"], "mine.yaml True None"),
         (["mine.yaml", "--localize"], "mine.yaml True None"),
         (["--localize", "--seed", "3"], "usual True None"),
         (["--localize", "lamps", "mine.yaml"], "mine.yaml True None"),
@@ -68,7 +67,7 @@ NO_WAY = "'stars' is no way to localize; write lamps, robot or robot:NAME"
     [
         ("--localize=stars", NO_WAY),
         ("mine.yaml --localize stars", NO_WAY),
-        ("--localize stars mine.yaml", NO_WAY),
+        ("--localize mine.yaml", "'mine.yaml' is no way to localize; write lamps"),
         ("mine.yaml --localize lamps stars", "unexpected extra argument (stars)"),
     ],
 )

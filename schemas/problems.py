@@ -10,7 +10,7 @@ from pointit.schemas.text import hide_secrets
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
 IDLE_ARM, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
 UNWRITABLE, EVENT_LOOP, REVOKED, OTHER = "unwritable", "event-loop", "revoked", "other"
-CLOCK_CLAIM, EXCESS, STUCK, VOICE = "clock-claim", "excess", "stuck", "voice"
+CLOCK_CLAIM, EXCESS, VOICE = "clock-claim", "excess", "voice"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
 SILENCING = (*NO_DATA, "connection", "silence", IDLE_ARM)
@@ -30,7 +30,6 @@ CODES = {
     UNWRITABLE: "file `subject` cannot be written",
     EVENT_LOOP: "`subject` blocks the event loop of its process",
     EXCESS: "identity `subject` writes more than is permitted",
-    STUCK: "identity `subject` does not read what the router sends to it",
     VOICE: "names are announced to person `subject`, or to all, and nobody hears them",
     OTHER: "a sentence of a writer of an older release",
     **dict.fromkeys(SILENCING[:-1], "nothing comes from the device, or over its connection"),

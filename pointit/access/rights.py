@@ -70,12 +70,8 @@ BURST = 10_000.0
 lease (3 s) of messages at once."""
 START_LOAD = 3500.0
 """The same for each connection in addition: two starts of a viewer of all topics, who declares 1600."""
-TIMEOUT = 3
-"""Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
-MIN_UNREAD = 16 * 1024
-"""Minimum number of waiting bytes of a stuck reader. Fewer may have just been sent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,8 +112,6 @@ class ConnectionLimits:
         """Number of connections by identity."""
         self.held: dict[str, float] = {}
         """Identities that are cut off, and the end of that time."""
-        self._unread: dict[LimitedConnection, tuple[int, int]] = {}
-        """Waiting bytes of a connection, and number of consecutive checks with the same value."""
 
     def excess(
         self,
@@ -177,24 +171,6 @@ class ConnectionLimits:
             messages = self._excess.get(name, 0.0) + load - MAX_HZ
             if roles.get(name) in LIMITED and messages >= self._limit(name, counts[name]):
                 self.held[name] = now_s + HOLD_S
-
-    def stuck(self, unread: Mapping[LimitedConnection, int]) -> dict[str, str]:
-        """Return a message by identity on readers that accept none of the waiting data.
-
-        `unread`: waiting bytes by connection. For slow readers they change from check to check.
-        """
-        looks = {
-            each: (count, before[1] + 1 if (before := self._unread.get(each, (0, 0)))[0] == count else 1)
-            for each, count in unread.items()
-            if count >= MIN_UNREAD
-        }
-        self._unread = looks
-        return {
-            each.identity: f"{each.identity} reads nothing of what it has asked for (from {each.address}, "
-            f"{count / 1000:.0f} kB wait): is it stopped, or stuck? What comes for it is dropped"
-            for each, (count, times) in looks.items()
-            if times >= TIMEOUT and each.identity
-        }
 
     def _limit(self, name: str, count: int) -> float:
         return BURST + START_LOAD * max(count, self._counts[name])

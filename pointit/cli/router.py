@@ -21,7 +21,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.router import Router, captured_log, raise_file_limit, running_router
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option, run_until_shutdown
-from pointit.schemas.problems import DENIED, EXCESS, REVOKED, STUCK
+from pointit.schemas.problems import DENIED, EXCESS, REVOKED
 
 log = logging.getLogger(__name__)
 
@@ -188,10 +188,7 @@ async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimi
         connections = _connections(router, denied)
         excess, exceeding = limits.excess(connections, router.roles, denied.rates_hz, now_s)
         router.cut(each.address for each in excess)
-        by_address = {each.address: each for each in connections}
-        waiting = router.unread(by_address)
-        stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
-        messages = {DENIED: sentences, REVOKED: denied.revoked, EXCESS: exceeding, STUCK: stuck}
+        messages = {DENIED: sentences, REVOKED: denied.revoked, EXCESS: exceeding}
         for kind, told in messages.items():
             for sentence in told.values():
                 if sentence not in logged:  # what lasts is logged once

@@ -123,7 +123,6 @@ def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
 
 log = logging.getLogger(__name__)
 
-COUNT = struct.Struct("i")
 LINGER = struct.Struct("ii")
 """True if it is set, and its duration, s."""
 
@@ -139,21 +138,6 @@ def peer(host: str, port: int) -> Peer:
     """
     address = ipaddress.ip_address(host.partition("%")[0])
     return str(getattr(address, "ipv4_mapped", None) or address), port
-
-
-def unread() -> dict[Peer, int]:
-    """Return the unacknowledged bytes (`TIOCOUTQ`) of each connection, by peer address and port."""
-    found: dict[Peer, int] = {}
-    if sys.platform != "linux":
-        return found
-    import fcntl  # noqa: PLC0415 - other systems have none
-    import termios  # noqa: PLC0415 - as above
-
-    for each in own_sockets():
-        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
-            (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
-            found[peer(*each.getpeername()[:2])] = count
-    return found
 
 
 SO_ATTACH_FILTER = 26
@@ -382,12 +366,6 @@ class Router:
         """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
         if peers := {found for address in addresses if (found := _peer(address)) is not None}:
             cut(peers)
-
-    def unread(self, addresses: Iterable[str]) -> dict[str, int]:
-        """Return the bytes that wait for the peers connected from `addresses`, where known."""
-        peers = {address: found for address in addresses if (found := _peer(address)) is not None}
-        waiting = unread() if peers else {}
-        return {address: waiting[found] for address, found in peers.items() if found in waiting}
 
     async def reload_on_change(self) -> None:
         """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""

@@ -9,9 +9,7 @@ from pointit.access.rights import (
     HOLD_S,
     MAX_CONNECTIONS,
     MAX_HZ,
-    MIN_UNREAD,
     START_LOAD,
-    TIMEOUT,
     ConnectionLimits,
     LimitedConnection,
 )
@@ -43,7 +41,7 @@ def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named()
 def test_identities_that_serve_all_and_unknown_ones_have_no_limit(identity: str) -> None:
     limits = ConnectionLimits(1)
     rates = {identity: 100 * MAX_HZ}
-    for now_s in range(2 * TIMEOUT):
+    for now_s in range(6):
         assert limits.excess(connections(identity, 50), ROLES, rates, float(now_s)) == ([], {})
 
 
@@ -121,21 +119,6 @@ def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
     assert any(limits.excess(own, ROLES, rate, float(now_s))[0] for now_s, rate in enumerate(rates))
 
 
-def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
-    limits = ConnectionLimits()
-    (stuck,), (slow,) = connections("lab/anna", 1), connections("lab/ben", 1, 9)
-    told: dict[str, str] = {}
-    for look in range(TIMEOUT):
-        told = limits.stuck({stuck: 4_000_000, slow: 4_000_000 + look})
-        assert bool(told) == (look == TIMEOUT - 1)
-    assert "reads nothing" in told["lab/anna"]
-    assert "from tls/10.0.0.7:40000, 4000 kB wait" in told["lab/anna"]
-    for _ in range(2 * TIMEOUT):
-        assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
-    looks = [limits.stuck({stuck: MIN_UNREAD}) for _ in range(TIMEOUT)]
-    assert [list(each) for each in looks] == [[]] * (TIMEOUT - 1) + [["lab/anna"]]
-
-
 ANNA = LimitedConnection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
 ONE_ROLE = {"lab/anna": "user"}
 
@@ -145,13 +128,6 @@ def look(limits: ConnectionLimits, now_s: float, rate_hz: float = 0.0) -> bool:
     cut, told = limits.excess([ANNA], ONE_ROLE, {"lab/anna": rate_hz}, now_s)
     assert (cut, list(told)) in (([], []), ([ANNA], ["lab/anna"]))
     return bool(cut)
-
-
-def test_looks_at_which_a_backlog_stands_still_count_in_a_row() -> None:
-    limits = ConnectionLimits()
-    waits = (900_000, 900_000, 800_000, 800_000, 900_000, 900_000)
-    assert not any(limits.stuck({ANNA: each}) for each in waits)
-    assert list(limits.stuck({ANNA: 900_000})) == ["lab/anna"]
 
 
 def test_identity_that_flooded_is_let_in_again_when_it_has_ended_to() -> None:

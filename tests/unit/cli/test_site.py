@@ -63,9 +63,6 @@ class Routing:
     def cut(self, _addresses: object) -> None:
         pass
 
-    def unread(self, _addresses: object) -> dict[str, int]:
-        return {}
-
     def report(self, *_: object) -> None:
         raise UnexpectedError
 

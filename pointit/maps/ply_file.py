@@ -64,7 +64,6 @@ _TYPES = {
     }.items()
     for code in names
 }
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _MAX_LINE = 4096
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -146,15 +145,14 @@ def read_ply_header(path: Path, wanted: Wanted, remedy: str) -> PlyHeader:
 
 def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
     """Return order and elements. Afterwards `file` is at the body."""
-    end = _line_end(file)
-    if _read_line(file, end).strip() != b"ply":
+    if file.readline(_MAX_LINE).strip() != b"ply":
         raise ConfigError(
             f"{path}: does not begin with `ply`; give a PLY file, or rename it to .xyz if it is plain text"
         )
     order: str | None = None
     elements: list[Element] = []
     for number in range(2, MAX_HEADER_LINES + 2):
-        line = _read_line(file, end)
+        line = file.readline(_MAX_LINE)
         words = line.decode(errors="replace").split()
         if not line:
             break
@@ -171,26 +169,6 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
                 "export it as PLY 1.0 again"
             ) from None
     raise ConfigError(f"{path}: its header does not end; it is cut off or not a PLY, copy or export it again")
-
-
-def _line_end(file: BinaryIO) -> bytes:
-    """Return the end of the lines of a header. Afterwards `file` is behind its byte order mark, if any."""
-    start = file.read(_MAX_LINE)
-    file.seek(len(_BYTE_ORDER_MARK) if start.startswith(_BYTE_ORDER_MARK) else 0)
-    ends = [(at, end) for end in (b"\n", b"\r\n", b"\r") if (at := start.find(end)) >= 0]
-    return max(ends, key=lambda each: (-each[0], len(each[1])))[1] if ends else b"\n"
-
-
-def _read_line(file: BinaryIO, end: bytes) -> bytes:
-    """Return the next line with its `end`, at most `_MAX_LINE` bytes."""
-    if end.endswith(b"\n"):
-        return file.readline(_MAX_LINE)
-    start = file.tell()
-    line = file.read(_MAX_LINE)
-    if (at := line.find(end)) >= 0:
-        line = line[: at + 1]
-        file.seek(start + len(line))
-    return line
 
 
 def _order(words: Sequence[str]) -> str:
@@ -273,37 +251,9 @@ def _end_of(data: NDArray[np.uint8], offset: int, element: Element, order: str) 
         return offset + _row_type(element, order).itemsize * element.rows
     if not element.rows:
         return offset
-    if (size := _equal_row_size(data, offset, element, order)) is not None:
-        return offset + size * element.rows
     ends = _rows_of(data, offset, element, order, [len(element.properties)])
     last = deque(ends, maxlen=1)
     return last[0][0] if last else offset
-
-
-def _equal_row_size(data: NDArray[np.uint8], offset: int, element: Element, order: str) -> int | None:
-    """Return the size of the rows of `element` if all have lists of the sizes of the first, as triangles."""
-    fields: list[tuple[str, str, int]] = []
-    counts: dict[str, int] = {}
-    at = offset
-    for number, each in enumerate(element.properties):
-        if each.count_kind:
-            kind = np.dtype(order + each.count_kind)
-            if at + kind.itemsize > len(data):
-                return None
-            counts[f"n{number}"] = int(data[at : at + kind.itemsize].view(kind)[0])
-            fields.append((f"n{number}", kind.str, 1))
-            at += kind.itemsize
-        size = counts.get(f"n{number}", 1)
-        if size < 0:
-            return None
-        fields.append((f"f{number}", order + each.kind, size))
-        at += size * np.dtype(each.kind).itemsize
-    row = np.dtype([(name, kind, (size,)) for name, kind, size in fields])
-    end = offset + row.itemsize * element.rows
-    if end > len(data):
-        return None
-    table = data[offset:end].view(row)
-    return row.itemsize if all(bool((table[name] == count).all()) for name, count in counts.items()) else None
 
 
 def _rows_of(

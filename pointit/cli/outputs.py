@@ -50,6 +50,7 @@ from pointit.site.site_state import Change, SiteState
 F = TypeVar("F", bound=Callable[..., Any])
 
 WHITE = (255, 255, 255)
+WELL = "no warning any more"
 KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
 
 CONNECT_S = 1.0
@@ -64,19 +65,6 @@ RUN_PICTURES = 120
 """Maximum number of pictures of the running pixel."""
 COLORED_PIXELS = 10
 COLORS: dict[str, Rgb] = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255)}
-
-
-class PrintedHealth(NullHealth):
-    """Prints each new warning."""
-
-    def __init__(self) -> None:
-        self._warnings: dict[tuple[str, str], str] = {}
-
-    def warn(self, code: str, sentence: str, subject: str = "") -> None:
-        """Print a warning unless it was the last one of its topic."""
-        if sentence and self._warnings.get((code, subject)) != sentence:
-            say(sentence, err=True)
-        self._warnings[code, subject] = sentence
 
 
 def setup_options(function: F) -> F:
@@ -286,7 +274,7 @@ def calibrate(
     async def work() -> int:
         pressed = asyncio.Queue[bytes]()
         with key_bytes(pressed.put_nowait):
-            angles = await pointed(config, list(targets), pressed, PrintedHealth())
+            angles = await pointed(config, list(targets), pressed, PrintedWarnings(WELL, as_json=False))
         for line in report(config, fit_pose(angles, list(targets.values()))):
             click.echo(line)
         return 0
@@ -423,7 +411,7 @@ def command(
         raise ConfigError(f"--strip {missing[0]}: the map has no such strip; it has {', '.join(known)}")
     tested = [strip for strip in room.strips if not names or strip.id in names]
     with tempfile.TemporaryDirectory() as folder, interruptible():
-        health = PrintedHealth()
+        health = PrintedWarnings(WELL, as_json=False)
         surroundings = Surroundings(clock=WallClock(), health=health, folder=Path(folder))
 
         def same(_kind: str, _name: str, _user: str, _which: str) -> Surroundings:

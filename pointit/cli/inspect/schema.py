@@ -2,14 +2,13 @@
 
 import difflib
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
+from pointit.cli.common.output import OutputSection, Row, print_json, say, show
+from pointit.cli.inspect import listings
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import replaced_file
 from pointit.schemas import SchemaError
@@ -20,9 +19,6 @@ DEFAULT_DIR = Path("schemas/catalogue/shipped")
 """Folder of the catalogue relative to the root of a checkout."""
 
 EXIT_OUTDATED = 1
-
-WIDE = 110
-"""Terminal width from which all columns of the tables are shown."""
 
 
 @click.command("schema")
@@ -56,9 +52,9 @@ def command(message: str | None, folder: Path | None, *, write: bool, check: boo
     if message is not None:
         _show_message(message, folder, as_json=as_json)
     elif as_json:
-        _print_json(asyncapi.document())
+        print_json(asyncapi.document())
     else:
-        _show_tables()
+        show([listings.topics(), listings.requests(), listings.presence()], as_json=False)
     return 0
 
 
@@ -103,7 +99,7 @@ def _write(folder: Path, *, as_json: bool) -> int:
     files = catalogue.updated_files(read_folder(folder))
     write_folder(folder, files)
     if as_json:
-        _print_json({"written": sorted(files)})
+        print_json({"written": sorted(files)})
         return 0
     for path in sorted(files):
         click.echo(f"wrote {folder / path}")
@@ -115,7 +111,7 @@ def _write(folder: Path, *, as_json: bool) -> int:
 def _check(folder: Path, *, as_json: bool) -> int:
     problems = catalogue.check_committed(read_folder(folder))
     if as_json:
-        _print_json({"ok": not problems, "problems": problems})
+        print_json({"ok": not problems, "problems": problems})
     for problem in problems:
         click.echo(f"{folder}: {problem}", err=True)
     if not problems and not as_json:
@@ -123,41 +119,15 @@ def _check(folder: Path, *, as_json: bool) -> int:
     return EXIT_OUTDATED if problems else 0
 
 
-def _show_tables() -> None:
-    console = _console()
-    dropped = ("rate", "about") if console.width < WIDE else ()
-    for title, headings, rows in asyncapi.tables():
-        shown = [place for place, heading in enumerate(headings) if heading not in dropped]
-        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        for place in shown:
-            table.add_column(
-                headings[place], no_wrap=headings[place] in ("key", "message", "delivery", "rate")
-            )
-        for row in rows:
-            table.add_row(*(row[place] for place in shown))
-        console.print(table, markup=False)
-        console.print()
-
-
-def _console() -> Console:
-    return Console() if sys.stdout.isatty() else Console(width=WIDE * 2)
-
-
 def _show_message(name: str, folder: Path, *, as_json: bool) -> None:
     schema = _schema_of(name, folder)
     if as_json:
-        _print_json(schema)
+        print_json(schema)
         return
-    console = _console()
-    console.print(schema["$id"].removesuffix(".json"), style="bold")
-    console.print(schema.get("description", ""), markup=False)
-    console.print()
-    table = Table(box=None, pad_edge=False)
-    for heading in ("field", "type", "default", "about"):
-        table.add_column(heading)
-    for row in _field_rows(schema, schema.get("$defs", {}), ""):
-        table.add_row(*row)
-    console.print(table, markup=False)
+    say(schema.get("description", ""))
+    rows = tuple(_field_rows(schema, schema.get("$defs", {}), ""))
+    about = f"of {schema['$id'].removesuffix('.json')}"
+    show([OutputSection(name="fields", about=about, rows=rows)], as_json=False)
 
 
 def _schema_of(name: str, folder: Path) -> dict[str, Any]:
@@ -178,17 +148,16 @@ def _schema_of(name: str, folder: Path) -> dict[str, Any]:
     return schema
 
 
-def _field_rows(
-    schema: dict[str, Any], definitions: dict[str, Any], prefix: str
-) -> list[tuple[str, str, str, str]]:
-    rows: list[tuple[str, str, str, str]] = []
+def _field_rows(schema: dict[str, Any], definitions: dict[str, Any], prefix: str) -> list[Row]:
+    rows: list[Row] = []
     required = schema.get("required", ())
     for name, field in schema.get("properties", {}).items():
         default = "required" if name in required else json.dumps(field.get("default"), ensure_ascii=False)
         text, part = _type_of(field, definitions)
         if part is not None and name not in required:
             default = "" if field.get("default") is not None else default
-        rows.append((prefix + name, text, default, field.get("description", "")))
+        about = field.get("description", "")
+        rows.append({"field": prefix + name, "type": text, "default": default, "about": about})
         if part is not None:
             rows += _field_rows(part, definitions, f"{prefix}{name}.")
     return rows
@@ -216,7 +185,3 @@ def _plain_type(field: dict[str, Any]) -> str:
     name = "bytes" if field.get("format") == "binary" else str(field.get("const", field.get("type", "any")))
     bounds = ((">=", "minimum"), (">", "exclusiveMinimum"), ("<=", "maximum"), ("<", "exclusiveMaximum"))
     return " ".join([name, *(f"{sign} {field[keyword]:g}" for sign, keyword in bounds if keyword in field)])
-
-
-def _print_json(document: dict[str, Any]) -> None:
-    click.echo(json.dumps(document, indent=2, ensure_ascii=False))

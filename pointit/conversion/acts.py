@@ -145,7 +145,7 @@ class ActDetector:
     def on_event(self, event: SelectionEvent) -> None:
         """Note what came of an act, and begin or end a selection."""
         act = None
-        if event.carriers and len(self._pending) < MAX_SELECTED:
+        if event.carriers and not event.takes_back and len(self._pending) < MAX_SELECTED:
             self._pending[event.object_id, event.stamp_ns] = None
         is_own = not event.takes_back and event.cause in ("", "dwell", "button")
         if is_own and event.event in ("selected", "deselected", "refused"):

@@ -28,8 +28,6 @@ class PendingAct:
     record: Record
     waits_for: dict[str, bool]
     """Carriers without a final result, and whether it runs for long in each."""
-    done: list[str] = field(default_factory=list[str])
-    """Carriers that have done it."""
     began_ns: int = 0
     """Time of the first check, ns. 0 until then."""
     is_newest: bool = True
@@ -273,10 +271,7 @@ class Acts:
         self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
     ) -> PendingAct | None:
         del act.waits_for[carrier]
-        if problem is None:
-            act.done.append(carrier)
-        elif not act.problem[0]:
-            act.problem = problem
+        act.problem = act.problem if problem is None or act.problem[0] else problem
         return self._advance(act)
 
     def _advance(self, act: PendingAct) -> PendingAct | None:

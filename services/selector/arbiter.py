@@ -337,8 +337,8 @@ class Arbiter:
             if is_back and act.is_newest and self._positions.mode(object_id) != "button":
                 after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
                 record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
-                if record is not None:  # those that have done it go back, too
-                    outputs += self._publisher.event(record, act.done)
+                if record is not None:  # targets that have done it, or may do it yet, go back, too
+                    outputs += self._publisher.event(record, act.record.carriers)
             outputs.append(self._cue_of(act, now_ns))
             self._latch(object_id, "")
         elif act.result == "started" or not act.is_reported:

@@ -1,7 +1,7 @@
 """Outputs of the selection: numbered messages of selections, events and cues, and records for the journal."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -133,14 +133,14 @@ class SelectionPublisher:
             return selection
         return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
-    def event(self, record: Record, others: Sequence[str] = ()) -> list[Output]:
+    def event(self, record: Record, others: str = "") -> list[Output]:
         """Record an event. Return its message, if it has one.
 
         `others`: carriers that carry it out, too, but whose result nobody waits for.
         """
         seq = self._count("event")
         self.write(record, seq)
-        message = event_of(record._replace(carriers=" ".join([record.carriers, *others])), seq)
+        message = event_of(record._replace(carriers=f"{record.carriers} {others}"), seq)
         return [] if message is None else [Output("", message)]
 
     def outcome(self, outcome: ActOutcome) -> Output:

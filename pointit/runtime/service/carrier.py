@@ -78,6 +78,8 @@ class Carrier:
         self._running: dict[asyncio.Task[None], Act] = {}
         self._results: dict[str, ActResult] = {}
         """Result of the last act on each thing that has ended."""
+        self._failed: dict[str, Sequence[Target]] = {}
+        """Targets of each thing that have told that they did not do its last act."""
         self._last_states: tuple[ThingState, ...] | None = None
         self._states = bus.publisher(THING_STATES, name)
         self._result_publisher = bus.publisher(ACT_RESULTS, name)
@@ -92,6 +94,7 @@ class Carrier:
         """Use these targets of each thing from now on."""
         self._targets = {name: each for name, each in targets.items() if each}
         self._results = {name: each for name, each in self._results.items() if name in self._targets}
+        self._failed = {name: each for name, each in self._failed.items() if name in self._targets}
         self.tell()
 
     def tell(self) -> None:
@@ -137,7 +140,9 @@ class Carrier:
     async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
         if earlier:  # the newest one counts: none of them may change its target after it
             await asyncio.wait(earlier)
-        targets = self._targets.get(act.thing, ())
+        targets, failed = self._targets.get(act.thing, ()), self._failed.pop(act.thing, ())
+        if act.event.takes_back and not (targets := [each for each in targets if each not in failed]):
+            return
         if not targets:
             problem = ActFailedError("unavailable", "it has no target any more: point again")
             self._tell_result(act.event, problem)
@@ -145,12 +150,14 @@ class Carrier:
         limit_s = _merged(act.thing, targets).limit_s
         results: list[BaseException | None] = []
         try:
-            async with asyncio.timeout(limit_s):
+            async with asyncio.timeout(None if act.event.takes_back else limit_s):
                 results = await asyncio.gather(
                     *(each.carry_out(act) for each in targets), return_exceptions=True
                 )
         except TimeoutError:
             results = [ActFailedError("no_answer", f"not done within {limit_s:g} s")]
+        else:
+            self._failed[act.thing] = [each for each, error in zip(targets, results, strict=True) if error]
         self._tell_result(act.event, next((_failure(act, each) for each in results if each), None))
 
     def _tell_result(self, event: SelectionEvent, problem: ActFailedError | None) -> None:

@@ -43,10 +43,18 @@ class Site:
         self.carrier = Carrier(bench.bus, bench.clock, "home")
 
     async def act(
-        self, name: str = "lamp", *, number: int = 1, carriers: tuple[str, ...] = ("home",), on: bool = True
+        self,
+        name: str = "lamp",
+        *,
+        number: int = 1,
+        carriers: tuple[str, ...] = ("home",),
+        on: bool = True,
+        reason: str = "",
     ) -> None:
         kind: Literal["selected", "deselected"] = "selected" if on else "deselected"
-        event = SelectionEvent(stamp_ns=number, event=kind, object_id=name, user="anna", carriers=carriers)
+        event = SelectionEvent(
+            stamp_ns=number, event=kind, object_id=name, user="anna", carriers=carriers, reason=reason
+        )
         self.bench.put(SELECTION_EVENTS, event)
         await self.bench.settle(3)
 
@@ -153,6 +161,25 @@ async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its
         ]  # fmt: skip
         assert lamp.state.state == "on"
         assert lamp.acts[-1].event.stamp_ns == 2
+
+
+@in_virtual_time
+async def test_what_some_targets_have_done_or_may_do_yet_is_taken_back_and_those_that_failed_are_spared() -> (
+    None
+):
+    async with site() as home:
+        done, failing, slow = Lamp(), Lamp(error=ActFailedError("refused", "no")), Lamp(takes_s=6.0)
+        home.carrier.use({"lamp": [done, failing], "slow": [slow], "refused": [failing]})
+        for name in ("lamp", "slow", "refused"):
+            await home.act(name)
+        await until(lambda: [each.result for each in home.results].count("failed") == 3, 10.0)
+        for name in ("lamp", "slow", "refused"):
+            await home.act(name, number=2, on=False, reason="not done: no")
+        await until(lambda: len(slow.acts) == 2 and slow.state.state == "off", 10.0)
+        assert [each.on for each in done.acts] == [True, False]
+        assert [each.on for each in failing.acts] == [True, True], "there is nothing to take back"
+        await home.act("refused", number=3)
+        assert [each.on for each in failing.acts] == [True, True, True]
 
 
 @in_virtual_time

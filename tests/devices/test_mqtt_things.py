@@ -171,3 +171,16 @@ async def test_bytes_of_others_below_its_announcements_are_taken_back(port: int)
         async with published(port, bench) as watcher:
             watcher.on_map(room())
             await until(lambda: heard[-1:] == [(topic, b"")], what="the last message to be empty")
+
+
+async def test_a_broker_that_falls_silent_is_named_as_the_cause_of_a_failed_act(port: int) -> None:
+    async with Relay(port).running() as relay, memory_bench() as bench:
+        results = bench.collect(ACT_RESULTS)
+        async with published(relay.port, bench) as watcher:
+            watcher.on_map(ROOM)
+            await until(lambda: watcher.state_of(ROOM.things[0]).state == "", what="the connection")
+            relay.silence()
+            point(bench, "screws")
+            await until(lambda: len(results) == 1, 9.0, what="the result")
+    cause = f"127.0.0.1:{relay.port} did not take the event: Operation timed out"
+    assert (results[0].code, results[0].text) == ("no_answer", cause)

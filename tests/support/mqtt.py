@@ -76,6 +76,11 @@ class Relay:
         for link in self._far if is_noticed else self._near:
             link.transport.abort()
 
+    def silence(self) -> None:
+        """Pass nothing on any more. All connections stay open."""
+        for link in self._passing:
+            link.cancel()
+
     async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(OSError):
             while data := await reader.read(1000):
@@ -97,4 +102,4 @@ class Relay:
             yield self
             self.cut(is_noticed=False)
             self.cut(is_noticed=True)
-            await asyncio.gather(*self._passing)
+            await asyncio.gather(*self._passing, return_exceptions=True)

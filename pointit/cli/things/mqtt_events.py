@@ -23,6 +23,7 @@ from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.mqtt.broker import (
+    CONNECT_TIMEOUT_S,
     client_options,
     connected,
     discovery_prefix,
@@ -495,8 +496,11 @@ class MqttTarget:
 
     @property
     def state(self) -> ThingState:
-        """Return the state of the thing: unavailable while there is no connection."""
-        return self.things.state_of(self.thing)
+        """Return the state of the thing: unavailable while there is no connection.
+
+        Its limit is longer than that of the client, which names the broker.
+        """
+        return self.things.state_of(self.thing).model_copy(update={"limit_s": CONNECT_TIMEOUT_S + 1.0})
 
     async def carry_out(self, act: Act, /) -> None:
         """Publish its event."""

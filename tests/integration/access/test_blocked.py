@@ -81,6 +81,7 @@ def connected_s(folder: SiteFolder) -> float:
     return took_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("password", "listen"),
     [(False, "0.0.0.0"), (True, "0.0.0.0"), (False, "::")],  # noqa: S104 - as above

@@ -182,6 +182,7 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
         await services.close()
 
 
+@pytest.mark.slow
 async def test_who_asks_for_past_events_all_the_time_gets_few_answers_and_all_others_theirs(
     folder: SiteFolder,
 ) -> None:
@@ -257,6 +258,7 @@ def flooding(folder: SiteFolder, name: str, kind: str) -> Generator[None]:
             process.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DECLARATIONS)
 def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolder, kind: str) -> None:
     reports: list[Health] = []
@@ -299,6 +301,7 @@ def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolde
         health.undeclare()
 
 
+@pytest.mark.slow
 async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)) as router:
         link, reports = link_of(folder, "dashboard1"), list[Health]()

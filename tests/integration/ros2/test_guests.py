@@ -266,6 +266,7 @@ async def test_she_points_and_selects_without_a_service_of_ours(site: Site, look
     await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL])
 async def test_she_leaves_and_returns_with_the_bridge(site: Site, look: Onlooker, number: int) -> None:
     _, at_m = await thing(look)

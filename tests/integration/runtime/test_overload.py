@@ -5,6 +5,7 @@ import threading
 import time
 
 import psutil
+import pytest
 
 from pointit.runtime.link.link import Link
 from pointit.runtime.router import running_router
@@ -99,6 +100,7 @@ async def test_a_slow_reader_does_not_delay_others_and_gets_the_newest() -> None
         await writer.close()
 
 
+@pytest.mark.slow
 async def test_memory_stays_flat() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     reader = await ZenohBus.open(Link(listen=(endpoint,)))

@@ -58,6 +58,7 @@ def test_the_stated_uncertainty_is_honest_and_small(people: int, honest: int) ->
     assert max(position_sigma_m(pose.pose) for pose in poses) <= 0.5  # what is less certain is refused
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -73,6 +74,7 @@ def test_small_errors_of_body_stance_and_radio_cost_little(settings: tuple[str, 
     assert statistics.median(errors_m) <= 0.4
 
 
+@pytest.mark.slow
 def test_without_options_the_number_of_lamps_is_the_localizers_affair() -> None:
     outcome = play("scenario_2", Choices(seed=2, localize=True), 60.0)
     assert first(outcome).position_error_m < 0.5

@@ -82,6 +82,7 @@ def assert_kept(counts: list[int]) -> None:
     assert sum(later) / len(later) >= KEPT_SHARE * first, counts
 
 
+@pytest.mark.slow
 def test_things_below_the_strip_that_lights_them_are_hit_as_often_later(tmp_path: Path) -> None:
     assert_kept(activations(KITCHEN, tmp_path, minutes=3))
 
@@ -105,6 +106,7 @@ things:
 """
 
 
+@pytest.mark.slow
 def test_boxes_fire_one_at_a_time_again_and_again_and_functions_hear_of_each() -> None:
     heard: list[str] = []
 

@@ -191,6 +191,7 @@ def free_red(site: Site) -> str:
     return min(things, key=lambda thing: thing.surface_position_m).id
 
 
+@pytest.mark.slow
 def test_the_page_moves_the_cursor_and_selects_while_the_person_is_silent_who_then_goes_on() -> None:
     times_s: list[float] = []
     took_s: list[float] = []

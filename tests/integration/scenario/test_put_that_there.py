@@ -106,6 +106,7 @@ async def put_there(site: Site, words: list[str]) -> tuple[Understood, Goal | No
     return news, sent[0] if sent else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "noise"), [(VOICES[0], 0.0), *((each, NOISE) for each in VOICES)])
 async def test_most_sentences_of_three_voices_are_recognised_in_noise_too(
     name: str, noise: float, tmp_path: Path
@@ -155,6 +156,7 @@ def test_a_synthetic_voice_puts_the_rover_where_the_person_points(tmp_path: Path
     pointit.run_virtually(play())
 
 
+@pytest.mark.slow
 def test_a_package_on_a_belt_is_taken_by_words_and_goes_to_the_bay_of_selected_ones(tmp_path: Path) -> None:
     places: list[dict[str, object]] = [{"position_m": [-1.3, -1.9, 0.0], "yaw_deg": 20.0}]
     slowly = {"method": "fraction", "window_s": 4.0}  # words are faster than staying

@@ -24,6 +24,7 @@ def fences_crossed(flights: Flights) -> int:
     return sum(score.fences_crossed for score in flights.robots.robots.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "duration_s"), SOME)
 def test_people_land_a_quadrotor_where_they_mean_to_and_no_fence_is_crossed(
     seeds: Iterable[int], duration_s: float
@@ -140,6 +141,7 @@ def test_two_people_steer_two_robots_at_once() -> None:
     assert flights.landed_off_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("skill", "least", "farthest_m"), [(0.0, 5, 0.8), (1.0, 8, 0.4)])
 def test_goals_are_where_they_were_meant_to_be(skill: float, least: int, farthest_m: float) -> None:
     outcome = play("send_a_robot", Choices(seed=1, settings=(f"user-sim.aim.skill={skill}",)), 120.0)

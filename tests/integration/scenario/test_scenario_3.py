@@ -46,6 +46,7 @@ def test_with_a_real_wristband_too() -> None:
     assert sum(wrong) == 0
 
 
+@pytest.mark.slow
 def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
     """Frames are the only feedback: with the strips dark nobody corrects anything."""
     dark = "led-driver.brightness=0"
@@ -56,6 +57,7 @@ def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
     assert missed > selected
 
 
+@pytest.mark.slow
 def test_a_person_of_unknown_place_is_localized_by_the_lamps_and_then_selects() -> None:
     outcome = play("scenario_3", Choices(seed=1, localize=True))
     assert outcome.states[0] == "idle"
@@ -66,6 +68,7 @@ def test_a_person_of_unknown_place_is_localized_by_the_lamps_and_then_selects() 
     assert wrong == 0
 
 
+@pytest.mark.slow
 def test_scenario_2_leads_the_cursor_along_both_strips_from_end_to_end() -> None:
     outcome = play("scenario_2", Choices(seed=1))
     for strip in ("0", "1"):
@@ -89,6 +92,7 @@ def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
     assert {at_s for _, at_s in first} != {at_s for _, at_s in other}
 
 
+@pytest.mark.slow
 def test_a_seed_set_for_the_conveyor_alone_holds_whatever_the_run_has() -> None:
     chosen = ("conveyor-sim.seed=5",)
     assert packages(1, chosen) == packages(2, chosen, (USER,))

@@ -20,6 +20,8 @@ from pointit.site.site_state import SiteState
 from tests.support.bench import until
 from tests.support.cli_site import Site
 
+pytestmark = pytest.mark.slow
+
 SIZE_M = (0.2, 0.2, 0.2)
 RADIO = Thing(id="radio", mode="switch", lamp="radio_lamp", center_m=(1.0, 2.0, 1.0), size_m=SIZE_M)
 ROOM = Environment(stamp_ns=1, name="shop", things=(RADIO,))

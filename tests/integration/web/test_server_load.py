@@ -87,6 +87,7 @@ async def test_page_that_reads_nothing_is_cut_and_costs_nobody(monkeypatch: pyte
         assert reports[-1].errors == 0
 
 
+@pytest.mark.slow
 async def test_fifty_pages_are_served() -> None:
     leave = asyncio.Event()
     arrived: list[Page] = []

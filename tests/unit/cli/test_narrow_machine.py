@@ -45,6 +45,7 @@ def run(*arguments: str | Path, page: str, **more: str) -> tuple[int, bytes, str
     return done.returncode, done.stdout.encode("latin-1"), done.stderr
 
 
+@pytest.mark.slow
 def test_letters_that_the_code_page_lacks_are_escaped_and_the_exit_code_is_the_commands(
     tmp_path: Path,
 ) -> None:

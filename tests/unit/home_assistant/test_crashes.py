@@ -191,6 +191,7 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tm
     assert stored_lights(folder) == {NO_LIGHTS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("acts", "next_acts", "is_killed_again"),
     [

@@ -81,6 +81,7 @@ def error_m(found: Solution, person: Person) -> float:
     return math.hypot(found.x_m - person.x, found.y_m - person.y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swap", [(0, 1), (3, 5)])
 def test_lamps_that_are_swapped_in_the_map_are_named(swap: tuple[int, int]) -> None:
     reasons: list[str] = []

@@ -326,6 +326,7 @@ def views(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) -> None:
     room = views.with_name("room.yaml")
     arguments = ["--from", str(views), "-o", str(room), "--known", "post:0,post:59,0.98"]
@@ -338,6 +339,7 @@ def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) 
     assert room.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_what_is_left_out_of_the_map_is_told_by_the_exit_code(views: Path) -> None:
     survey = read_survey(views)
     hidden = [

@@ -53,6 +53,7 @@ class _KilledError(BaseException):
     """The process ends here."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1, 6])
 def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     step: int, whole: tuple[Study, StudyFolder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -121,6 +122,7 @@ def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_diff
         assert found == whole_bytes
 
 
+@pytest.mark.slow
 def test_participant_whom_an_experimenter_stopped_is_finished_when_simulated(tmp_path: Path) -> None:
     study, folder = small(tmp_path)
     with pytest.raises(StoppedError):
@@ -253,6 +255,7 @@ user:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "task"),
     [
@@ -286,6 +289,7 @@ def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> 
     assert all(float(row["target_width_deg"]) > 0.0 for row in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "trials"), [("land", 2), ("follow, width_m: 0.6, stay_s: 0.3", 1), ("localize", 1)]
 )

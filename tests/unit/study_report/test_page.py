@@ -183,6 +183,7 @@ factors: {method: {levels: {hold: {selector.method: hold}, gauge: {selector.meth
 """
 
 
+@pytest.mark.slow
 def test_simulated_participants_run_a_study_for_its_power(tmp_path: Path) -> None:
     file = tmp_path / "small.yaml"
     file.write_text(STUDY, encoding="utf-8")

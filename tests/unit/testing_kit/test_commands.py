@@ -176,6 +176,7 @@ def test_command_without_help_or_that_cannot_be_imported_is_named(
     assert said in result.output
 
 
+@pytest.mark.slow
 def test_output_of_a_new_command_has_the_selections(capsys: pytest.CaptureFixture[str]) -> None:
     with pointit.run("scenario_3", virtual=True) as site:
         print_selections.print_selections(site, 40, as_json=False)

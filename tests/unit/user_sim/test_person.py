@@ -90,6 +90,7 @@ def test_a_moving_object_is_followed_where_it_is_not_where_it_was_seen() -> None
     assert life.error_rad(sample, where) < math.radians(0.05)
 
 
+@pytest.mark.slow
 def test_the_cursor_takes_the_person_to_the_target_although_everything_errs() -> None:
     """They see it in frames only; the system believes that they turned by 10 deg."""
     config = PRECISE.model_copy(update={"aim": AimConfig(), "arm": ArmConfig()})

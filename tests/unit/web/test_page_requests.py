@@ -335,6 +335,7 @@ def count_up(path: Path) -> None:
         update_stored(StateFile[Counted].at(path, Counted), add_one)
 
 
+@pytest.mark.slow
 def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
     path = tmp_path / "count.json"

@@ -3,14 +3,11 @@
 A CSV file has no date: its time 0 becomes `EPOCH_NS`.
 """
 
-import codecs
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pointit.geometry import vector
 from pointit.recording.entries import Entry, entry
@@ -26,7 +23,6 @@ from pointit.schemas import (
     TrackedObject,
     TrackedObjects,
     UserProfile,
-    summarize_validation_error,
 )
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import CONFIGURATION, IMU, LOCALIZATION, OBJECTS, PROFILE, RAY
@@ -61,20 +57,6 @@ TRACKER = "mocap"
 PERSON = "person"
 """Kind of such an object."""
 
-INDEX = "index.json"
-"""Name of the index beside public recordings: objects with the properties of a `file`, or such `files`."""
-
-
-class _Wrapped(BaseModel):
-    files: list[dict[str, Any]]
-
-
-_Properties = list[dict[str, Any]]
-_INDEXED: TypeAdapter[_Properties | _Wrapped] = TypeAdapter(_Properties | _Wrapped)
-
-FOLLOWS = ("pointing_at_moving_drone", "tracking_moving_drone_segment")
-"""Kinds in the indexes of the public recordings in which the person follows the robot."""
-
 
 def csv_entries(
     path: Path,
@@ -86,9 +68,9 @@ def csv_entries(
 ) -> Iterator[Entry]:
     """Return the entries of the recording at `path`, in order of time.
 
-    The person is `user`. With a robot in the file they follow it with the finger, unless the index beside it
-    says otherwise: the recording has a localization that samples throughout, and a replay localizes them. The
-    head's marker is their true position.
+    The person is `user`. With a robot in the file they follow it with the finger: the recording has a
+    localization that samples throughout, and a replay localizes them. The head's marker is their true
+    position.
 
     An arm is that of the public recordings' operator, and a replay computes its rays. Points on the floor
     (`px`, `py`) become rays from the eyes. Without a `mounting` it is that of the public recordings, and that
@@ -102,19 +84,15 @@ def csv_entries(
     if mounting not in MOUNTINGS:
         known = ", ".join(MOUNTINGS)
         raise ConfigError(f"--mounting {mounting}: there is no such mounting; there are {known}")
-    indexed = _indexed(path)
-    follows = indexed is None or indexed.get("kind") in FOLLOWS
     if is_floor_csv(path, form):
         floor = read_floor_csv(path, form)
         _note_all(floor, note)
-        return _entries(floor, user, [], _rays(floor, user), follows=follows)
+        return _entries(floor, user, [], _rays(floor, user))
     recorded = read_imu_csv(path, form)
     _note_all(recorded, note)
     profile = entry(EPOCH_NS, PROFILE, user, UserProfile(stamp_ns=EPOCH_NS, body=OPERATOR))
     begins = [profile, _configuration("pointing", user, PointingConfig())]
-    return _entries(
-        recorded, user, begins, _arm(recorded, user, ArmFrame(MOUNTINGS[mounting])), follows=follows
-    )
+    return _entries(recorded, user, begins, _arm(recorded, user, ArmFrame(MOUNTINGS[mounting])))
 
 
 def _note_all(motion: RecordedMotion, note: Callable[[str], None]) -> None:
@@ -122,28 +100,11 @@ def _note_all(motion: RecordedMotion, note: Callable[[str], None]) -> None:
         note(sentence)
 
 
-def _indexed(path: Path) -> dict[str, Any] | None:
-    """Return the properties of the file at `path` in the index beside it, or None if it is not in one."""
-    index = path.with_name(INDEX)
-    if not index.exists():
-        return None
-    try:
-        found = _INDEXED.validate_json(index.read_bytes().removeprefix(codecs.BOM_UTF8))
-    except OSError as error:
-        raise ConfigError(f"{index}: cannot be read ({error.strerror or error})") from error
-    except ValidationError as error:
-        raise ConfigError(
-            f"{index}: a JSON list of objects was expected; {summarize_validation_error(error)}"
-        ) from error
-    entries = found.files if isinstance(found, _Wrapped) else found
-    return next((each for each in entries if each.get("file") == path.name), None)
-
-
 def _entries(
-    motion: RecordedMotion, user: str, begins: Sequence[Entry], entries: Iterator[Entry], *, follows: bool
+    motion: RecordedMotion, user: str, begins: Sequence[Entry], entries: Iterator[Entry]
 ) -> Iterator[Entry]:
     yield from begins
-    if motion.robot_m is not None and follows:
+    if motion.robot_m is not None:
         robot_localization = Localization(
             stamp_ns=EPOCH_NS, phase="sampling", target_id=ROBOT, target_count=1, since_ns=EPOCH_NS
         )

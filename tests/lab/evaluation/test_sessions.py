@@ -11,7 +11,7 @@ import pytest
 
 import pointit.schemas as models
 from pointit.cli.main import command
-from pointit.conversion.import_csv import INDEX, csv_entries
+from pointit.conversion.import_csv import csv_entries
 from pointit.conversion.recording_file import write_recording
 from pointit.geometry.vector import Vec3
 from pointit.recording.entries import Entry
@@ -292,7 +292,7 @@ def test_the_pose_agrees_with_motion_capture(
 
 def test_the_wrong_mounting_is_noticed(tmp_path: Path) -> None:
     """An arm that points the other way: either nothing is accepted, or not in the right direction."""
-    source = data_file(f"recordings/motion_relloc/{INDEX}")
+    source = data_file("recordings/motion_relloc/index.json")
     index = {each["file"]: each for each in json.loads(source.read_bytes())}
     minus_yaw_deg = index["triangle-s1.csv"]["ref_yaw_deg_human_minus_world"]
     for pose in replayed(tmp_path, "triangle-s1", mounting="metamotion").bodies(POSE):
@@ -302,10 +302,8 @@ def test_the_wrong_mounting_is_noticed(tmp_path: Path) -> None:
 
 def test_who_does_not_point_gets_no_pose(tmp_path: Path) -> None:
     source = data_file("recordings/motion_relloc/idle_4.csv")
-    as_if = tmp_path / "idle.csv"  # without the index, which tells that nobody points
-    as_if.write_bytes(source.read_bytes())
     path = tmp_path / "imported.mcap"
-    write_recording(csv_entries(as_if, user="anna", mounting="minus_x"), path, "imported")
+    write_recording(csv_entries(source, user="anna", mounting="minus_x"), path, "imported")
     result = Result()
     with Recording.open(path) as recording:
         replay(plan_replay(recording, "edge"), result)

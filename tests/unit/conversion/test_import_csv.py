@@ -1,7 +1,6 @@
 """A CSV file of an arm as a recording."""
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -60,17 +59,9 @@ def test_the_mounting_is_taken_off(motion: Path) -> None:
     assert abs(vector.wrap(azimuth - float(expected))) < 1e-6
 
 
-def test_the_person_follows_the_robot_unless_the_index_says_otherwise(motion: Path) -> None:
-    idle = motion.rename(motion.with_name("idle_0.csv"))
-    keys = {entry.key for entry in csv_entries(idle, user="anna", mounting="minus_x")}
-    assert LOCALIZATION.at("anna") not in keys
-    assert OBJECTS.at("robot") in keys
-
-
 def test_points_on_the_floor_become_rays_from_the_eyes(tmp_path: Path) -> None:
     stand = Stand()
     track = write_track(tmp_path, stand, duration_s=3.0)
-    (track.parent / "index.json").unlink()
     entries = list(csv_entries(track, user="anna", mounting="minus_x"))
     rays = [entry.body for entry in entries if entry.row is RAY]
     robots = {entry.time_ns: entry.body for entry in entries if entry.key == OBJECTS.at("robot")}
@@ -85,14 +76,6 @@ def test_points_on_the_floor_become_rays_from_the_eyes(tmp_path: Path) -> None:
         assert vector.angle_between(ray.direction, vector.direction(azimuth, elevation)) < 1e-6
     assert {entry.key for entry in entries} >= {LOCALIZATION.at("anna"), CONFIGURATION.at("localizer.anna")}
     assert CONFIGURATION.at("pointing.anna") not in {entry.key for entry in entries}
-
-
-def test_who_flies_the_robot_is_not_taken_for_one_who_follows_it(tmp_path: Path) -> None:
-    track = write_track(tmp_path, Stand(), duration_s=1.0)
-    index = {"files": [{"file": track.name, "interface": "POINTING"}]}
-    (track.parent / "index.json").write_text(json.dumps(index), encoding="utf-8-sig")
-    keys = {entry.key for entry in csv_entries(track, user="anna", mounting="minus_x")}
-    assert keys == {RAY.at("anna"), OBJECTS.at("robot"), OBJECTS.at("mocap")}
 
 
 def test_the_command_writes_a_recording_that_is_not_overwritten(motion: Path, tmp_path: Path) -> None:

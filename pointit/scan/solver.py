@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -348,14 +348,6 @@ def _swapped(others: Sequence[StripSpec]) -> str:
     return f", or is it {names}, swapped at the controller?" if names else ""
 
 
-TURNED = (
-    "gravity points up in the pictures, so it was taken the other way round: if the camera really was upside "
-    "down, turn the pictures"
-)
-UPSIDE_DOWN = -0.5
-"""Component of gravity along the image's y axis, down, below which it contradicts the image."""
-
-
 def solve(
     strips: Sequence[StripSpec],
     lamps: Sequence[LampSpec],
@@ -365,10 +357,9 @@ def solve(
 ) -> Scan:
     """Return the room that the views show.
 
-    The first view with gravity levels the room; without any, most strips are taken as level or upright. Some
-    phones and programs give gravity with the opposite sign: since cameras are held upright, or nearly, all
-    signs are changed if it points up in most pictures. Lengths come from `known_length`, or else from the
-    strips' pitch. Positions and sigmas of the lamps are in `Scan.lamps`.
+    The first view with gravity levels the room; without any, most strips are taken as level or upright.
+    Lengths come from `known_length`, or else from the strips' pitch. Positions and sigmas of the lamps are in
+    `Scan.lamps`.
 
     Raises:
         ConfigError: If names, numbers or limits are wrong.
@@ -385,11 +376,6 @@ def solve(
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     seen = SightingArrays.of(strips, lamps, views)
-    is_turned = np.nansum(seen.downs[:, 1]) < 0.0
-    if is_turned:
-        seen.downs[:] *= -1.0
-    upside_down = np.flatnonzero(seen.downs[:, 1] < UPSIDE_DOWN)
-    seen.downs[upside_down] = np.nan
     bounds: dict[Piece, tuple[float, float]] = {}
     for number, strip in enumerate(strips):
         shown = [seen.of_chain(number, view) for view in range(len(views))]
@@ -405,12 +391,7 @@ def solve(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
     found = refined(seen, specs, placed, bounds, lines)
-    scan = scan_of(found, strips, lamps, known_length)
-    reasons = [TURNED] if is_turned else []
-    reasons += [
-        f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down
-    ]
-    return replace(scan, problems=(*reasons, *scan.problems))
+    return scan_of(found, strips, lamps, known_length)
 
 
 def _lines_of(

@@ -72,20 +72,6 @@ def test_the_room_is_level_by_gravity_or_by_its_strips(scan: Scan) -> None:
         assert each.level_from == source
 
 
-def test_gravity_that_is_upside_down_is_turned_and_not_used_if_one_view_has_it() -> None:
-    views = [
-        replace(view, gravity=(-x, -y, -z))
-        for view in photographs(4)
-        for x, y, z in [view.gravity or (0.0, 0.0, 0.0)]
-    ]
-    turned = solve(specs(), LAMPS, views)
-    assert max(distances(turned).values()) < 0.015
-    assert turned.problems[0].startswith("gravity points up in the pictures")
-    scan = solve(specs(), LAMPS, [*photographs(4)[:1], views[1], *photographs(4)[2:]])
-    assert max(distances(scan).values()) < 0.015
-    assert "gravity of view 2 points to the top of its image: not used" in scan.problems
-
-
 def test_a_known_length_scales_everything_and_says_so_when_it_contradicts_the_pitch() -> None:
     known = KnownLength(Mark("post", 0), Mark("post", 59), 59 * PITCH_M * 1.1)
     scan = solve(specs(), LAMPS, photographs(4), known_length=known)

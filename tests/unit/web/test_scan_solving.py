@@ -12,7 +12,7 @@ from pointit.bridges.web.scan.session import Solution, marked_pixels
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess, solution_of, solve_survey
 from pointit.bridges.web.scan.wire import ScanThing
-from pointit.geometry.vector import Vec3, scale
+from pointit.geometry.vector import Vec3
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec, Survey
@@ -140,15 +140,6 @@ def test_taps_that_give_no_thing_are_refused(solution: Solution, thing: ScanThin
     assert solution.thing is not None
     with pytest.raises(RefusedError, match=sentence):
         solution.thing(thing)
-
-
-def test_gravity_of_the_opposite_sign_is_said_and_the_room_stands_upright() -> None:
-    flipped = survey(3)
-    views = [replace(view, gravity=view.gravity and scale(view.gravity, -1.0)) for view in flipped.views]
-    solution = solution_of(solve_survey(replace(flipped, views=tuple(views))), (WIDTH, HEIGHT))
-    assert solution.advice.startswith("Gravity points up in the pictures")
-    lines = {strip.name: strip.line_m for strip in solution.strips}
-    assert lines["shelf_high"][0][2] > lines["shelf_low"][0][2] + 0.5
 
 
 def test_a_room_without_gravity_says_how_it_was_levelled() -> None:

@@ -46,8 +46,6 @@ REMEDY = "set columns in the map to those of x, y and z, by name or number, such
 """End of sentences about columns."""
 
 _AXES: tuple[Vec3, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_OFF_WORDS = ("OFF", "COFF", "NOFF", "CNOFF", "STOFF")
-"""First lines of meshes in the Object File Format."""
 
 
 def read_cloud(path: Path, entry: CloudEntry) -> Points:
@@ -177,8 +175,6 @@ def _read_text(path: Path, wanted: Wanted) -> Points:
 
 
 def _text_layout(sample: Sequence[str], wanted: Wanted) -> TextLayout:
-    if sample and sample[0].strip() in _OFF_WORDS:
-        raise ConfigError("is an OFF mesh, whose faces are no points; export it as PLY")
     if pcd := read_pcd_header(sample):
         skip, names = pcd
         indices = column_indices(wanted, names)

@@ -90,7 +90,7 @@ REFUSED = {
     "renamed_ptx.pts": (
         "4\n1\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n" + rows(POINTS, " "),
         "no line names the columns"),
-    "mesh.txt": ("OFF\n4 1 0\n" + rows(POINTS, " "), "is an OFF mesh, whose faces are no points; export it"),
+    "mesh.txt": ("OFF\n4 1 0\n" + rows(POINTS, " "), "no line names the columns"),
     "no_rows.csv": ("x,y,z\na,b,c\n", "line 2: 1 'a', 2 'b', 3 'c' has no number for x, y, z"),
     "no_points.csv": ("x,y,z\n", "has no points"),
 }  # fmt: skip

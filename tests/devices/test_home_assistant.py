@@ -104,6 +104,8 @@ def test_chosen_entities_become_things_of_a_map_whose_text_stays() -> None:
     assert with_things(text, Path("room.yaml"), chosen)[1] == [], "again"
     kueche = [HomeEntity("Küche", "light.desk", "Desk lamp", "on")]
     assert chosen_entities(kueche, [], [unicodedata.normalize("NFD", "küche")]) == kueche, "as macOS has it"
+    with pytest.raises(ConfigError, match=r"^--area Kitchen: has no entities; there are none$"):
+        chosen_entities([], (), ("Kitchen",))
     with pytest.raises(ConfigError, match=r"--entity light\.dsk: fits no entity; did you mean light\.desk"):
         chosen_entities(entities, ["light.dsk"], [])
 

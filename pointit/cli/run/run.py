@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import dataclasses
+import functools
 import logging
+import sys
 import time
 from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
@@ -161,11 +163,9 @@ class _Run:
                 await scenario.end()
 
     def _announce(self, beside: Beside) -> None:
+        say_or_tell = _say if self._console is None else functools.partial(_tell, console=self._console)
         for sentence in beside.greeting(is_drawn=self._console is not None):
-            if self._console is None:
-                _say(sentence)
-            else:
-                _tell(sentence, self._console)
+            say_or_tell(sentence)
 
     async def _until_over(self, scenario: RunningScenario) -> None:
         while not scenario.has_ended:
@@ -210,8 +210,8 @@ class _Run:
 
 
 def _say(sentence: str) -> None:
-    """Log `sentence`, or print it if the log level hides it."""
-    if log.isEnabledFor(logging.INFO):
+    """Log `sentence`, or print it on a terminal, as the log hides links, and if the log level hides it."""
+    if log.isEnabledFor(logging.INFO) and not sys.stderr.isatty():
         log.info("%s", sentence)
     else:
         say(sentence, err=True)

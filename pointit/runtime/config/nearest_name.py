@@ -14,9 +14,9 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """Return `did you mean a or b?`, or `there are a, b, c` if no name is similar."""
+    """Return `did you mean a or b?`, or `there are a, b, c` (or `none`) if no name is similar."""
     known = list(names)
-    return did_you_mean(name, known) or f"there are {', '.join(known)}"
+    return did_you_mean(name, known) or f"there are {', '.join(known) or 'none'}"
 
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from pointit.cli import page as dashboard
 from pointit.cli.main import command
 from pointit.cli.page import PAGE_PART, RunPage
+from pointit.cli.run import run as run_command
 from pointit.cli.summary import write_summary
 from pointit.launch import page
 from pointit.launch.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_link_file, page_of, where
@@ -325,6 +326,15 @@ def test_only_a_terminal_is_shown_the_token(
     assert (where(LINK, file) == LINK) == is_terminal
     assert ("of-the-operator" in where(LINK, None)) == is_terminal
     assert where(LINK, None).startswith("http://127.0.0.1:8090/")
+
+
+def test_a_terminal_without_a_view_is_shown_the_token_which_the_log_hides(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    run_command._say(f"page: {LINK}")
+    assert (capsys.readouterr().err, caplog.text) == (f"page: {LINK}\n", "")
 
 
 def test_link_that_cannot_be_kept_is_a_warning(

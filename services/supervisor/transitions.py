@@ -45,9 +45,9 @@ POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become u
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
 PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."
-BY_ITSELF = "Wear the wristband: pointing begins by itself when it is heard."
-BY_ITSELF_AT_LAMP = "Wear the wristband: when it is heard, a lamp lights up; point at it."
-BY_ITSELF_AT_ROBOT = "Wear the wristband: when it is heard, keep pointing at the robot while it moves."
+BY_ITSELF = "Wear the wristband, or take the arm in the page: pointing begins by itself."
+BY_ITSELF_AT_LAMP = "Wear the wristband, or take the arm in the page: a lamp lights up; point at it."
+BY_ITSELF_AT_ROBOT = "Wear the wristband, or take the arm in the page: point at the robot while it moves."
 SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
 
 

@@ -10,7 +10,7 @@ from pointit.schemas.text import hide_secrets
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
 IDLE_ARM, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
 UNWRITABLE, EVENT_LOOP, REVOKED, OTHER = "unwritable", "event-loop", "revoked", "other"
-CLOCK_CLAIM, EXCESS, VOICE = "clock-claim", "excess", "voice"
+CLOCK_CLAIM, EXCESS, REFUSED_ACTS, VOICE = "clock-claim", "excess", "refused-acts", "voice"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
 SILENCING = (*NO_DATA, "connection", "silence", IDLE_ARM)
@@ -31,6 +31,7 @@ CODES = {
     EVENT_LOOP: "`subject` blocks the event loop of its process",
     EXCESS: "identity `subject` writes more than is permitted",
     VOICE: "names are announced to person `subject`, or to all, and nobody hears them",
+    REFUSED_ACTS: "carrier `subject` cannot carry out acts; if it is a service, its own problem tells why",
     OTHER: "a sentence of a writer of an older release",
     **dict.fromkeys(SILENCING[:-1], "nothing comes from the device, or over its connection"),
 }

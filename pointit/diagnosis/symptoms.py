@@ -8,7 +8,7 @@ from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding
 from pointit.geometry import floor_sigma
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health, UserPose
-from pointit.schemas.problems import INVALID, TWICE, UNCERTAIN
+from pointit.schemas.problems import INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line, round_beyond
@@ -66,6 +66,8 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         yield from _certainty(instance, health)
         for problem in health.all_problems:
             sentence, subject = one_line(problem.sentence), one_line(problem.subject, LONGEST_HOST)
+            if problem.code == REFUSED_ACTS and subject in seen.present:
+                continue  # it reports its own problem
             is_note = problem.severity == "note"
             text = f"says: “{sentence}”" if person_of(instance) and not is_note else sentence
             yield Finding(

@@ -114,11 +114,24 @@ class Acts:
             state = carrier.states.get(object_id)
             if state is None or not _is_act(event, mode, state):
                 continue
-            if carrier.is_present is False and not self._is_carried(object_id):
-                return f"{name} has ended: start it again"
-            if carrier.is_present and state.state == "unavailable":
-                return state.reason or f"{name} tells that it is unavailable"
+            if reason := self._reason(name, carrier, state):
+                return reason
         return ""
+
+    def refusing_carriers(self) -> dict[str, str]:
+        """Return a sentence on each carrier that cannot carry out the acts on one of its things."""
+        return {
+            name: f"acts on {state.id} are refused: {reason}"
+            for name, carrier in self._carriers.items()
+            for state in carrier.states.values()
+            if (reason := self._reason(name, carrier, state))
+        }
+
+    def _reason(self, name: str, carrier: _Carrier, state: ThingState) -> str:
+        if carrier.is_present is False and not self._is_carried(state.id):
+            return f"{name} has ended: start it again"
+        is_refused = carrier.is_present and state.state == "unavailable"
+        return (state.reason or f"{name} tells that it is unavailable") if is_refused else ""
 
     def _is_carried(self, object_id: str) -> bool:
         return any(each.is_present and object_id in each.states for each in self._carriers.values())

@@ -264,6 +264,10 @@ class Arbiter:
         """Return a warning about people whose claims are ignored, or `""`."""
         return self._budget.problem(now_ns)
 
+    def refusing_carriers(self) -> dict[str, str]:
+        """Return a warning about each carrier that cannot carry out acts."""
+        return self._acts.refusing_carriers()
+
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
         tracked = self._positions.objects.get(claim.object_id)

@@ -26,7 +26,7 @@ from pointit.schemas import (
     UndoSelection,
     topics,
 )
-from pointit.schemas.problems import UNWRITABLE
+from pointit.schemas.problems import REFUSED_ACTS, UNWRITABLE
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
@@ -68,6 +68,8 @@ class SiteRole:
         self._outcomes = bus.publisher(topics.OUTCOMES)
         self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
         """Callers that wait for the outcome of an event, by its object and stamp."""
+        self._refusing: dict[str, str] = {}
+        """Warnings about carriers."""
 
     def begin(self) -> None:
         """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
@@ -116,8 +118,11 @@ class SiteRole:
                 waiting.set_result(message)
 
     def check(self, now_ns: int) -> None:
-        """Maintain the journal, and show who claims too much. Called periodically."""
+        """Maintain the journal, and show who claims too much, and what is refused. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
+        before, self._refusing = self._refusing, self.engine.refusing_carriers()
+        for carrier in {*before, *self._refusing}:
+            self._bus.warn(REFUSED_ACTS, self._refusing.get(carrier, ""), carrier)
         self._maintain_journal(now_ns)
 
     def close(self) -> None:

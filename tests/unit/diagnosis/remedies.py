@@ -29,6 +29,8 @@ ACTS = {
     "version": "a writer of another version? `pointit --version` on both machines",
     "slow link": "check the link to their writer",
     "ended": "start it, or correct `url`",
+    "no broker": "start it, or correct its address",
+    "killed carrier": "start it again",
     "mute": "restart Home Assistant",
     "entity": "correct `home_assistant` in the map",
     "no bridge": "to `pointit run`, and its address and token by --config",

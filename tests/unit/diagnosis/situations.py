@@ -18,6 +18,7 @@ from pointit.schemas.problems import (
     IDLE_ARM,
     INVALID,
     LATE,
+    REFUSED_ACTS,
     REVOKED,
     ROUTER_LOST,
     TWICE,
@@ -253,6 +254,9 @@ NO_HOME = (
     "8123"
 )
 MUTE_HOME = "http://ha:8123 accepts the token and then says nothing: restart Home Assistant"
+NO_BROKER = "acts on radio are refused: hall: the broker cannot be reached: start it, or correct its address"
+CARRIER = "lamp-12cc87ef"
+KILLED_CARRIER = f"acts on radio are refused: {CARRIER} has ended: start it again"
 RENAMED = (
     "not in Home Assistant: light.desk (did you mean light.table?); correct `home_assistant` in the map or "
     "site"
@@ -340,6 +344,12 @@ SITUATIONS: tuple[Situation, ...] = (
               (Fault("entity", "light.desk", tells(HA, "entities", RENAMED)),), "warning", HA),
     Situation("the map's things are not connected", one_process,
               (Fault("no bridge", "desk", observes(empties=False, home_things=("desk",))),), "no-bridge"),
+    Situation("the broker of `--mqtt` is off", one_process,
+              (Fault("no broker", "hall", tells("selector", REFUSED_ACTS, NO_BROKER, "mqtt")),),
+              "warning", "selector"),
+    Situation("a program with `@site.carries` was killed", one_process,
+              (Fault("killed carrier", CARRIER, tells("selector", REFUSED_ACTS, KILLED_CARRIER, CARRIER)),),
+              "warning", "selector"),
     Situation("the host of a light is unknown", one_process,
               (Fault("controller", "wled.local", tells("led-driver", "network", NO_HOST)),),
               "warning", "led-driver"),

@@ -9,6 +9,7 @@ from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.diagnosis.symptoms import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
+from pointit.schemas.problems import Problem
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 from pointit.services.registry import person_of
@@ -280,3 +281,12 @@ def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
     warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
     finding = only(observation(warned))
     assert (finding.sentence, finding.remedy) == (f"says: “{sentence}”", "")  # it says what to do itself
+
+
+def test_a_carrier_that_cannot_act_is_told_by_the_selector_unless_it_is_a_service_that_reports_itself() -> (
+    None
+):
+    fields = {"code": "refused-acts", "sentence": "acts on radio are refused: no power", "subject": "hue"}
+    selector = health("selector").model_copy(update={"problems": (Problem.model_validate(fields),)})
+    assert only(observation(selector)).sentence == fields["sentence"]
+    assert diagnose(observation(selector, present=frozenset({"selector", "hue"}))) == []

@@ -83,6 +83,33 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         await until(lambda: not site.health[-1].warnings, what="the warning to go")
 
 
+async def test_a_carrier_that_cannot_act_is_warned_of_while_its_things_are_refused() -> None:
+    async with served() as site:
+        carrier = site.bus.announce(topics.CARRIER_ALIVE, "hue")
+        for state, warning in (("unavailable", "acts on radio are refused: no power"), ("off", "")):
+            radio = ThingState.model_validate({"id": "radio", "state": state, "reason": "no power"})
+            states = ThingStates(stamp_ns=site.clock.now_ns(), things=(radio,))
+            site.bench.put(topics.THING_STATES, states, "hue")
+            await site.bench.settle()
+            site.clock.advance(1.0)
+            await until(
+                lambda warning=warning: (
+                    bool(site.health) and site.health[-1].warnings == (warning,) * bool(warning)
+                ),
+                what="the report",
+            )
+        carrier.close()
+        await site.bench.settle()
+        site.clock.advance(1.0)
+        await until(
+            lambda: site.warns("acts on radio are refused: hue has ended: start it again"), what="its end"
+        )
+        for _ in range(3):
+            site.clock.advance(30.0)
+            await site.bench.settle(3)
+        await until(lambda: not site.health[-1].warnings, what="the carrier to be forgotten")
+
+
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [

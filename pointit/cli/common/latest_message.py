@@ -33,6 +33,13 @@ class LatestMessage(Generic[M]):
                     await self._changed.wait()
         return self.value if self.value is not None and fits(self.value) else None
 
+    async def next(self) -> M:
+        """Return the next message that arrives."""
+        self._changed.clear()
+        await self._changed.wait()
+        assert self.value is not None  # noqa: S101 - the wait above ends with it
+        return self.value
+
     def _on_message(self, message: M, _name: str, /) -> None:
         self.value = message
         self._changed.set()

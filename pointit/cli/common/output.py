@@ -29,6 +29,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.plain_console import say as say  # noqa: PLC0414 - commands print by it, too
 from pointit.schemas.text import plain
 
@@ -227,17 +228,17 @@ class ProgressCallback(Protocol):
 @contextmanager
 def progress(total: int | None = None) -> Generator[ProgressCallback]:
     """Yield a callback that shows progress on standard error. `total` is the number of pieces, if known."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = PlainConsole(stderr=True)
+    if not console.is_terminal or console.is_dumb_terminal:
         yield LineProgress(total, lambda line: click.echo(line, err=True), time.monotonic)
         return
-    columns: list[ProgressColumn] = [TextColumn("{task.description}")]
+    columns: list[ProgressColumn] = [TextColumn("{task.description}", markup=False)]
     if total is None:
         columns = [SpinnerColumn(), *columns, TimeElapsedColumn()]
     else:
         columns += [BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()]
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("reading", total=total)
+        task = progress.add_task("", total=total)
 
         def tell(activity: str, done: int | None = None, /) -> None:
             progress.update(task, description=activity, completed=done)

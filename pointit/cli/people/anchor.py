@@ -3,17 +3,15 @@
 import asyncio
 import contextlib
 import math
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Unpack
 
 import click
-from rich.status import Status
-from rich.text import Text
 
 from pointit.api.inputs import add_or_similar
 from pointit.cli.common import site_link
 from pointit.cli.common.latest_message import LatestMessage
-from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.output import INTERRUPTED, json_option, print_json, progress, say
 from pointit.cli.common.panels import Finite
 from pointit.cli.common.site_link import notify_if_slow
 from pointit.diagnosis.observation import silence_reason
@@ -21,7 +19,6 @@ from pointit.forearm.true_pose import PoseError
 from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
-from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import (
     NS_PER_S,
@@ -71,36 +68,6 @@ SHORT_S = 0.2
 """Timeout for the pose before the anchor."""
 LESS_M = 0.01
 """Growth of a sigma below which it is not reported."""
-
-
-class ChangingLine:
-    """A status line that changes, and lines above it that stay."""
-
-    def __init__(self, status: Status | None) -> None:
-        self._status = status
-
-    def __call__(self, text: str) -> None:
-        """Replace the status line by `text`; without a terminal, do nothing."""
-        if self._status is not None:
-            self._status.update(Text(text))
-
-    def say(self, text: str) -> None:
-        """Write a line that stays."""
-        if self._status is None:
-            say(text, err=True)
-        else:  # through the console, or it would end up behind the status line
-            self._status.console.print(Text(text))
-
-
-@contextlib.contextmanager
-def changing_line() -> Generator[ChangingLine]:
-    """Yield a status line on standard error, if that is a terminal."""
-    console = PlainConsole(stderr=True)
-    if not console.is_terminal or console.is_dumb_terminal:
-        yield ChangingLine(None)
-        return
-    with console.status("") as status:
-        yield ChangingLine(status)
 
 
 def sigmas(pose: UserPose) -> tuple[float, float]:
@@ -428,8 +395,7 @@ async def _anchor(
         anchoring = AnchorRequester(bus, user)
         before = await latest_pose.wait(SHORT_S)
         try:
-            with changing_line() as show:
-                anchor = await anchoring.point(lamp, timeout_s, lambda text: show(f"{user}: {text}"))
+            anchor = await point_once(anchoring, lamp, timeout_s, user)
         except asyncio.CancelledError:
             return INTERRUPTED
         after = latest_pose.value
@@ -443,6 +409,12 @@ async def _anchor(
     else:
         say(f"{user}: {sentence(anchor, before, after)}{site_link.default_address_note(**at)}")
     return 0 if anchor.accepted else EXIT_FAILED
+
+
+async def point_once(anchoring: AnchorRequester, lamp: str, timeout_s: float, which: str) -> Anchor:
+    """Return `anchoring.point`, whose instructions are shown behind `which`, such as the person's name."""
+    with progress() as tell:
+        return await anchoring.point(lamp, timeout_s, lambda text: tell(f"{which}: {text}"))
 
 
 def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:

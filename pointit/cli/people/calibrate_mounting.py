@@ -19,10 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import wait_for_enter
+from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.output import INTERRUPTED, json_option, print_json, progress, say
 from pointit.cli.common.panels import Finite, PanelCommand
-from pointit.cli.people.anchor import LISTEN_S, changing_line
+from pointit.cli.people.anchor import LISTEN_S
 from pointit.cli.people.calibrate_user import erase_local, query_site, read_local
 from pointit.diagnosis.observation import silence_reason
 from pointit.geometry import rotation, vector
@@ -32,7 +33,7 @@ from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.process import run_until_shutdown
-from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
+from pointit.schemas import NS_PER_S, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
 from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
@@ -311,8 +312,8 @@ async def measure(bus: Bus, user: str, guidance: GuidanceOptions) -> FittedMount
             click.echo(f"{text}, and rest for {guidance.rest_s:g} s", err=True)
         # without Enter, the next pose must be far from the previous one
         last = holds[-1].mean_xyzw if holds and not guidance.waits else None
-        with changing_line() as show:
-            holds.append(await wrist.rest(name, guidance, show, last))
+        with progress() as tell:
+            holds.append(await wrist.rest(name, guidance, tell, last))
         click.echo(f"{user}: good, the arm rested {name}", err=True)
     try:
         return solve_mounting(*holds)
@@ -324,9 +325,7 @@ class _Wrist:
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
-        self._sample: ImuSample | None = None
-        self._fresh = asyncio.Event()
-        bus.subscribe(IMU, self._on_sample, user)
+        self._samples = LatestMessage(bus, IMU, user)
 
     async def check(self) -> None:
         """Check that samples arrive, from a service with a mounting."""
@@ -337,34 +336,32 @@ class _Wrist:
                 f"{bridge} is not present, so there is no sensor to measure (a simulated person wears none): "
                 f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
             )
-        try:
-            with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
-                async with asyncio.timeout(site_link.TIMEOUT_S):
-                    await self._next()
-        except TimeoutError:
+        with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
+            sample = await self._samples.wait(site_link.TIMEOUT_S)
+        if sample is None:
             why = silence_reason(IMU, self._user, there)
-            raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {why}") from None
+            raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {why}")
 
     async def rest(
-        self, name: str, guidance: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
+        self, name: str, guidance: GuidanceOptions, tell: Callable[[str], None], apart_from: Quaternion | None
     ) -> MountingHold:
         """Return the next pose in which the arm rests and that is far from `apart_from`."""
         rest_poses = RestPoseCollector(guidance.rest_s)
         try:
             async with asyncio.timeout(guidance.timeout_s):
                 while True:
-                    sample = await self._next()
+                    sample = await self._samples.next()
                     turned_rad = math.pi
                     if apart_from is not None:
                         turned_rad = angle_between(apart_from, sample.orientation_xyzw)
                     if turned_rad < APART_RAD:
-                        show(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
+                        tell(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
                         continue
                     hold = rest_poses.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
                     if hold is not None:
                         return hold
                     moved_deg = math.degrees(rest_poses.moved_rad)
-                    show(
+                    tell(
                         f"{self._user}: at rest for {rest_poses.rested_s:.1f} of {guidance.rest_s:g} s, "
                         f"moves by {moved_deg:.1f}°"
                     )
@@ -373,16 +370,6 @@ class _Wrist:
                 f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or "
                 "wait longer with --timeout"
             ) from None
-
-    async def _next(self) -> ImuSample:
-        self._fresh.clear()
-        await self._fresh.wait()
-        assert self._sample is not None  # noqa: S101 - the wait above ends with it
-        return self._sample
-
-    def _on_sample(self, sample: ImuSample, _user: str) -> None:
-        self._sample = sample
-        self._fresh.set()
 
 
 def format_result(fitted: FittedMounting) -> list[str]:

@@ -31,8 +31,7 @@ from pointit.cli.people.anchor import (
     LISTEN_S,
     AnchorNotStartedError,
     AnchorRequester,
-    ChangingLine,
-    changing_line,
+    point_once,
     timeout_option,
 )
 from pointit.cli.people.pose import found
@@ -409,38 +408,31 @@ async def _point(
     """Return the anchors, and why others failed; raises if the localizer refuses, also after waiting."""
     anchors: list[Anchor] = []
     missed: list[str] = []
-    with changing_line() as line:
-        for number, lamp in enumerate(lamps, start=1):
-            which = f"{user}: {number} of {len(lamps)}"
-            try:
-                anchor = await _begun(anchoring, lamp, timeout_s, which, line)
-            except AnchorNotStartedError as error:
-                raise AnchorNotStartedError(f"{user}: nothing was changed: {error}") from error
-            except RefusedError as error:
-                missed.append(f"{lamp}: {error}")
-                line.say(f"{which}: {lamp}: {error}")
-            else:
-                anchors.append(anchor)
-                line.say(f"{which}: pointed at {lamp}")
+    for number, lamp in enumerate(lamps, start=1):
+        which = f"{user}: {number} of {len(lamps)}"
+        try:
+            anchor = await _begun(anchoring, lamp, timeout_s, which)
+        except AnchorNotStartedError as error:
+            raise AnchorNotStartedError(f"{user}: nothing was changed: {error}") from error
+        except RefusedError as error:
+            missed.append(f"{lamp}: {error}")
+            say(f"{which}: {lamp}: {error}", err=True)
+        else:
+            anchors.append(anchor)
+            say(f"{which}: pointed at {lamp}", err=True)
     return anchors, missed
 
 
-async def _begun(
-    anchoring: AnchorRequester, lamp: str, timeout_s: float, which: str, line: ChangingLine
-) -> Anchor:
+async def _begun(anchoring: AnchorRequester, lamp: str, timeout_s: float, which: str) -> Anchor:
     """Return the anchor from pointing at `lamp`; wait once while another person uses the lamps."""
-
-    def tell(text: str) -> None:
-        line(f"{which}: {text}")
-
     try:
-        return await anchoring.point(lamp, timeout_s, tell)
+        return await point_once(anchoring, lamp, timeout_s, which)
     except AnchorNotStartedError as error:
         if not error.is_busy:
             raise
-        line.say(f"{which}: {error}; waiting for up to {timeout_s:g} s")
+        say(f"{which}: {error}; waiting for up to {timeout_s:g} s", err=True)
     await anchoring.wait_until_idle(timeout_s)
-    return await anchoring.point(lamp, timeout_s, tell)
+    return await point_once(anchoring, lamp, timeout_s, which)
 
 
 def _show(user: str, rows: Sequence[AnchorResidual]) -> None:

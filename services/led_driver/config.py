@@ -22,16 +22,12 @@ class StyleConfig(Config):
     margin_m: float = Field(
         default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
     )
-    unknown_owner_color: Rgb = Field(
-        default=(255, 255, 255), description="colour of the margins of an object whose owner has no profile"
-    )
     gap_level: Level = Field(
         default=0.12, description="brightness of the dark pixels in the patterns of selected objects"
     )
     tail_s: float = Field(
         default=0.15, ge=0, le=2, description="length of a moving object's tail, as its travel time, s"
     )
-    tail_max_m: float = Field(default=0.5, ge=0, le=10, description="maximum length of a tail, m")
     tail_level: Level = Field(
         default=0.3, description="brightness of the tail relative to the object's, fading to 0"
     )

@@ -46,6 +46,7 @@ MARGIN_COLORS = 4
 """Maximum number of alternating colours."""
 ROLES = MARGIN + MARGIN_COLORS
 """Tolerance, pixels."""
+MAX_TAIL_M = 0.5
 _ROUNDING_M = 1e-9
 """Distance beyond an object's end at which a pixel is still on it."""
 _MANY = 1e9
@@ -290,7 +291,7 @@ def tails(
     layout: Layout, lines: Indices, half_m: Array, speed_mps: Array, style: StyleConfig
 ) -> tuple[Array, Array] | None:
     """Return the tails of objects for `Segments`. Objects that may fit between two pixels have none."""
-    length_m = np.minimum(np.abs(speed_mps) * style.tail_s, style.tail_max_m)
+    length_m = np.minimum(np.abs(speed_mps) * style.tail_s, MAX_TAIL_M)
     length_m[layout.narrow(lines, 2.0 * half_m)] = 0.0
     if not length_m.any():
         return None

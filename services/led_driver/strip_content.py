@@ -69,7 +69,6 @@ class AppearanceTable:
     """Maps kinds and states of objects to their appearance."""
 
     def __init__(self, style: StyleConfig) -> None:
-        self._style = style
         self._kinds = {kind: number + 1 for number, kind in enumerate(style.kind_colors)}
         colors = np.array([style.default_color, *style.kind_colors.values()], dtype=np.float64)
         self._bright = np.rint(colors).astype(np.uint8)
@@ -119,11 +118,10 @@ class AppearanceTable:
         palette[GAP] = self._gap[kind]
         colors = [profiles.get(user, NO_PROFILE).cursor_color for user in sorted(state.hovers)]
         if state.owner is not None:
-            owner = profiles.get(state.owner)
-            color = self._style.unknown_owner_color if owner is None else owner.cursor_color
-            palette[OWNER] = color
-            appearance.patterns[index] = 0 if owner is None else PATTERNS.index(owner.pattern)
-            colors = _with_owner(color, colors, _color(self._gap[kind]))
+            owner = profiles.get(state.owner, NO_PROFILE)
+            palette[OWNER] = owner.cursor_color
+            appearance.patterns[index] = PATTERNS.index(owner.pattern)
+            colors = _with_owner(owner.cursor_color, colors, _color(self._gap[kind]))
         elif state.reserver is not None:
             color = profiles.get(state.reserver, NO_PROFILE).cursor_color
             appearance.thin[index] = not colors

@@ -101,7 +101,7 @@ class Arbiter:
         self._positions = ownership.positions
         self._acts = ownership.acts
         self._latch = latch
-        self._departures = Departures(config.left_after_s, config.unseen_after_s)
+        self._departures = Departures(config.unseen_after_s)
         self._publisher = SelectionPublisher(record, method=config.method)
         self._dwell_s = config.dwell_s
         self._tells_method = False

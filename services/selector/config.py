@@ -1,12 +1,15 @@
 """Parameters of the selector."""
 
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
 from pointit.services.selector.selection_methods import METHODS, MethodConfig, SelectionMethod
+
+TIMESTEP_S = 0.1
+"""Timestep of the window of methods `hold` and `fraction`, s."""
 
 
 class GaugeConfig(Config):
@@ -81,31 +84,11 @@ class SelectorConfig(PluginConfig):
     confirm: Literal["none", "press"] = Field(
         default="none", description="press: the person's button selects instead of staying"
     )
-    confirm_gesture: Literal["press", "double", "hold"] = Field(
-        default="press",
-        description="button gesture that confirms; the supervisor also receives all gestures, and press ends "
-        "the pointing",
-    )
-    look_back_s: float = Field(
-        default=0.15,
-        ge=0.1,
-        le=0.25,
-        description="a press selects what was hovered this long before it, since pressing moves the arm, s",
-    )
     window_s: float = Field(
-        default=0.8, gt=0, le=10, description="hold, fraction: time on an object that toggles it, s"
-    )
-    timestep_s: float = Field(
-        default=0.1, ge=0.005, le=2, description="hold, fraction: timestep of the window, s"
+        default=0.8, ge=TIMESTEP_S, le=10, description="hold, fraction: time on an object that toggles it, s"
     )
     fraction: float = Field(
         default=0.8, gt=0, le=1, description="share of the window's timesteps that method `fraction` requires"
-    )
-    release_s: float = Field(
-        default=0.5,
-        gt=0,
-        le=10,
-        description="hold, fraction: time off a toggled object before it can be toggled again, s",
     )
     margin_m: float = Field(
         default=0.05,
@@ -114,12 +97,6 @@ class SelectorConfig(PluginConfig):
         description="hold, fraction: distance beside an object within which the cursor hovers it, m",
     )
     gauge: GaugeConfig = Field(default=GaugeConfig(), description="parameters of method gauge")
-    show_after_s: float = Field(
-        default=0.15,
-        ge=0,
-        le=5,
-        description="time of filling before progress is shown and the object is reserved, s",
-    )
     reserve_s: float = Field(
         default=0.5, ge=0, le=10, description="time for which an object stays reserved after it was left, s"
     )
@@ -131,12 +108,6 @@ class SelectorConfig(PluginConfig):
     )
     objects_stale_after_s: float = Field(
         default=1.0, gt=0, le=60, description="objects whose last report is older cannot be hovered, s"
-    )
-    left_after_s: float = Field(
-        default=0.5,
-        ge=0,
-        le=60,
-        description="an object missing from its tracker's list for this long has left, s",
     )
     unseen_after_s: float = Field(
         default=30.0,
@@ -158,9 +129,6 @@ class SelectorConfig(PluginConfig):
         description="an object whose bay is decided within this time is refused: a selection takes this long "
         "to reach the conveyor, s",
     )
-    undo_steps: int = Field(
-        default=20, ge=1, le=1000, description="number of (de)selections that a person can undo"
-    )
     people: tuple[str, ...] = Field(
         default=(),
         description="people whom this shard serves, `selector.NAME` beside their wrists; empty for the "
@@ -178,12 +146,6 @@ class SelectorConfig(PluginConfig):
     def _installed(cls, method: str) -> str:
         METHODS.check_name(method)
         return method
-
-    @model_validator(mode="after")
-    def _window_holds_a_timestep(self) -> Self:
-        if self.window_s < self.timestep_s:
-            raise ValueError(f"window_s ({self.window_s}) must be at least timestep_s ({self.timestep_s})")
-        return self
 
     @property
     def dwell_s(self) -> float:

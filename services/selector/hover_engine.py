@@ -153,7 +153,7 @@ class HoverEngine:
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         pointer = self._people.get(user)
-        if pointer is None or button.gesture != self._config.confirm_gesture:
+        if pointer is None or button.gesture != "press":
             return []
         object_id = pointer.press(button.stamp_ns)
         if object_id == "" and pointer.is_confirmed_by_press:

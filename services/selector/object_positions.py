@@ -14,18 +14,19 @@ from pointit.schemas.pointing import LINES
 
 OWN = ""
 """Name of the selector's own clock. Others have the names of their trackers."""
+LEFT_AFTER_NS = NS_PER_S // 2
+"""Time after which an object that is missing from its tracker's list has left, ns."""
 
 
 class Departures:
     """Gives missing objects some time to come back.
 
-    An object that its tracker no longer lists has left after `left_after_s`. One that was selected before a
+    An object that its tracker no longer lists has left after `LEFT_AFTER_NS`. One that was selected before a
     restart and has not been seen since has left after `unseen_after_s`. The time must pass on one clock,
     whichever is first, since trackers on other machines have clocks of their own.
     """
 
-    def __init__(self, left_after_s: float, unseen_after_s: float) -> None:
-        self._left_ns = round(left_after_s * NS_PER_S)
+    def __init__(self, unseen_after_s: float) -> None:
         self._unseen_ns = round(unseen_after_s * NS_PER_S)
         self._missed: dict[str, tuple[int, dict[str, int]]] = {}
         """By object: time to wait, ns, and by clock the time since which it is missing, ns."""
@@ -44,7 +45,7 @@ class Departures:
             if object_id in present:
                 self._missed.pop(object_id, None)
                 continue
-            wait_ns, since_ns = self._missed.setdefault(object_id, (self._left_ns, {}))
+            wait_ns, since_ns = self._missed.setdefault(object_id, (LEFT_AFTER_NS, {}))
             began_ns = since_ns.setdefault(clock, now_ns)
             if began_ns > now_ns + NS_PER_S:  # the tracker's clock was set back
                 since_ns[clock] = now_ns

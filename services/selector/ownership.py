@@ -276,7 +276,7 @@ class Ownership:
         )
         self.presences = UserPresence(config.ownerless_after_s)
         self.acts = Acts()
-        self.ledger = Ledger(self.presences.is_gone, self.refusal, undo_steps=config.undo_steps)
+        self.ledger = Ledger(self.presences.is_gone, self.refusal)
         self.reservations = Reservations(config.reserve_s)
 
     def is_selected(self, object_id: str | None) -> bool:

@@ -18,6 +18,8 @@ from pointit.sim.aim import Aim, Tremor
 
 USUAL_REACH_RAD = math.radians(39.0)
 """Amplitude of reaches at which the scatter was measured. It is proportional to amplitude (Schmidt's law)."""
+LOW_DEG, LOW_SD_DEG, REACH_SD_DEG = -2.8, 2.8, 1.0
+"""Elevation error without feedback, degrees: mean, standard deviation between people and of reaches."""
 BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
 
 
@@ -28,9 +30,7 @@ class OpenLoopError:
         """Create for a person with `skill`, 0 to 1."""
         self._config = config
         self._rng = rng
-        drawn_deg = config.elevation_error_mean_deg + config.elevation_error_person_sd_deg * float(
-            rng.standard_normal()
-        )
+        drawn_deg = LOW_DEG + LOW_SD_DEG * float(rng.standard_normal())
         given_deg = config.elevation_bias_deg
         self._clumsy = 1.0 - skill
         self.bias_rad = math.radians(self._clumsy * drawn_deg if given_deg is None else given_deg)
@@ -44,7 +44,7 @@ class OpenLoopError:
         config, rng = self._config, self._rng
         share = min(amplitude_rad / USUAL_REACH_RAD, 1.0)
         azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())
-        elevation = math.radians(config.elevation_error_reach_sd_deg) * share * float(rng.standard_normal())
+        elevation = math.radians(REACH_SD_DEG) * share * float(rng.standard_normal())
         if rng.random() < config.bent_arm_share:
             step = float(rng.uniform(*BENT_ARM_RAD)) * (1.0 if rng.random() < 0.5 else -1.0)
             azimuth, elevation = (

@@ -79,20 +79,11 @@ class AimConfig(Config):
         description="0: untrained people's errors without feedback; 1: no errors, a third faster to find "
         "things, half the noise and no lapses; random for each person if empty",
     )
-    elevation_error_mean_deg: float = Field(
-        default=-2.8, ge=-30, le=30, description="elevation error without feedback, mean, negative: low, deg"
-    )
-    elevation_error_person_sd_deg: float = Field(
-        default=2.8, ge=0, le=30, description="elevation error without feedback between people, sd, deg"
-    )
     elevation_bias_deg: float | None = Field(
         default=None,
         ge=-45,
         le=45,
         description="this person's elevation error at any skill, positive: too high, deg; random if empty",
-    )
-    elevation_error_reach_sd_deg: float = Field(
-        default=1.0, ge=0, le=30, description="elevation error without feedback from reach to reach, sd, deg"
     )
     azimuth_error_reach_sd_deg: float = Field(
         default=5.0, ge=0, le=30, description="azimuth error without feedback from reach to reach, sd, deg"
@@ -102,9 +93,6 @@ class AimConfig(Config):
     )
     correction_period_s: float = Field(
         default=0.35, gt=0, le=5, description="time between corrections towards the visible cursor, s"
-    )
-    correction_gain: float = Field(
-        default=0.9, ge=0, le=1.5, description="share of the seen error that is corrected"
     )
     correction_s: float = Field(default=0.25, gt=0, le=2, description="duration of a correction, s")
     content_deg: float = Field(
@@ -124,18 +112,12 @@ class AimConfig(Config):
 class DecisionConfig(Config):
     """Times of finding and choosing, and lapses (`selecting.py` has the sources)."""
 
-    check_period_s: float = Field(
-        default=0.1, gt=0, le=2, description="time between two looks at the strips while pointing, s"
-    )
     search_base_s: float = Field(default=0.15, ge=0, le=5, description="base time to find the next thing, s")
     search_per_item_s: float = Field(
         default=0.03, ge=0, le=1, description="additional time per thing in view, s"
     )
     decide_per_bit_s: float = Field(
         default=0.15, ge=0, le=2, description="additional time per bit of log2(choices + 1), s"
-    )
-    search_spread: float = Field(
-        default=0.3, ge=0, le=2, description="log-normal spread of these times, a share"
     )
     lapse_share: float = Field(
         default=0.005,

@@ -18,6 +18,8 @@ from pointit.sim.aim import Stance
 
 MEMORY_S = 1.5
 """Time for which own movements are remembered, s."""
+GAIN = 0.9
+"""Share of the seen error that is corrected."""
 ADAPTATION = 0.3
 """Share of the correction of one reach that is carried into the next."""
 ADOPTION = 0.6
@@ -44,7 +46,6 @@ class Correction:
     def __init__(self, config: AimConfig, stance: Stance, rng: np.random.Generator) -> None:
         self._stance = stance
         self._rng = rng
-        self._gain = config.correction_gain
         self._spread = config.correction_spread
         self._content_rad = math.radians(config.content_deg)
         self._period_ns = round(config.correction_period_s * NS_PER_S)
@@ -204,7 +205,7 @@ class Correction:
             self._confirmed_rad = self.now_rad
 
     def _share(self) -> float:
-        return self._gain * (1.0 + self._spread * float(self._rng.standard_normal()))
+        return GAIN * (1.0 + self._spread * float(self._rng.standard_normal()))
 
     def _recall(self, at_ns: int) -> Pair | None:
         """Return the offset from the goal at `at_ns`, rad, or None if unknown."""

@@ -189,6 +189,8 @@ class ButtonModel:
 
 PURSUIT_S = 1.5
 """Time for which a thing is extrapolated after it was lost from view, s."""
+LOOK_NS = NS_PER_S // 10
+"""Time between two looks at the strips while pointing, ns."""
 IN_AIR_M = 0.3
 """Height from which a spot is a place for the robot itself. Lower ones are on the floor below it, m."""
 

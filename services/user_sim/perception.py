@@ -6,7 +6,7 @@ from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Feedback
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.eyes import SeenCursor, Span
-from pointit.services.user_sim.goal import IN_AIR_M, PerceivedState, PersonGoal
+from pointit.services.user_sim.goal import IN_AIR_M, LOOK_NS, PerceivedState, PersonGoal
 from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
 
 ROUND = 4
@@ -24,10 +24,9 @@ ROBOT_STILL_MPS = 0.15
 class Perception:
     """Updates estimates from seen and felt signals."""
 
-    def __init__(self, sight: Sight, correction: Correction, period_s: float) -> None:
+    def __init__(self, sight: Sight, correction: Correction) -> None:
         self._sight = sight
         self._correction = correction
-        self._period_ns = round(period_s * NS_PER_S)
         self._next_ns = 0
         self._looks = 0
         self._frame_ns: int | None = None
@@ -49,9 +48,9 @@ class Perception:
                 self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns, goal, named_m)
             if cue.cue in ("selected", "deselected", "refused") and self.perceived.state == "pointing":
                 self._on_selection_cue(cue, now_ns, goal)
-        if now_ns < self._next_ns <= now_ns + self._period_ns:
+        if now_ns < self._next_ns <= now_ns + LOOK_NS:
             return
-        self._next_ns = now_ns + self._period_ns
+        self._next_ns = now_ns + LOOK_NS
         if self.perceived.state == "pointing" and goal.robot:
             self._watch(now_ns, goal)
         elif self.perceived.state == "pointing":

@@ -8,9 +8,11 @@ import numpy as np
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.goal import LOOK_NS, REST, PersonGoal, on_object
 from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
 
+FIND_SPREAD = 0.3
+"""Log-normal spread of the times to find and choose, a share."""
 UNSKILLED_SHARE = 0.3
 """Share by which times shrink from skill 0 to 1."""
 
@@ -36,9 +38,7 @@ class DecisionTimes:
         decision = self._decision
         usual_s = decision.search_base_s + decision.search_per_item_s * items
         usual_s += decision.decide_per_bit_s * math.log2(choices + 1.0)
-        return (
-            self.quickness * usual_s * math.exp(decision.search_spread * float(self._rng.standard_normal()))
-        )
+        return self.quickness * usual_s * math.exp(FIND_SPREAD * float(self._rng.standard_normal()))
 
     def lapses(self) -> bool:
         """Return True if a lapse occurs now."""
@@ -73,7 +73,6 @@ class Selecting:
         self._pace = times
         self._give_up_ns = round(config.give_up_s * NS_PER_S)
         self._retry_ns = round(config.retry_s * NS_PER_S)
-        self._look_ns = round(config.mind.check_period_s * NS_PER_S)
         arm = config.arm
         # a common reach with the times of reaction and selection; objects with less time left are skipped
         self._needed_s = config.aim.reaction_s + arm.reach_base_s + 3.0 * arm.reach_per_bit_s + DWELL_S
@@ -169,9 +168,9 @@ class Selecting:
                     self._leave_ns = now_ns + round(self._pace.between(*LEAVE_S) * NS_PER_S)
             self._next = ""
             return
-        if 0 <= self._look_again_ns - now_ns <= self._look_ns:
+        if 0 <= self._look_again_ns - now_ns <= LOOK_NS:
             return
-        self._look_again_ns = now_ns + self._look_ns
+        self._look_again_ns = now_ns + LOOK_NS
         objects = sight.objects(now_ns)
         tasks = [seen for seen in objects if self._is_worth(seen, now_ns, sight)]
         if not tasks:

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.config import TIMESTEP_S, SelectorConfig
 from pointit.services.selector.selection_methods import (
     NO_PROGRESS,
     PointingSample,
@@ -42,7 +42,7 @@ class Dwell:
         method: Method = "hold",
         *,
         window_s: float = 0.8,
-        timestep_s: float = 0.1,
+        timestep_s: float = TIMESTEP_S,
         fraction: float = 0.8,
         release_s: float = 0.5,
         longest_gap_s: float = 0.25,
@@ -144,12 +144,7 @@ class DwellMethod:
 
     def __init__(self, name: Method, config: SelectorConfig) -> None:
         self._dwell = Dwell(
-            name,
-            window_s=config.window_s,
-            timestep_s=config.timestep_s,
-            fraction=config.fraction,
-            release_s=config.release_s,
-            longest_gap_s=config.longest_gap_s,
+            name, window_s=config.window_s, fraction=config.fraction, longest_gap_s=config.longest_gap_s
         )
         self.latch = self._dwell.latch
 

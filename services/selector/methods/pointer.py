@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from typing import Any, Literal, NamedTuple, TypeGuard
 
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.config import TIMESTEP_S, SelectorConfig
 from pointit.services.selector.seen_objects import View
 from pointit.services.selector.selection_methods import (
     MAX_DWELL_S,
@@ -76,9 +76,9 @@ def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
                 f"{sparse_s:.9g} s, limit {MAX_DWELL_S:g} s: choose a shorter time"
             )
         own = {"gauge": config.gauge.model_copy(update={"full_s": dwell_s, "sparse_full_s": sparse_s})}
-    elif dwell_s < config.timestep_s:
+    elif dwell_s < TIMESTEP_S:
         raise ValueError(
-            f"{dwell_s:.9g} s is less than the timestep of {config.timestep_s:g} s of method "
+            f"{dwell_s:.9g} s is less than the timestep of {TIMESTEP_S:g} s of method "
             f"{config.method}: choose a longer time, or the gauge"
         )
     return config.model_copy(update=own)
@@ -89,6 +89,12 @@ CLOCK_STEP_NS = 2 * NS_PER_S
 
 HISTORY_NS = 3 * NS_PER_S
 """Time for which hovered objects are remembered, ns: presses of headsets come up to 2 s late."""
+
+LOOK_BACK_NS = 150_000_000
+"""A press selects what was hovered this long before it, ns: pressing moves the arm."""
+
+SHOW_AFTER_S = 0.15
+"""Time of filling before progress is shown and the object is reserved, s."""
 
 MAX_PRESSES = 8
 """Number of presses that are remembered, to ignore those that come again."""
@@ -212,7 +218,7 @@ class PersonPointer:
         if stamp_ns in self._presses_ns:
             return None
         self._presses_ns.append(stamp_ns)
-        target_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
+        target_ns = stamp_ns - LOOK_BACK_NS
         if self._stamp_ns is None or target_ns - self._stamp_ns > self._gap_ns:
             return None  # the last cursor is too old
         if self.announcer is not None:
@@ -244,7 +250,7 @@ class PersonPointer:
             return NOTHING
         if spent_s is None and progress > 0.0:
             spent_s = progress * self._dwell_s
-        if object_id is None or spent_s is None or spent_s < self._config.show_after_s:
+        if object_id is None or spent_s is None or spent_s < SHOW_AFTER_S:
             return PointerResult(object_id, fired, 0.0, False, confidence, rival)
         return PointerResult(object_id, fired, progress, True, confidence, rival)
 

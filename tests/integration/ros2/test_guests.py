@@ -138,7 +138,7 @@ class Site:
         self.ros = f"tcp/127.0.0.1:{free_port()}"
         self._commands = Commands(folder)
         self._state = {"POINTIT_STATE": f"{folder / 'state'}"}
-        settings = ("conveyor-sim.speed_mps=0", "selector.confirm=press", "selector.confirm_gesture=press")
+        settings = ("conveyor-sim.speed_mps=0", "selector.confirm=press")
         told = [word for setting in settings for word in ("--set", setting)]
         self._commands.start(
             *("run", "scenario_4", "--no-view", "--site-only", "--listen", self.ours, *told),

@@ -28,7 +28,7 @@ class Hall:
     def __init__(self, delay: int) -> None:
         belts = config(feeder={"sequence": []}, speed_mps=1.0)
         self.plant = Plant(FORK, belts, seed=0, start_ns=S)
-        chosen = SelectorConfig.model_validate({"method": "hold", "window_s": 0.2, "release_s": 0.1})
+        chosen = SelectorConfig.model_validate({"method": "hold", "window_s": 0.2})
         self.records: list[Record] = []
         self.selecting = SelectionEngine(chosen, self.records.append)
         self.selecting.on_map(FORK)

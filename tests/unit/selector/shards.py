@@ -14,12 +14,7 @@ from pointit.services.selector.selection_engine import SelectionEngine, ShardEng
 from pointit.services.selector.selection_publisher import Output, Record, event_of
 from tests.unit.selector.room import MAP, at, packages, pointing
 
-CONFIG: dict[str, object] = {
-    "gauge": {"full_s": 0.3, "sparse_full_s": 0.3},
-    "show_after_s": 0.1,
-    "reserve_s": 0.4,
-    "lead_s": 0.0,
-}
+CONFIG: dict[str, object] = {"gauge": {"full_s": 0.3, "sparse_full_s": 0.3}, "reserve_s": 0.4, "lead_s": 0.0}
 
 OPEN_FILES = ExitStack()
 """Files and folders of sites. They are closed in the test's thread: SQLite refuses any other."""

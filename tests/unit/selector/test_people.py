@@ -153,7 +153,7 @@ def test_what_cannot_be_released_is_refused(object_id: str, why: str, *, take_ov
 
 
 def test_a_flicker_of_the_tracker_costs_no_selection_and_leaving_does() -> None:
-    room = Room(package("a", 5.0), left_after_s=0.5)
+    room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     objects = room.objects
     for _ in range(5):

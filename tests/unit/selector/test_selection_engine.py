@@ -63,7 +63,7 @@ def test_a_moving_object_is_selected_by_who_follows_it_and_by_nobody_else(speed_
 
 @pytest.mark.parametrize("method", METHODS)
 def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
-    room = Room(package("a", 5.0), method=method, show_after_s=0.15)
+    room = Room(package("a", 5.0), method=method)
     room.stay(0.45, 100.0, anna=5.0)
     hovers = room.hovers["anna"]
     assert {hover.object_id for hover in hovers} == {"a"}
@@ -110,11 +110,11 @@ def press(room: Room, user: str, time_s: float, gesture: str = "press") -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(method: str) -> None:
-    room = Room(package("a", 5.0), package("b", 6.0), method=method, confirm="press", look_back_s=0.2)
+    room = Room(package("a", 5.0), package("b", 6.0), method=method, confirm="press")
     room.stay(2.0, 100.0, anna=5.0)
     assert room.events == []
     assert room.hovers["anna"][-1].progress == 1.0  # ready
-    room.stay(0.15, 100.0, anna=6.0)  # the click moved the arm
+    room.stay(0.1, 100.0, anna=6.0)  # the click moved the arm
     press(room, "anna", room.time_s)
     assert room.told == [("selected", "a", "anna")]
     assert room.events[0].cause == "button"
@@ -128,7 +128,7 @@ def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(metho
 
 
 def test_a_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
-    room = Room(package("a", 5.0), package("b", 6.0), confirm="press", look_back_s=0.2)
+    room = Room(package("a", 5.0), package("b", 6.0), confirm="press")
     room.stay(1.0, 100.0, anna=5.0)
     slow_s = room.time_s
     room.stay(1.0, 100.0, anna=6.0)

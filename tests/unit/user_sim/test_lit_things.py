@@ -63,7 +63,7 @@ class Look:
         self.correction = Correction(
             AimConfig(skill=1.0, correction_spread=0.0), Stance(BodyMeasures()), np.random.default_rng(1)
         )
-        self.perception = Perception(self.sight, self.correction, 0.1)
+        self.perception = Perception(self.sight, self.correction)
         self.lights = LightState(LedDriverConfig())
         self.lights.on_map(ROOM)
         self.lights.content.set_profile("anna", profile)

@@ -10,7 +10,7 @@ _NO_JOURNAL = JournalConfig(enabled=False)
 
 METHODS: dict[str, SelectorConfig] = {
     "original": SelectorConfig(
-        method="fraction", window_s=0.5, timestep_s=0.1, fraction=0.8, margin_m=0.05, journal=_NO_JOURNAL
+        method="fraction", window_s=0.5, fraction=0.8, margin_m=0.05, journal=_NO_JOURNAL
     ),
     "hold": SelectorConfig(method="hold", journal=_NO_JOURNAL),
     "fraction": SelectorConfig(method="fraction", journal=_NO_JOURNAL),

@@ -19,6 +19,7 @@ from pointit.bridges.home_assistant.connection import (
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands, replaced_act
 from pointit.bridges.home_assistant.home_action import SLOW_DOMAINS, UNAVAILABLE, HomeAction
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import expand_home
@@ -174,9 +175,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._commands.check()
             await self._report_entities()
             self._carrier.tell()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(CHECK_PERIOD_S):
-                    await change.wait()
+            await wait_up_to(change, CHECK_PERIOD_S)
             self._carrier.tell()
             await asyncio.sleep(MIN_PERIOD_S)
 

@@ -13,6 +13,7 @@ from pointit.bridges.mocap import natnet_packets
 from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, BodySample, TimedFrame
 from pointit.bridges.mocap.natnet_packets import MalformedPacketError, MocapFrame, ServerInfo, read_models
 from pointit.bridges.mocap.server_search import BROADCAST, open_datagram_socket, search_servers
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.name_lookup import found_addresses, look_up
 from pointit.schemas import NS_PER_S
@@ -346,9 +347,7 @@ class NatNetClient(asyncio.DatagramProtocol):
                 self._changed.clear()
                 for request in self._session.requests(self._now_ns()):
                     transport.sendto(request, (host, self._port))
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(REQUEST_PERIOD_NS / NS_PER_S):
-                        await self._changed.wait()
+                await wait_up_to(self._changed, REQUEST_PERIOD_NS / NS_PER_S)
 
     async def _open_stream(self, info: ServerInfo, host: str) -> asyncio.DatagramTransport:
         """Listen at the server's data port: some servers send there by unicast, too."""

@@ -19,6 +19,7 @@ from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sampl
 from pointit.bridges.mocap.config import MAX_BODIES
 from pointit.bridges.mocap.server_search import BROADCAST, search_servers
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -380,9 +381,7 @@ class QtmClient(asyncio.Protocol):
             self._is_starting = False
         idle_s = 0.0
         while not self._end.is_set():
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(POLL_S):
-                    await self._end.wait()
+            await wait_up_to(self._end, POLL_S)
             idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
             if idle_s >= PROBE_S and not self._end.is_set():
                 await connection.qtm_version()

@@ -18,7 +18,7 @@ from pointit.api.loop_thread import closed_error
 from pointit.api.requests import Lamp
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import Clock
+from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.errors import AccessDeniedError, PointItError
 from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
@@ -142,9 +142,7 @@ class Site:
             PointItError: If a service of `run` fails meanwhile, at once.
         """
         self._check_open()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(seconds / self._clock.speed):
-                await self._ended.wait()
+        await wait_up_to(self._ended, seconds / self._clock.speed)
         self._check_open()
 
     async def wait(self) -> None:

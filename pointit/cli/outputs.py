@@ -23,7 +23,7 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import USUAL, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.maps.file import load_map
-from pointit.runtime.clock import WallClock
+from pointit.runtime.clock import WallClock, wait_up_to
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.logs import setup_logging
@@ -455,7 +455,5 @@ async def _show_step(
         frame = StripsFrame(stamp_ns=clock.now_ns(), seq=next(numbers), strips=shown)
         for output in outputs:
             output.show(frame)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(step.period_s):
-                await pressed.wait()
+        if await wait_up_to(pressed, step.period_s):
             return

@@ -136,9 +136,15 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
 async def wait_until(clock: Clock, deadline_ns: int | None, changed: asyncio.Event) -> None:
     """Wait until `changed` is set, `clock` shows `deadline_ns` (None: never), or `LOOK_AGAIN_S` are over."""
     left_s = None if deadline_ns is None else (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
+    await wait_up_to(changed, None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S))
+
+
+async def wait_up_to(event: asyncio.Event, limit_s: float | None) -> bool:
+    """Wait until `event` is set, `limit_s` of wall time at most (None: for ever). Return True if it is."""
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S)):
-            await changed.wait()
+        async with asyncio.timeout(limit_s):
+            await event.wait()
+    return event.is_set()
 
 
 class Timer:

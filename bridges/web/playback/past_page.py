@@ -1,7 +1,6 @@
 """Pages with a playback: websocket, position and requests of each, and a server of one recording."""
 
 import asyncio
-import contextlib
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,7 +20,7 @@ from pointit.bridges.web.server.app import application
 from pointit.bridges.web.server.bundle import Bundle, refusal
 from pointit.bridges.web.server.listener import Listener, bind
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing, Role
-from pointit.runtime.clock import Clock
+from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S
@@ -144,9 +143,7 @@ class PastPage:
                 self._tell_status()
             await asyncio.sleep(1.0 / RATE_HZ)
             if not self._playback.is_playing:
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(STATUS_S):
-                        await self._wake_event.wait()
+                await wait_up_to(self._wake_event, STATUS_S)
 
     def _do(self) -> None:
         play, self._next_play = self._next_play, Play()

@@ -25,6 +25,7 @@ from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import info_of
 from pointit.bridges.web.server.bundle import Bundle, file_response, redirect_with_cookie, refusal
 from pointit.bridges.web.wrists.pairing import Pairing
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import PointItError
 from pointit.schemas import summarize_validation_error
 
@@ -168,11 +169,7 @@ class ScanServer:
             return PlainTextResponse(CLOSED, 403)
         if str(self._lit_seq) == request.query_params.get("after"):
             self._changed.clear()
-            try:
-                async with asyncio.timeout(LIGHTS_S):
-                    await self._changed.wait()
-            except TimeoutError:
-                pass
+            await wait_up_to(self._changed, LIGHTS_S)
         return JSONResponse({"seq": self._lit_seq, "strips": self._lit})
 
     def _is_admitted(self, request: Request) -> bool:

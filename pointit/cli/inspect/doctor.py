@@ -1,7 +1,6 @@
 """`pointit doctor`: running services, stale data, problems and remedies."""
 
 import asyncio
-import contextlib
 import dataclasses
 import datetime as dt
 import socket
@@ -29,6 +28,7 @@ from pointit.diagnosis.causes import may_pass, unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.missing_services import home_things, is_anything_starting
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, stopped_processes
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import ConnectError, RejectedError
 from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, SILENT_S, Link
@@ -98,9 +98,7 @@ class SiteObserver:
         await asyncio.sleep(MIN_S)
         while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
             self._changed.clear()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(CHECK_S):
-                    await self._changed.wait()
+            await wait_up_to(self._changed, CHECK_S)
         sees_no_process = not self._site.services and not self._site.all(DEPLOYMENT)
         is_open = sees_no_process and bus.link.credentials is None  # with credentials there is a site
         self.seen = dataclasses.replace(

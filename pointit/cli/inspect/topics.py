@@ -1,7 +1,6 @@
 """`pointit topic echo` and `pointit topic hz`: messages as they arrive, and their rates."""
 
 import asyncio
-import contextlib
 import difflib
 import functools
 import math
@@ -26,6 +25,7 @@ from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import KeyNameError, Message, encode
 from pointit.schemas.topics import ANY, IMU, OBJECTS, POSE, PRESENCES, REQUESTS, TOPICS, Delivery, Topic
@@ -152,9 +152,7 @@ async def _echo(
                     printed_s = printer.newest_s
                     _tell_silence(key, wanted, site.services, any_yet=printer.shown > 0)
                 wait_s = SILENCE_S
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(wait_s):
-                    await printer.done.wait()
+            await wait_up_to(printer.done, wait_s)
     return 0
 
 

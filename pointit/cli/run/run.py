@@ -32,7 +32,7 @@ from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launc
 from pointit.launch.run.run_site import ScenarioRequests, ViewerPresence, adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
-from pointit.runtime.clock import Clock, SimulatedClock, WallClock
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock, wait_up_to
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
@@ -176,9 +176,7 @@ class _Run:
             left_s = self._left_s()
             if left_s is not None and left_s <= 0.0:
                 return
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(left_s):
-                    await self._changed.wait()
+            await wait_up_to(self._changed, left_s)
 
     def _on_health(self, health: Health, _instance: str) -> None:
         if self._viewers.on_health(health, time.monotonic()):

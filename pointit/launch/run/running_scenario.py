@@ -7,7 +7,6 @@ A run that ends on purpose publishes an empty deployment. The deployment of a ru
 """
 
 import asyncio
-import contextlib
 import logging
 import re
 import shlex
@@ -24,7 +23,7 @@ from typing import Literal, Self
 from pointit.launch.plan.plan import WATCHERS, Beside, Plan
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
-from pointit.runtime.clock import Clock
+from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import Link
@@ -526,9 +525,7 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
 
     watching = bus.watch(SERVICE_ALIVE, look)
     try:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(beside.WAIT_S):
-                await there.wait()
+        await wait_up_to(there, beside.WAIT_S)
     finally:
         watching.close()
 

@@ -5,6 +5,7 @@ import time
 from typing import Protocol
 
 from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.clock import wait_up_to
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 
@@ -70,12 +71,7 @@ class SiteClock:
 
     async def wait_for_tick(self, patience_s: float) -> bool:
         """Wait for the site's time, so that no later code sees a jump to it. Return True if it arrived."""
-        try:
-            async with asyncio.timeout(patience_s):
-                await self._ticked.wait()
-        except TimeoutError:
-            return self._ticked.is_set()
-        return True
+        return await wait_up_to(self._ticked, patience_s)
 
     def close(self) -> None:
         """Stop following."""

@@ -16,6 +16,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, AnyTopic
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError, PointItError
 from pointit.runtime.link.link import JOIN, ROOM, VERBS, Credentials, Link
 from pointit.runtime.zenoh.session import close_session, open_session
@@ -135,10 +136,7 @@ class PermissionProbe:
     async def _run(self) -> None:
         while True:
             wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1] if self._denied else None
-            try:
-                async with asyncio.timeout(wait_s):
-                    await self._is_due.wait()
-            except TimeoutError:
+            if not await wait_up_to(self._is_due, wait_s):
                 self._untested |= self._denied
             await asyncio.sleep(SETTLE_S)
             self._is_due.clear()
@@ -205,9 +203,7 @@ class PermissionProbe:
                 for number, wait_s in enumerate(WAITS_S):
                     for key in (*(keys.keys() - arrived - {join}), join):
                         self._session.put(key, token + bytes([number]))
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(wait_s):
-                            await all_arrived.wait()
+                    await wait_up_to(all_arrived, wait_s)
                     if all_arrived.is_set() or len(complete_rounds) >= MIN_COMPLETE_ROUNDS:
                         break
         except (PointItError, zenoh.ZError):

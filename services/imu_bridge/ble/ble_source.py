@@ -6,7 +6,7 @@ import functools
 import logging
 from collections.abc import Callable, Generator, Sequence
 
-from pointit.runtime.clock import Clock
+from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.config.plugins import Discover, FoundDevice
 from pointit.runtime.errors import ConfigError
@@ -361,10 +361,8 @@ class BleSource:
                 async with asyncio.timeout(CONNECT_S):
                     for item in await self._wrist.ask(connection):
                         self._deliver(item)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(SILENCE_S / 2):
-                    await self._lost.wait()
-                    raise self._failure
+            if await wait_up_to(self._lost, SILENCE_S / 2):
+                raise self._failure
             silent_s = loop.time() - max(self._received_s, configured_s)
             if silent_s < SILENCE_S:
                 continue
@@ -422,11 +420,8 @@ class BleSource:
             await self._cue_came.wait()
             self._cue_came.clear()
             for pause_s, command in self._cue:
-                if pause_s:
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(pause_s):
-                            await self._cue_came.wait()
-                            break
+                if pause_s and await wait_up_to(self._cue_came, pause_s):
+                    break
                 with _left_anyway("play a cue"):
                     await self._wrist.play(connection, command)
 

@@ -17,6 +17,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from pointit.runtime.clock import wait_up_to
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
@@ -195,12 +196,7 @@ class MetaMotion(Wrist):
 
     async def resume(self, connection: Connection) -> bool:
         """Return True if the board still sends: one that was restarted, and lost its yaw, would not."""
-        if self._configured != self._address:
-            return False
-        try:
-            async with asyncio.timeout(RESUME_S):
-                await self._runs_on.wait()
-        except TimeoutError:
+        if self._configured != self._address or not await wait_up_to(self._runs_on, RESUME_S):
             return False
         await connection.write(COMMAND, FAST_INTERVAL)  # holds for one connection
         return True

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from pointit.runtime.address_config import described_error
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
@@ -282,9 +283,7 @@ class MqttLamps:
             while (taken := self._commands.take(loop.time())) is not None:
                 lamp_id, color = taken
                 await self._publish(client, lamp_id, color)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(self._commands.wait_s(loop.time())):
-                    await self._changed.wait()
+            await wait_up_to(self._changed, self._commands.wait_s(loop.time()))
 
     async def _publish(self, client: "aiomqtt.Client", lamp_id: str, color: Rgb) -> None:
         topic = self._config.command_topic(lamp_id)

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 from pydantic import Field
 
 from pointit.runtime.address_config import AddressConfig, format_address
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import Resolved, look_up
 from pointit.runtime.service.plugin_guard import Surroundings
@@ -164,9 +165,7 @@ class DatagramSender:
         sent, unchanged, next_s = 0, 0, loop.time()
         self._changed.set()  # what was shown meanwhile
         while True:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S):
-                    await self._changed.wait()
+            await wait_up_to(self._changed, REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S)
             if (wait_s := next_s - loop.time()) > 0.0:
                 await asyncio.sleep(wait_s)
             if self._payload is None:

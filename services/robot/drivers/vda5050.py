@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field, StringConstraints
 
 from pointit.geometry.vector import wrap
+from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.mqtt.broker import (
@@ -482,9 +483,7 @@ class Vda5050Driver:
             self._changed.clear()
             for publication in self._agv.step(loop.time()):
                 await self._publish(client, publication)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(TICK_S):
-                    await self._changed.wait()
+            await wait_up_to(self._changed, TICK_S)
 
     async def _publish(self, client: "aiomqtt.Client", publication: MqttPublication) -> None:
         topic, payload = publication

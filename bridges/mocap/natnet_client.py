@@ -12,9 +12,9 @@ from typing import NamedTuple
 from pointit.bridges.mocap import natnet_packets
 from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, BodySample, TimedFrame
 from pointit.bridges.mocap.natnet_packets import MalformedPacketError, MocapFrame, ServerInfo, read_models
-from pointit.bridges.mocap.server_search import BROADCAST, open_datagram_socket, search_servers
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.datagram_search import BROADCAST, open_datagram_socket, search_by_datagrams
 from pointit.runtime.host.name_lookup import found_addresses, look_up
 from pointit.schemas import NS_PER_S
 
@@ -401,7 +401,7 @@ async def find_servers(
         ConfigError: If the question cannot be sent.
     """
     request = natnet_packets.connect_packet(natnet_packets.DISCOVERY)
-    return await search_servers("NatNet", seconds, targets, lambda _port: request, _read_answer)
+    return await search_by_datagrams("NatNet servers", seconds, targets, lambda _port: request, _read_answer)
 
 
 def _read_answer(data: bytes, address: str) -> FoundDevice | None:

@@ -17,10 +17,10 @@ from typing import Any
 
 from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sample, decode_name
 from pointit.bridges.mocap.config import MAX_BODIES
-from pointit.bridges.mocap.server_search import BROADCAST, search_servers
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.datagram_search import BROADCAST, search_by_datagrams
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.name_lookup import look_up
@@ -417,7 +417,7 @@ async def find_servers(
     Raises:
         ConfigError: If the question cannot be sent.
     """
-    return await search_servers("QTM", seconds, targets, discovery_packet, _read_answer)
+    return await search_by_datagrams("QTM servers", seconds, targets, discovery_packet, _read_answer)
 
 
 def discovery_packet(port: int) -> bytes:

@@ -37,7 +37,7 @@ DEVICES = {
         "foxglove": "server.py",
         "home-assistant": "announcer.py connection.py entity_commands.py",
         "keeper": "retained_states.py",
-        "mocap": "natnet_client.py qtm_client.py server_search.py",
+        "mocap": "natnet_client.py qtm_client.py",
         "reactions": "http_status.py targets.py",
         "recorder": "sink.py",
         "speaker": "speech_synthesizer.py",

@@ -1,9 +1,6 @@
 """Output to Art-Net nodes: DMX universes over UDP by Art-Net 4, and the search for nodes."""
 
-import asyncio
-import contextlib
 import ipaddress
-import socket
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +8,7 @@ from dataclasses import dataclass, replace
 from pydantic import Field
 
 from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.datagram_search import MAX_FOUND, search_by_datagrams
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
 from pointit.runtime.service.plugin_guard import Surroundings
@@ -104,42 +102,25 @@ def _text(field: bytes) -> str:
     return "".join(each if each.isprintable() else "?" for each in text).strip()
 
 
-PACKET_BYTES = 1500
-MAX_NODES = 1000
-
-
 async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
     """Return the nodes that answer within `seconds`.
 
     Raises:
         ConfigError: If the question cannot be sent.
     """
-    addresses = broadcast_addresses()
-    loop = asyncio.get_running_loop()
     nodes: dict[str, ArtnetNode] = {}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        try:
-            sock.bind(("", PORT))  # where nodes send their answers, whatever port asks
-        except OSError as error:
-            raise ConfigError(
-                f"Art-Net nodes cannot be searched ({error}); end other programs on UDP port {PORT}"
-            ) from error
-        for address in addresses:
-            with contextlib.suppress(OSError):  # an interface without a cable
-                await loop.sock_sendto(sock, poll_packet(), (address, PORT))
-        try:
-            async with asyncio.timeout(seconds):
-                while len(nodes) < MAX_NODES:
-                    await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
-                    node = read_reply(await loop.sock_recv(sock, PACKET_BYTES))
-                    if node is not None:
-                        merge_reply(nodes, node)
-        except TimeoutError:
-            pass
-    return [_device(node) for _, node in sorted(nodes.items())]
+
+    def read(data: bytes, _address: str) -> FoundDevice | None:
+        node = read_reply(data)
+        if node is None or (len(nodes) >= MAX_FOUND and node.address not in nodes):
+            return None
+        merge_reply(nodes, node)
+        return _device(nodes[node.address])
+
+    targets = [(address, PORT) for address in broadcast_addresses()]
+    return await search_by_datagrams(
+        "Art-Net nodes", seconds, targets, lambda _port: poll_packet(), read, port=PORT
+    )
 
 
 def merge_reply(nodes: dict[str, ArtnetNode], node: ArtnetNode) -> None:

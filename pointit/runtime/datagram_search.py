@@ -1,4 +1,4 @@
-"""Search for servers by datagrams that are broadcast in every network of this machine."""
+"""Search for devices by datagrams that are broadcast in every network of this machine."""
 
 import asyncio
 import contextlib
@@ -10,6 +10,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import found_addresses
 
 BROADCAST = "255.255.255.255"
+MAX_FOUND = 1000
 
 
 def open_datagram_socket(interface: str, port: int) -> socket.socket:
@@ -26,21 +27,24 @@ def open_datagram_socket(interface: str, port: int) -> socket.socket:
     return sock
 
 
-async def search_servers(
+async def search_by_datagrams(
     name: str,
     seconds: float,
     targets: Sequence[tuple[str, int]],
     request: Callable[[int], bytes],
     read: Callable[[bytes, str], FoundDevice | None],
+    *,
+    port: int = 0,
 ) -> Sequence[FoundDevice]:
-    """Return the servers that answer within `seconds`, by their addresses.
+    """Return the devices that answer within `seconds`, by their addresses.
 
     Args:
-        name: kind of the servers in messages.
+        name: kind of the devices in messages, a plural.
         seconds: time for the search.
         targets: addresses and ports to which the request is sent.
         request: returns the request, given the port to which the answer comes.
-        read: returns the server that sent an answer from an address, or None if it is no such answer.
+        read: returns the device that sent an answer from an address, or None if it is no such answer.
+        port: UDP port to which all answers come, whatever port asks, or 0.
 
     Raises:
         ConfigError: If the request cannot be sent.
@@ -53,14 +57,13 @@ async def search_servers(
             await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
             data, sender = await loop.sock_recvfrom(sock, 65536)
             device = read(data, str(sender[0]))
-            if device is not None:
+            if device is not None and (device.address in results or len(results) < MAX_FOUND):
                 results[device.address] = device
 
     try:
         with contextlib.ExitStack() as opened:
-            sockets = [
-                opened.enter_context(open_datagram_socket(own, 0)) for own in (found_addresses() or [""])
-            ]
+            interfaces = [] if port else found_addresses()
+            sockets = [opened.enter_context(open_datagram_socket(own, port)) for own in (interfaces or [""])]
             for sock in sockets:
                 for target in targets:
                     with contextlib.suppress(OSError):  # an interface without a cable
@@ -71,6 +74,7 @@ async def search_servers(
                         group.create_task(collect(sock))
     except OSError as error:
         raise ConfigError(
-            f"{name} servers cannot be searched ({error}); check this machine's network"
+            f"{name} cannot be searched ({error}); "
+            + (f"end other programs on UDP port {port}" if port else "check this machine's network")
         ) from error
     return [results[address] for address in sorted(results)]

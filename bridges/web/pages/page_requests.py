@@ -5,6 +5,7 @@ the query's fields. Actions of this server stand by subject in `arm_actions.py` 
 with its model and its handler; `name` is the person.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
@@ -17,10 +18,12 @@ from pointit.bridges.web.pages.action import Action, ActionContext, JsonObject, 
 from pointit.bridges.web.pages.arm_actions import ARM_ACTIONS
 from pointit.bridges.web.pages.site_actions import SITE_ACTIONS
 from pointit.bridges.web.scan import wire as scan_wire
-from pointit.bridges.web.wire import Answer, Ask, Hello, Role
+from pointit.bridges.web.wire import OWN_FAULT, Answer, Ask, Hello, Role
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import Query, summarize_validation_error, topics
+
+log = logging.getLogger(__name__)
 
 ACTIONS: tuple[Action[Any], ...] = (*ARM_ACTIONS, *SITE_ACTIONS)
 """All actions of this server."""
@@ -81,21 +84,27 @@ class PageAction:
 
 
 async def answer_request(context: ActionContext, page: str, role: Role, ask: Ask) -> Answer:
-    """Answer a request of a page or phone: forward it to its service, or do the action here.
+    """Answer a request of a page or phone, which waits for that: by the reply, or the reason of a failure."""
+    try:
+        return Answer(id=ask.id, reply=await _reply(context, page, role, ask))
+    except PointItError as error:
+        return Answer(id=ask.id, error=str(error))
+    except Exception:
+        log.exception("%s asked %s and was not answered", page, ask.deed or ask.key)
+        return Answer(id=ask.id, error=OWN_FAULT)
 
-    Raises:
-        PointItError, SchemaError: If it fails or is not allowed.
-    """
+
+async def _reply(context: ActionContext, page: str, role: Role, ask: Ask) -> JsonObject:
+    """Return the reply: forward the request to its service, or do the action here."""
     match parse_request(ask, role):
         case Call(request=request, query=query, name=name):
             timeout_s = TIMEOUTS_S.get(request.key, REQUEST_TIMEOUT_S)
             message = await context.bus.call(request, query, name, timeout_s=timeout_s)
-            reply = cast("JsonObject", message.model_dump(mode="json"))
+            return cast("JsonObject", message.model_dump(mode="json"))
         case PageAction(action=action, user=user, parameters=parameters):
             if action.scope == "person":
                 context.people.check(user)
-            reply = await action.handle(context, PageSender(page=page, role=role, user=user), parameters)
-    return Answer(id=ask.id, reply=reply)
+            return await action.handle(context, PageSender(page=page, role=role, user=user), parameters)
 
 
 def hello_of(

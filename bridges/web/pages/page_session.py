@@ -17,7 +17,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from pointit.bridges.web.pages.latest_values import LatestValueCache, PageFeed, TokenBucket
 from pointit.bridges.web.wire import (
     IN_FLIGHT,
-    OWN_FAULT,
     Ack,
     AimAt,
     Answer,
@@ -32,7 +31,6 @@ from pointit.bridges.web.wire import (
 )
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Timer
-from pointit.runtime.errors import PointItError
 from pointit.schemas import summarize_validation_error
 
 log = logging.getLogger(__name__)
@@ -72,11 +70,7 @@ class Host(Protocol):
         ...
 
     async def answer(self, ask: Ask, session: "PageSession") -> Answer:
-        """Handle a request.
-
-        Raises:
-            PointItError, SchemaError: If it cannot be done; the text has the reason.
-        """
+        """Handle a request."""
         ...
 
     def aim(self, aim: AimAt, session: "PageSession") -> None:
@@ -294,16 +288,10 @@ class PageSession:
         self._slots.release()
 
     async def _answer(self, ask: Ask) -> None:
-        try:
-            if self._ask_bucket.take(self._loop.time()):
-                answer = await self._host.answer(ask, self)
-            else:
-                answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
-        except PointItError as error:
-            answer = Answer(id=ask.id, error=str(error))
-        except Exception:  # the page waits for an answer
-            log.exception("%s asked %s and was not answered", self.page, ask.deed or ask.key)
-            answer = Answer(id=ask.id, error=OWN_FAULT)
+        if self._ask_bucket.take(self._loop.time()):
+            answer = await self._host.answer(ask, self)
+        else:
+            answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
         self.tell(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
 
 

@@ -21,7 +21,6 @@ from pointit.bridges.web.server.bundle import Bundle, refusal
 from pointit.bridges.web.server.listener import Listener, bind
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing, Role
 from pointit.runtime.clock import Clock, wait_up_to
-from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Presence
@@ -95,12 +94,8 @@ class PastPage:
         return playback.at_ns(self._now_s()), playback.speed if playback.is_playing else 0.0
 
     async def answer(self, ask: Ask, session: PageSession) -> Answer:  # noqa: ARG002 - the host's interface
-        """Refuse it.
-
-        Raises:
-            RefusedError: Always.
-        """
-        raise RefusedError(CANNOT_BE_CHANGED)
+        """Refuse it."""
+        return Answer(id=ask.id, error=CANNOT_BE_CHANGED)
 
     def aim(self, aim: AimAt, session: PageSession) -> None:
         """Ignore it: no arm can be moved."""

@@ -26,21 +26,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.latest_values import TokenBucket
 from pointit.bridges.web.server.bundle import Bundle, file_response, redirect_with_cookie, refusal
-from pointit.bridges.web.wire import (
-    MAX_TOLD,
-    OWN_FAULT,
-    REPLACED,
-    UNPAIRED,
-    Answer,
-    Ask,
-    Cue,
-    Hello,
-    Turn,
-    WireModel,
-)
+from pointit.bridges.web.wire import MAX_TOLD, REPLACED, UNPAIRED, Answer, Ask, Cue, Hello, Turn, WireModel
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.runtime.errors import PointItError
 from pointit.runtime.service.plugin_guard import WarningSink
 from pointit.schemas import (
     Announced,
@@ -186,14 +174,7 @@ class PhoneConnection:
             self.put(Answer(id=ask.id, error="this phone does not move the arm: take it first"))
             return
         own = ask.model_copy(update={"name": self.phone.user})
-        try:
-            answer = await self._host.answer(self.phone.page, own)
-        except PointItError as error:
-            answer = Answer(id=ask.id, error=str(error))
-        except Exception:  # the phone waits for an answer
-            log.exception("a phone asked %s and was not answered", ask.deed or ask.key)
-            answer = Answer(id=ask.id, error=OWN_FAULT)
-        self.put(answer)
+        self.put(await self._host.answer(self.phone.page, own))
 
 
 LOST = "another device moves your arm now: take it back when you want to"

@@ -36,7 +36,7 @@ class PhoneBench:
         self.health = Health()
         self.sent: list[tuple[str, WristSample]] = []
         self.asked: list[tuple[str, Ask]] = []
-        self.fault: Exception | None = None
+        self.error = ""
         host = PhoneHost(
             wrists=self.wrists,
             now_ns=self.clock.now_ns,
@@ -79,9 +79,7 @@ class PhoneBench:
 
     async def _answer(self, page: str, ask: Ask) -> Answer:
         self.asked.append((page, ask))
-        if self.fault:
-            raise self.fault
-        return Answer(id=ask.id, reply={"message": "done"})
+        return Answer(id=ask.id, reply=None if self.error else {"message": "done"}, error=self.error)
 
     async def _no_page(self, socket: WebSocket, _role: Role) -> None:
         await socket.close()

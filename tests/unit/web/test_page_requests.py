@@ -10,6 +10,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import unquote
 
@@ -30,6 +31,7 @@ from pointit.bridges.web.pages.page_requests import (
     REQUESTS,
     Call,
     PageAction,
+    answer_request,
     hello_of,
     parse_request,
 )
@@ -77,6 +79,21 @@ def test_whoever_may_cancel_a_localization_may_forget_the_bias() -> None:
         assert call == Call(request=topics.CANCEL_LOCALIZATION, query=query, name="anna")
     with pytest.raises(RefusedError, match="only looks on"):
         parse_request(wish, "viewer")
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [(RefusedError("it is busy"), "it is busy"), (OSError("no more files"), wire.OWN_FAULT)],
+)
+async def test_a_fault_is_an_answer(fault: Exception, told: str, caplog: pytest.LogCaptureFixture) -> None:
+    async def call(*_: Any, **__: Any) -> Any:
+        raise fault
+
+    context: Any = SimpleNamespace(bus=SimpleNamespace(call=call))
+    answer = await answer_request(context, "page1", "operator", ask(topics.RESET_CONVEYOR.key))
+    assert (answer.id, answer.reply, answer.error) == (1, None, told)
+    assert ("was not answered" in caplog.text) is isinstance(fault, OSError)
+    caplog.clear()
 
 
 def test_a_viewer_may_do_nothing_else_but_look() -> None:

@@ -12,10 +12,8 @@ import websockets
 from httpx import AsyncClient
 from websockets.asyncio.client import ClientConnection
 
-from pointit.bridges.web.wire import OWN_FAULT
 from pointit.bridges.web.wrists import phone as phone_connection
 from pointit.bridges.web.wrists.wrist_control import STILL_S
-from pointit.runtime.errors import RefusedError
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -110,7 +108,7 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
         assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
-    bench.fault = RefusedError("the localizer is busy")
+    bench.error = "the localizer is busy"
     localize = "localizer/{user}/start"
     (answer,) = await posted(phone, {"kind": "ask", "id": 8, "key": localize, "name": "ben"})
     assert (answer["id"], answer["error"]) == (8, "the localizer is busy")
@@ -198,16 +196,6 @@ async def test_long_words_do_not_fill_health(bench: PhoneBench, phone: AsyncClie
         bench.health.warnings.clear()
         await posted(phone, item)
         assert len(bench.health.warnings["phone anna"]) < 500
-
-
-async def test_a_fault_is_an_answer(
-    bench: PhoneBench, phone: AsyncClient, caplog: pytest.LogCaptureFixture
-) -> None:
-    bench.fault = OSError("no more files")
-    (answer,) = await posted(phone, {"kind": "ask", "id": 5, "deed": "press"})
-    assert (answer["id"], answer["error"]) == (5, OWN_FAULT)
-    assert "was not answered" in caplog.text
-    caplog.clear()
 
 
 async def test_the_newer_socket_of_a_phone_replaces_the_older(bench: PhoneBench, phone: AsyncClient) -> None:

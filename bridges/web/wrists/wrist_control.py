@@ -22,7 +22,8 @@ Stand = tuple[Vec3, float]
 
 CLEAR_M = 2.0
 """Distance from the nearest object for a person placed automatically, m."""
-_STEP_M = 0.25
+_GRID = 41
+"""Number of tried positions along each side of the room."""
 _TOO_NEAR = 3.0
 """Weight: a metre too close to an object counts as this many metres away from the middle."""
 
@@ -59,14 +60,13 @@ def choose_pose(room: Environment) -> Stand:
         return ((0.0, 0.0, 0.0), 0.0)
     low, high = points.min(axis=0), points.max(axis=0)
     center = (low + high) / 2.0
-    columns, rows = (
-        np.arange(a - CLEAR_M - 0.5, b + CLEAR_M + 0.75, _spacing(low, high))
-        for a, b in zip(low, high, strict=True)
-    )
+    beyond_m = CLEAR_M + 0.5
+    columns, rows = np.linspace(low - beyond_m, high + beyond_m, _GRID).T
     grid = np.vstack([center, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)])
-    clear_m = [_clear_m(points, center[:1], center[1:]), _clear_m(points, columns, rows)]
-    too_near_m = CLEAR_M - np.concatenate([each.ravel() for each in clear_m])
-    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * too_near_m
+    clear_m = np.full(len(grid), CLEAR_M)
+    for point in points:
+        np.minimum(clear_m, np.hypot(*(grid - point).T), out=clear_m)
+    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * (CLEAR_M - clear_m)
     x, y = grid[int(np.argmin(cost))].tolist()
     ahead = (center - (x, y)).tolist()
     yaw_rad = math.atan2(ahead[1], ahead[0]) if math.hypot(*ahead) > 0.1 else 0.0
@@ -127,28 +127,6 @@ def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
             s = k / parts
             found.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
     return found
-
-
-def _clear_m(
-    points: NDArray[np.float64], columns: NDArray[np.float64], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the distance of each grid point to the nearest point, `CLEAR_M` at most, rows x columns, m.
-
-    Not SciPy's k-d tree: loading it takes as long as loading the rest of the page.
-    """
-    clear_m = np.full((len(rows), len(columns)), CLEAR_M)
-    reach_m = (-CLEAR_M, CLEAR_M)
-    lefts_rights = np.searchsorted(columns, points[:, :1] + reach_m).tolist()
-    lows_highs = np.searchsorted(rows, points[:, 1:] + reach_m).tolist()
-    for (x, y), (left, right), (low, high) in zip(points.tolist(), lefts_rights, lows_highs, strict=True):
-        near = clear_m[low:high, left:right]
-        np.minimum(near, np.hypot(columns[left:right] - x, rows[low:high, np.newaxis] - y), out=near)
-    return clear_m
-
-
-def _spacing(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
-    """Return the grid's step, m; coarser in a huge room."""
-    return max(_STEP_M, float((high - low).max()) / 100.0)
 
 
 FASTEST_RADPS = math.radians(720.0)

@@ -5,9 +5,8 @@ authority's certificate `ca.pem`, and `cert.pem` with `key.pem`, or `password` o
 """
 
 import datetime as dt
-import os
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from pydantic import ValidationError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.state_file import read_limited
+from pointit.runtime.host.state_file import read_limited, read_secret
 
 VARIABLE = "POINTIT_CREDENTIALS"
 CA = "ca.pem"
@@ -157,12 +156,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     public, secret = ([CA], PASSWORD) if link.password else ([CA, CERTIFICATE], KEY)
     for name in public:
         _read(folder / name)
-    path = folder / secret
-    _read(path)
-    if os.name == "posix" and path.stat().st_mode & 0o077:
-        raise ConfigError(
-            f"{path}: others can read it, so it proves nothing; make it yours alone with `chmod 600 {path}`"
-        )
+    _read(folder / secret, read_secret)
     if link.password:
         _password(folder)
     again = f"renew it with `pointit site renew {link.name}` and copy the folder here"
@@ -182,9 +176,9 @@ class PassingRefusal(str):
     __slots__ = ()
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, read: Callable[[Path, int], bytes] = read_limited) -> bytes:
     try:
-        return read_limited(path, MAX_BYTES)
+        return read(path, MAX_BYTES)
     except FileNotFoundError as error:
         raise ConfigError(
             f"{path}: is missing; credentials are a folder made by `pointit site`, with all its files"

@@ -5,7 +5,7 @@ room against the drift and stands still for the IMU (pointing.md §3), which wou
 
 Drift only turns about the vertical, since gravity fixes the other axes. The vertical part of the rotation
 from sample to sample is summed, which is well defined for a hanging arm, too, unlike an azimuth.
-A slow horizontal movement at a constant rate below `max_rate_radps` cannot be distinguished from drift.
+A slow horizontal movement at a constant rate below `MAX_RATE_RADPS` cannot be distinguished from drift.
 """
 
 import math
@@ -15,41 +15,38 @@ from dataclasses import dataclass
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
 
+# Criteria of rest, and noise of people who hold still (pointing.md §7)
 
-@dataclass(frozen=True, kw_only=True)
-class StillnessSettings:
-    """Criteria of rest, and noise of people who hold still (pointing.md §7)."""
-
-    shortest_s: float = 2.0
-    """Shorter rests are ignored."""
-    longest_s: float = 10.0
-    """Length of a rest after which it is measured and a new one starts."""
-    settle_s: float = 0.5
-    """Time after a movement and before the next one that is not rest."""
-    bin_s: float = 0.1
-    """Length of the bins over which samples are averaged."""
-    gap_s: float = 0.5
-    """A longer silence ends the rest."""
-    max_step_rad: float = math.radians(1.5)
-    """Smallest turn within `settle_s` that is movement."""
-    max_rate_radps: float = math.radians(1.0)
-    """Fastest drift of an IMU: a constant turn beyond it means that the arm follows something."""
-    max_spread_rad: float = math.radians(0.75)
-    """Largest rms about a constant rate at which the arm rests."""
-    hold_sigma_rad: float = math.radians(0.25)
-    """Sideways tremor of a held arm, rms."""
-    tilt_sigma_rad: float = math.radians(0.16)
-    """Vertical tremor of a held arm, rms."""
-    correlation_s: float = 0.3
-    """Correlation time of the tremor."""
-    turn_sigma_radps: float = math.radians(0.03)
-    """Standard deviation of a resting body's turn, a lower bound for each rest."""
-    raised_sigma_radps: float = math.radians(0.18)
-    """Standard deviation of the turn of a raised arm between rests, besides its constant creep."""
-    hanging_rad: float = math.radians(-50.0)
-    """Elevation below which the arm hangs and does not creep."""
-    gate: float = 3.0
-    """Number of standard deviations of the tilt rate beyond which the arm moves."""
+SHORTEST_S = 2.0
+"""Shorter rests are ignored."""
+LONGEST_S = 10.0
+"""Length of a rest after which it is measured and a new one starts."""
+SETTLE_S = 0.5
+"""Time after a movement and before the next one that is not rest."""
+BIN_S = 0.1
+"""Length of the bins over which samples are averaged."""
+GAP_S = 0.5
+"""A longer silence ends the rest."""
+MAX_STEP_RAD = math.radians(1.5)
+"""Smallest turn within `SETTLE_S` that is movement."""
+MAX_RATE_RADPS = math.radians(1.0)
+"""Fastest drift of an IMU: a constant turn beyond it means that the arm follows something."""
+MAX_SPREAD_RAD = math.radians(0.75)
+"""Largest rms about a constant rate at which the arm rests."""
+HOLD_SIGMA_RAD = math.radians(0.25)
+"""Sideways tremor of a held arm, rms."""
+TILT_SIGMA_RAD = math.radians(0.16)
+"""Vertical tremor of a held arm, rms."""
+CORRELATION_S = 0.3
+"""Correlation time of the tremor."""
+TURN_SIGMA_RADPS = math.radians(0.03)
+"""Standard deviation of a resting body's turn, a lower bound for each rest."""
+RAISED_SIGMA_RADPS = math.radians(0.18)
+"""Standard deviation of the turn of a raised arm between rests, besides its constant creep."""
+HANGING_RAD = math.radians(-50.0)
+"""Elevation below which the arm hangs and does not creep."""
+GATE = 3.0
+"""Number of standard deviations of the tilt rate beyond which the arm moves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +71,10 @@ _Turn = tuple[int, float, float, float]
 class RestDetector:
     """Finds rests in a stream of orientations, in constant time per sample."""
 
-    def __init__(self, settings: StillnessSettings | None = None) -> None:
-        self._settings = settings if settings is not None else StillnessSettings()
-        self._bin_ns = round(self._settings.bin_s * NS_PER_S)
-        self._gap_ns = round(self._settings.gap_s * NS_PER_S)
-        self._delay = max(1, round(self._settings.settle_s / self._settings.bin_s))
+    def __init__(self) -> None:
+        self._bin_ns = round(BIN_S * NS_PER_S)
+        self._gap_ns = round(GAP_S * NS_PER_S)
+        self._delay = max(1, round(SETTLE_S / BIN_S))
         self._last: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self._last_ns = -1
         self._tilt_x, self._tilt_y, self._yaw = 0.0, 0.0, 0.0
@@ -103,7 +99,7 @@ class RestDetector:
         Args:
             orientation_xyzw: of the arm in {H}, norm 1.
             stamp_ns: of its measurement. A sample that is not newer than the last one is ignored, but a clock
-                step back by more than `gap_s` starts a new rest.
+                step back by more than `GAP_S` starts a new rest.
         """
         passed_ns = stamp_ns - self._last_ns
         if self._last_ns < 0 or not -self._gap_ns <= passed_ns <= self._gap_ns:
@@ -148,10 +144,7 @@ class RestDetector:
         recent = self._recent
         recent.append(newest)
         oldest = recent[0]
-        if (
-            math.hypot(newest[1] - oldest[1], newest[2] - oldest[2], newest[3] - oldest[3])
-            > self._settings.max_step_rad
-        ):
+        if math.hypot(newest[1] - oldest[1], newest[2] - oldest[2], newest[3] - oldest[3]) > MAX_STEP_RAD:
             rate = self._finish()
             self._begin()
             return rate
@@ -159,37 +152,37 @@ class RestDetector:
             self._to_settle -= 1
             return None
         self._turns.append(oldest)
-        if oldest[0] - self._turns[0][0] < self._settings.longest_s * NS_PER_S:
+        if oldest[0] - self._turns[0][0] < LONGEST_S * NS_PER_S:
             return None
         rate = self._finish()
         self._turns.clear()
         return rate
 
     def _finish(self) -> RestYawRate | None:
-        settings, turns = self._settings, self._turns
+        turns = self._turns
         if len(turns) < 3:
             return None
         start_ns = turns[0][0]
         span_s = (turns[-1][0] - start_ns) / NS_PER_S
-        if span_s < settings.shortest_s:
+        if span_s < SHORTEST_S:
             return None
         times = [(turn[0] - start_ns) / NS_PER_S for turn in turns]
         rates, spreads = zip(
             *(_line(times, [turn[axis] for turn in turns]) for axis in (1, 2, 3)), strict=True
         )
-        share = math.sqrt(24.0 * settings.correlation_s / span_s) / span_s
+        share = math.sqrt(24.0 * CORRELATION_S / span_s) / span_s
         """Standard deviation of the rate per rms of a correlated wander: least squares over `span_s`."""
-        tilting = settings.gate * share
+        tilting = GATE * share
         if (
-            abs(rates[2]) > settings.max_rate_radps
-            or max(spreads) > settings.max_spread_rad
-            or math.hypot(rates[0], rates[1]) > tilting * max(settings.tilt_sigma_rad, spreads[0], spreads[1])
+            abs(rates[2]) > MAX_RATE_RADPS
+            or max(spreads) > MAX_SPREAD_RAD
+            or math.hypot(rates[0], rates[1]) > tilting * max(TILT_SIGMA_RAD, spreads[0], spreads[1])
         ):
             return None
-        sigma = share * max(settings.hold_sigma_rad, spreads[2])
+        sigma = share * max(HOLD_SIGMA_RAD, spreads[2])
         x, y, z, w = self._last
-        is_raised = 2.0 * (x * z - w * y) >= math.sin(settings.hanging_rad)  # height of the arm's x axis
-        turn = settings.raised_sigma_radps if is_raised else settings.turn_sigma_radps
+        is_raised = 2.0 * (x * z - w * y) >= math.sin(HANGING_RAD)  # height of the arm's x axis
+        turn = RAISED_SIGMA_RADPS if is_raised else TURN_SIGMA_RADPS
         return RestYawRate(
             stamp_ns=start_ns + round(span_s / 2 * NS_PER_S),
             yaw_rate_radps=-rates[2],

@@ -13,6 +13,7 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, check_cdr
 from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
 from pointit.bridges.ros2.types.types import MAX_BYTES
+from pointit.runtime.bus.contract import Declaration
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.runtime.service.plugin_guard import WarningSink
@@ -108,7 +109,7 @@ class GraphMonitor:
         )
         self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
         self._findings: tuple[Finding, ...] = ()
-        self._watches: list[_Watch] = []
+        self._handlers: dict[Declaration, Handler] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -118,7 +119,9 @@ class GraphMonitor:
     def watch(self, handler: Handler) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
         handler(self._graph)
-        return _Watch(handler, self._watches)
+        watch = Declaration(lambda: self._handlers.pop(watch, None))
+        self._handlers[watch] = handler
+        return watch
 
     def show(self, graph: Graph, wrong: Mapping[str, str]) -> None:
         """Set the graph; report its problems, and those in `wrong`."""
@@ -128,31 +131,17 @@ class GraphMonitor:
         if graph == self._graph:
             return
         self._graph = graph
-        for watch in tuple(self._watches):
-            if watch not in self._watches:  # closed by a previous handler
+        for watch, handler in tuple(self._handlers.items()):
+            if watch not in self._handlers:  # closed by a previous handler
                 continue
             try:
-                watch.handler(graph)
+                handler(graph)
             except Exception:
                 log.exception("a handler of the ROS graph failed")
 
     def close(self) -> None:
         """Remove all watchers."""
-        self._watches.clear()
-
-
-class _Watch:
-    """A watcher of the graph."""
-
-    def __init__(self, handler: Handler, among: "list[_Watch]") -> None:
-        self.handler = handler
-        self._among = among
-        among.append(self)
-
-    def close(self) -> None:
-        """Remove the watcher."""
-        if self in self._among:
-            self._among.remove(self)
+        self._handlers.clear()
 
 
 class OpenCalls:

@@ -76,15 +76,12 @@ async def _map(bus: Bus) -> Environment:
 
 async def _states(bus: Bus) -> dict[str, str]:
     """Return the states that the carriers of things tell within `STATES_S`."""
-    states: dict[str, str] = {}
-
-    def add(message: ThingStates, _carrier: str) -> None:
-        for each in message.things:
-            states[each.id] = f"{each.state}: {each.reason}" if each.reason else each.state
-
-    with contextlib.closing(bus.subscribe(THING_STATES, add)):
+    carriers: dict[str, ThingStates] = {}
+    with contextlib.closing(bus.subscribe(THING_STATES, lambda told, name: carriers.update({name: told}))):
         await asyncio.sleep(STATES_S)
-    return states
+    states = [each for told in carriers.values() for each in told.things]
+    states.sort(key=lambda each: each.state == "unavailable")  # an act needs all carriers of its thing
+    return {each.id: f"{each.state}: {each.reason}" if each.reason else each.state for each in states}
 
 
 def rows(

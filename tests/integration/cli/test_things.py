@@ -53,7 +53,12 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
     assert "the counts of the things are unknown: selector does not answer" in ended.err
     site.bus.serve(READ_HISTORY, history)
     screws = ThingState(id="screws", state="unavailable", reason="no power")
-    site.bus.publisher(THING_STATES, "home").put(ThingStates(stamp_ns=1, things=(screws,)))
+    for name, state in (
+        ("first", ThingState(id="screws")),
+        ("home", screws),
+        ("last", ThingState(id="screws")),
+    ):
+        site.bus.publisher(THING_STATES, name).put(ThingStates(stamp_ns=1, things=(state,)))
     ended = await site.pointit("things", "list", "--json")
     assert ended.code == 0
     screws_row, radio_row = json.loads(ended.out)["things"]

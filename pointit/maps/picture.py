@@ -1,8 +1,8 @@
 """Picture of a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, Polygon
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
@@ -44,46 +43,11 @@ ON_TOP: dict[str, Any] = {"path_effects": HALO, "zorder": 9}
 
 font_manager: Any = matplotlib.font_manager
 """Its types are partly unknown."""
-LAST_RESORT = "Last Resort"
-"""Begin of the name of a font that has a box for each letter."""
-REPLACEMENT = "?"
-"""Drawn for a letter that no font has."""
-
-
-def use_fonts_with_letters(figure: Any) -> str:
-    """Draw the texts of `figure` in fonts that have their letters. Return the letters that no font has."""
-    texts = [each for each in figure.findobj(Text) if not each.get_text().isascii()]
-    texts += [each for each in figure.findobj(Text) if not each.get_text().replace("\n", "").isprintable()]
-    missing = {letter for each in texts for letter in each.get_text() if letter != "\n"}
-    if not missing:
-        return ""
-    families: list[str] = []
-    for family, font in _fonts():
-        if there := {letter for letter in missing if font.get_char_index(ord(letter))}:
-            families.append(family)
-            missing -= there
-        if not missing:
-            break
-    for each in texts:
-        each.set_fontfamily([*each.get_fontfamily(), *families])
-        each.set_text("".join(REPLACEMENT if letter in missing else letter for letter in each.get_text()))
-    return "".join(sorted(missing))
-
-
-def _fonts() -> Iterator[tuple[str, Any]]:
-    """Yield families and fonts: the usual one first, then those without serifs."""
-    default = font_manager.FontProperties()
-    yield default.get_family()[0], font_manager.get_font(font_manager.findfont(default))
-    names = {
-        entry.name for entry in font_manager.fontManager.ttflist if not entry.name.startswith(LAST_RESORT)
-    }
-    for name in sorted(names, key=lambda name: ("sans" not in name.lower(), name)):
-        with contextlib.suppress(OSError, RuntimeError, ValueError):  # a font that cannot be read
-            properties = font_manager.FontProperties(family=[name])
-            font = font_manager.get_font(font_manager.findfont(properties, fallback_to_default=False))
-            if font.scalable:
-                yield name, font
-
+FALLBACKS = (
+    *("Noto Sans CJK JP", "Noto Sans CJK SC", "Droid Sans Fallback", "WenQuanYi Zen Hei", "Hiragino Sans"),
+    *("PingFang SC", "Microsoft YaHei", "Malgun Gothic", "Noto Sans Arabic", "Noto Sans Devanagari"),
+)
+"""Families that are used, where they are installed, for letters that the usual one lacks."""
 
 ARROWS_ACROSS = 14
 """Number of direction arrows that fit into the map's longer side."""
@@ -272,7 +236,6 @@ WIDEST_IN, TALLEST_IN = 10.5, 8.5
 DPI = 150
 
 _STYLE: dict[str, Any] = {
-    "font.family": "sans-serif",
     "font.size": 8.5,
     "svg.hashsalt": "pointit",
     "text.parse_math": False,  # names and labels are no formulas
@@ -299,10 +262,10 @@ def draw_map(
     person_m: tuple[float, float] | None = None,
     *,
     separability: Callable[[float, float], float] | None = None,
-) -> str:
+) -> bool:
     """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
 
-    Return the letters that no font has, which are drawn as `?`.
+    Return True if letters are drawn as boxes, since no font has them.
 
     `separability`: share of things that pointing tells apart from a place, by which the floor is coloured.
 
@@ -310,13 +273,17 @@ def draw_map(
         ConfigError: If the file cannot be written.
     """
     settings: Any = mpl  # its stubs list every parameter there is
-    with settings.rc_context(_STYLE):
+    installed = {entry.name for entry in font_manager.fontManager.ttflist}
+    family = ["sans-serif", *(each for each in FALLBACKS if each in installed)]
+    with (
+        settings.rc_context({**_STYLE, "font.family": family}),
+        warnings.catch_warnings(action="always", record=True) as caught,
+    ):
         figure: Any = map_figure(room, clouds, title, person_m, separability=separability)
-        missing = use_fonts_with_letters(figure)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         with replaced_file(path) as part:
             figure.savefig(part, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
-    return missing
+    return any("missing from font" in str(each.message) for each in caught)
 
 
 def map_figure(

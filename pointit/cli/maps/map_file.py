@@ -268,12 +268,12 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
 
     try:
         title = f"{room.name}: {contents(file, clouds)}"
-        missing = draw_map(picture, room, clouds, title, person_m, separability=shares)
+        lacks_letters = draw_map(picture, room, clouds, title, person_m, separability=shares)
     except OSError as error:
         raise ConfigError(f"-o {picture}: cannot be written ({error.strerror or error})") from error
     click.echo(f"{picture}: {contents(file, clouds)}")
-    if missing:
-        letters = missing if missing.isprintable() else repr(missing)
+    if lacks_letters:
         click.echo(
-            f"note: no font here has {letters[:40]}, drawn as ?; install one, such as Noto Sans CJK", err=True
+            "note: letters are drawn as boxes: no font here has them; install one, such as Noto Sans CJK",
+            err=True,
         )

@@ -1,16 +1,15 @@
 """The page of a run or a dashboard: its service, a free port, its URLs and stored tokens."""
 
 import contextlib
-import json
 import logging
 import os
 import secrets
 import socket
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, TextIO
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -36,19 +35,16 @@ def _new() -> str:
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tokens:
+Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
+
+
+class Tokens(BaseModel):
     """Tokens for control and for viewing; random unless given."""
 
-    operator: str = field(default_factory=_new)
-    viewer: str = field(default_factory=_new)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
-
-class _StoredTokens(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid")
-
-    operator: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
-    viewer: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
+    operator: Token = Field(default_factory=_new)
+    viewer: Token = Field(default_factory=_new)
 
 
 def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
@@ -74,8 +70,7 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[s
             notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
     tokens = Tokens()
     try:
-        text = json.dumps({"operator": tokens.operator, "viewer": tokens.viewer})
-        write_atomically(path, f"{text}\n".encode())
+        write_atomically(path, f"{tokens.model_dump_json()}\n".encode())
     except ConfigError as error:
         notes.append(f"the link of the page is valid for this run only: {error}")
     return tokens, notes
@@ -96,12 +91,12 @@ def _read(path: Path) -> Tokens:
             raise ValueError("belongs to another user")
         data = file.read(MAX_BYTES)
     try:
-        stored = _StoredTokens.model_validate_json(data)
+        stored = Tokens.model_validate_json(data)
     except ValidationError:  # its details would reveal the contents
         raise ValueError("does not hold two tokens") from None
-    if stored.operator == stored.viewer:
+    if stored.operator == stored.viewer or len(stored.model_fields_set) < 2:
         raise ValueError("does not hold two tokens")
-    return Tokens(operator=stored.operator, viewer=stored.viewer)
+    return stored
 
 
 log = logging.getLogger(__name__)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import re
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -28,8 +27,6 @@ from pointit.runtime.host.extras import remedy
 COLORS = {"error": "red", "warning": "yellow"}
 MAX_PRINTED = 100
 """Maximum of printed findings; a file in millimetres or of another kind has thousands."""
-OLD_LAMPS = re.compile(rb"^leds:", re.MULTILINE)
-"""Section of lamps in maps of the ROS toolkit and of version 0.1."""
 SLOW_S = 2.0
 """Time after which a notice says that the map is being read, s."""
 LONGEST = 1000
@@ -76,8 +73,6 @@ def check(
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
         if has and spoken:
             findings = [*findings, *check_labels(things_of(read_map_file(path)))]
-        if has and OLD_LAMPS.search(path.read_bytes()):
-            click.echo(f"note: {name_or_path}: `leds` is now `lamps`; both are read", err=True)
     if as_json:
         rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
         print_json({"map": name_or_path, "has": has, "findings": rows})

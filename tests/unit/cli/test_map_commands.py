@@ -106,14 +106,6 @@ def test_check_prints_at_most_a_hundred_findings_and_counts_the_others(room: Pat
     assert (lines[-2:], len(lines)) == (["... and 50 more: --json lists all", f"{room}: 150 errors"], 102)
 
 
-def test_the_old_name_of_lamps_is_noted(room: Path) -> None:
-    note = "`leds` is now `lamps`"
-    assert note not in invoke("check", str(room)).output
-    room.write_text(ROOM.replace("lamps:", "leds:"), encoding="utf-8")
-    told = invoke("check", str(room))
-    assert (told.exit_code, note in told.output, "2 lamps" in told.output) == (0, True, True)
-
-
 def test_a_missing_map_is_an_error(room: Path) -> None:
     ended = invoke("check", str(room.parent / "none.yaml"))
     assert ended.exit_code == 1

@@ -151,11 +151,6 @@ def parse_survey(data: bytes | str) -> Survey:
     return survey
 
 
-def to_json(survey: Survey) -> bytes:
-    """Return `survey` as JSON."""
-    return _SURVEY.dump_json(survey)
-
-
 def check_survey(
     strips: tuple[StripSpec, ...], lamps: tuple[LampSpec, ...], views: tuple[CameraView, ...]
 ) -> None:

@@ -7,10 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.cli.recordings.replay import lines_of
+from pointit.cli.recordings.replay import first_lines
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
-from pointit.replay.comparison import TOLERANCE, TOLERANCES, Comparison, ComparisonReport, Sample, sample_of
+from pointit.replay.comparison import (
+    TOLERANCE,
+    TOLERANCES,
+    Comparison,
+    ComparisonReport,
+    Sample,
+    TopicReport,
+    sample_of,
+)
 from pointit.replay.playing import plan_replay, replay
 from pointit.schemas.topics import STRIPS_FRAME, topic_of
 
@@ -65,10 +73,16 @@ def compare(before: Sequence[Sample], now: Sequence[Sample]) -> ComparisonReport
     return comparison.finish()
 
 
+def _line(topic: TopicReport) -> str:
+    fields = ", ".join(f"{each.field} {each.largest}" for each in topic.fields)
+    counts = f"differ {topic.differ}, missing {topic.only_recorded}, new {topic.only_replayed}"
+    return f"{topic.key}: recorded {topic.recorded}, replayed {topic.replayed}, {counts}: {fields}"
+
+
 def table(name: str, report: ComparisonReport, began_ns: int) -> str:
     """Return the differences in the session `name` as lines, with the first message that differs."""
     changed = ComparisonReport(topics=tuple(topic for topic in report.topics if not topic.is_same))
-    return "\n".join([f"session {name}:", *lines_of(changed, began_ns)])
+    return "\n".join([f"session {name}:", *map(_line, changed.topics), *first_lines(changed, began_ns)])
 
 
 def _path(name: str) -> Path:

@@ -231,15 +231,6 @@ def print_report(report: ComparisonReport, began_ns: int) -> None:
         say(line)
 
 
-def lines_of(report: ComparisonReport, began_ns: int) -> list[str]:
-    """Return a line for each topic, and the first message that differs."""
-    lines = [
-        ", ".join(f"{name} {value}" for name, value in _row(topic, began_ns).items() if value)
-        for topic in report.topics
-    ]
-    return [*lines, *first_lines(report, began_ns)]
-
-
 def first_lines(report: ComparisonReport, began_ns: int) -> list[str]:
     """Return the first message that differs, with its partner, or that there is none."""
     first = report.first

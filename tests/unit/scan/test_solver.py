@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 from pointit.bridges.web.scan.session import marked_pixels
 from pointit.cli.maps.exchange import import_
@@ -26,9 +27,13 @@ from pointit.scan.views import (
     Survey,
     parse_survey,
     read_survey,
-    to_json,
 )
 from tests.unit.scan.photographs import LAMP, LAMPS, LINES, PITCH_M, PLACES, photograph, photographs, specs
+
+
+def to_json(survey: Survey) -> bytes:
+    """Return `survey` as the content of a file."""
+    return TypeAdapter(Survey).dump_json(survey)
 
 
 def distances(scan: Scan) -> dict[str, float]:

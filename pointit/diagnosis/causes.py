@@ -67,8 +67,8 @@ def unreachable(
         f"nothing runs at {where}",
         "start its router with `pointit router`, or give its address by --connect"
         if is_secured
-        else "start `pointit run`, give its address by --connect or, on a secured site, your identity by "
-        "--credentials",
+        else "start `pointit run`, or `pointit router` if services wait for it, give its address by "
+        "--connect or, on a secured site, your identity by --credentials",
     )
 
 

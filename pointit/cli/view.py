@@ -19,7 +19,8 @@ from rich.text import Text
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.output import duration_text
 from pointit.cli.summary import DisplayPart, figures
-from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
+from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M, figure, yaw_sigma_deg
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.running_scenario import RunningScenario
@@ -160,7 +161,7 @@ def activity_lines(monitor: Monitor, width: int) -> RenderableType:
 
 
 def _pose(pose: UserPose, now_ns: int) -> list[Text]:
-    sigma_m, sigma_deg = position_sigma_m(pose), yaw_sigma_deg(pose)
+    sigma_m, sigma_deg = position_sigma_m(pose.covariance), yaw_sigma_deg(pose)
     place = Text(f"{pose.position_m[0]:.2f}, {pose.position_m[1]:.2f}")
     yaw = Text(f"{math.degrees(math.remainder(pose.yaw_rad, math.tau)):.1f}°")
     if sigma_m > 0.0:

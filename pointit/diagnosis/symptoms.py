@@ -31,11 +31,6 @@ ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  #
 """Names of the localizer's metrics."""
 
 
-def position_sigma_m(pose: UserPose) -> float:
-    """Return the standard deviation of the position along the worse direction. 0: assumed exact."""
-    return floor_sigma.position_sigma_m(pose.covariance)
-
-
 def yaw_sigma_deg(pose: UserPose) -> float:
     """Return the standard deviation of the yaw. 0: assumed exact."""
     return math.degrees(floor_sigma.yaw_sigma_rad(pose.covariance))

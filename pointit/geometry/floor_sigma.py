@@ -18,8 +18,8 @@ def position_sigma_m(covariance: ArrayLike) -> float:
     Args:
         covariance: of (x, y, yaw) of the pose, (3, 3), or row by row: 9 numbers.
     """
-    level = np.asarray(covariance, dtype=float).reshape(3, 3)[:2, :2]
-    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(level)[-1])))
+    xx, xy, _, _, yy = np.ravel(covariance)[:5].tolist()
+    return math.sqrt(max(0.0, (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)))
 
 
 def yaw_sigma_rad(covariance: Sequence[float]) -> float:

@@ -20,6 +20,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.services.localizer.estimation.levenberg_marquardt import (
     PARAMETERS,
     SAME_POSE,
@@ -528,8 +529,7 @@ class Solution:
     @property
     def position_sigma_m(self) -> float:
         """Return the standard deviation along the worse horizontal direction."""
-        (xx, xy), (_, yy) = self.covariance[:2, :2].tolist()
-        return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
+        return position_sigma_m(self.covariance)
 
     @property
     def latency_shift(self) -> Array:

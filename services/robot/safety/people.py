@@ -2,7 +2,7 @@
 
 import math
 
-from pointit.geometry.floor_sigma import place_sigma_m
+from pointit.geometry.floor_sigma import place_sigma_m, position_sigma_m
 from pointit.geometry.solids import is_level
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.schemas.text import round_beyond
@@ -74,7 +74,10 @@ class PeopleNearRobot:
                 self._poses.pop(user, None)
         return tuple(
             CylinderObstacle(
-                "people", user, pose.position_m, self._config.keep_out_m + 2.0 * _place_sigma_m(pose)
+                "people",
+                user,
+                pose.position_m,
+                self._config.keep_out_m + 2.0 * position_sigma_m(pose.covariance),
             )
             for user, pose in self._poses.items()
         )
@@ -84,7 +87,7 @@ class PeopleNearRobot:
         pose = self._poses.get(name)
         if pose is None or pose.method == "external":
             return "make room"
-        sigma_m = _place_sigma_m(pose)
+        sigma_m = position_sigma_m(pose.covariance)
         known = f"the known position (1 sigma {sigma_m:.2f} m)" if sigma_m > 0.0 else "the known position"
         return f"let {name} step back and localize again: {known} does not follow them"
 
@@ -173,10 +176,3 @@ class PeopleNearRobot:
         return place_sigma_m(
             cursor.point_m, pose.position_m, pose.covariance, cursor.origin_m, aim_rad, is_level=is_level
         )
-
-
-def _place_sigma_m(pose: UserPose) -> float:
-    """Return 1 sigma of the position on the floor along its worse direction."""
-    xx, xy, _, _, yy = pose.covariance[:5]
-    middle, half = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
-    return math.sqrt(max(0.0, middle + half))

@@ -11,7 +11,8 @@ import statistics
 import numpy as np
 import pytest
 
-from pointit.diagnosis.symptoms import UNSURE_M, position_sigma_m
+from pointit.diagnosis.symptoms import UNSURE_M
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
@@ -51,11 +52,13 @@ def test_a_person_of_unknown_place_is_found_and_leads_the_cursor_over_the_strips
 @pytest.mark.parametrize(("people", "honest"), [(5, 4), pytest.param(20, 18, marks=pytest.mark.long)])
 def test_the_stated_uncertainty_is_honest_and_small(people: int, honest: int) -> None:
     poses = [first(localized(seed)) for seed in range(1, people + 1)]
-    within = [pose.position_error_m <= 2.0 * position_sigma_m(pose.pose) for pose in poses]
+    within = [pose.position_error_m <= 2.0 * position_sigma_m(pose.pose.covariance) for pose in poses]
     assert sum(within) >= honest
     errors_m = [pose.position_error_m for pose in poses]
     assert statistics.median(errors_m) <= 0.4
-    assert max(position_sigma_m(pose.pose) for pose in poses) <= 0.5  # what is less certain is refused
+    assert (
+        max(position_sigma_m(pose.pose.covariance) for pose in poses) <= 0.5
+    )  # what is less certain is refused
 
 
 @pytest.mark.slow
@@ -165,6 +168,6 @@ def test_both_are_localized_one_after_the_other_and_point(seed: int) -> None:
     for index, user in enumerate(USERS):
         assert states[user][-1] == "pointing", states
         place = plan.places[index % len(plan.places)]
-        sigma_m = position_sigma_m(poses[user])
+        sigma_m = position_sigma_m(poses[user].covariance)
         assert sigma_m <= UNSURE_M
         assert math.dist(poses[user].position_m[:2], place.position_m[:2]) <= 3.0 * sigma_m

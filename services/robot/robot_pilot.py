@@ -130,14 +130,14 @@ class RobotPilot:
     def on_presence(self, user: str, *, present: bool) -> None:
         """Update whether a person's services run."""
         self._owners.on_presence(user, present=present)
-        self._safety.on_presence(user, present)
+        self._safety.people.on_presence(user, is_present=present)
         if not present:
             self._cursors.pop(user, None)
             self._figure.on_gone(user)
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update the pose of any person."""
-        self._safety.on_pose(user, pose)
+        self._safety.people.on_pose(user, pose)
         self._figure.on_pose(user, pose)
 
     def on_localizer_end(self, user: str) -> None:
@@ -155,7 +155,7 @@ class RobotPilot:
     def on_cursor(self, user: str, cursor: Cursor) -> None:
         """Update a person's cursor."""
         self._cursors[user] = cursor
-        self._safety.on_cursor(user, cursor)
+        self._safety.people.on_cursor(user, cursor)
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
         """Accept a goal of the person who steers the robot. Repeated and late goals are ignored."""

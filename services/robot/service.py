@@ -187,7 +187,7 @@ class Robot(Service[RobotConfig]):
             self._pilot.on_localizer_end(instance.removeprefix(LOCALIZER))
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
-        self._safety.on_interaction(user, interaction)
+        self._safety.people.on_interaction(user, interaction)
         if user == self._pilot.user:
             self._step(self.clock.now_ns())
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import get_args
 
 from pointit.geometry.vector import Vec3, add, azimuth, direction, dot, norm, scale, subtract, wrap
-from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, RobotState, UserPose
+from pointit.schemas import NS_PER_S, Environment, RobotState
 from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
@@ -240,7 +240,8 @@ class Safety:
     def __init__(self, config: RobotConfig, robot: str) -> None:
         self._config = config
         self._robot = robot
-        self._people = PeopleNearRobot(config, robot)
+        self.people = PeopleNearRobot(config, robot)
+        """The people around it, which are told what everybody does."""
         self._reports = Reports(config, robot)
         self._fences: tuple[Obstacle, ...] | None = None
         """None before the map has come: then it must not move."""
@@ -256,23 +257,7 @@ class Safety:
         self._fences = tuple(
             KeepIn(fence) if fence.kind == "keep_in" else KeepOut(fence) for fence in environment.fences
         )
-        self._people.on_map(environment)
-
-    def on_pose(self, user: str, pose: UserPose) -> None:
-        """Update the pose of any person."""
-        self._people.on_pose(user, pose)
-
-    def on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - as the bus says it
-        """Update whether the services of any person run."""
-        self._people.on_presence(user, is_present=present)
-
-    def on_interaction(self, user: str, interaction: Interaction) -> None:
-        """Update the interaction of any person."""
-        self._people.on_interaction(user, interaction)
-
-    def on_cursor(self, user: str, cursor: Cursor) -> None:
-        """Update the cursor of any person."""
-        self._people.on_cursor(user, cursor)
+        self.people.on_map(environment)
 
     def on_robot(self, name: str, state: RobotState) -> None:
         """Update the state of another robot. Its last place counts for a while if it sends no other."""
@@ -295,7 +280,7 @@ class Safety:
         A quadrotor does not take off beside people.
         """
         self._now_ns = now_ns
-        stop = self._reports.stop_reason(now_ns) or self._people.stop_reason(user, now_ns)
+        stop = self._reports.stop_reason(now_ns) or self.people.stop_reason(user, now_ns)
         if stop is not None or self._fences is None:
             return NO_MAP if stop is None else stop.text
         report = self._reports.newest
@@ -308,16 +293,16 @@ class Safety:
             return ""
         short_m = -region.clearance_m(blocker, hover_m)
         near = f"{round_beyond(short_m)} m too near to {blocker.name}"
-        remedy = self._people.room_remedy(blocker.name) if blocker.kind == "people" else "make room"
+        remedy = self.people.room_remedy(blocker.name) if blocker.kind == "people" else "make room"
         return f"{self._robot} would hover {near}: carry it away, or {remedy}"
 
     def target_problem(self, user: str, points_m: Sequence[Vec3], now_ns: int, *, sigma_m: float) -> str:
         """Return the reason not to go along points, known to `sigma_m` (1 sigma), or `""`."""
         stop = (
             self._reports.stop_reason(now_ns)
-            or self._people.stop_reason(user, now_ns)
-            or self._people.cursor_stop_reason(user, now_ns, follows=False)
-            or self._people.sigma_stop_reason(sigma_m)
+            or self.people.stop_reason(user, now_ns)
+            or self.people.cursor_stop_reason(user, now_ns, follows=False)
+            or self.people.sigma_stop_reason(sigma_m)
         )
         return self.way_problem(points_m) if stop is None else stop.text
 
@@ -369,10 +354,10 @@ class Safety:
                 del self._others[name]
         stop = self._reports.stop_reason(now_ns)
         if stop is None and user and mode == "land":
-            stop = self._people.presence_stop_reason(user)
+            stop = self.people.presence_stop_reason(user)
         elif stop is None and user:
-            stop = self._people.stop_reason(user, now_ns) or (
-                self._people.cursor_stop_reason(user, now_ns, follows=mode == "follow")
+            stop = self.people.stop_reason(user, now_ns) or (
+                self.people.cursor_stop_reason(user, now_ns, follows=mode == "follow")
             )
         stop = stop or self._stop_before_obstacle() or self._stop_above_person(mode)
         if stop is None:
@@ -441,7 +426,7 @@ class Safety:
         config, report = self._config, self._reports.newest
         sigma_m = 0.0 if report is None else report.position_sigma_m or 0.0
         others = (self._cylinder(name, state) for name, state in self._others.items())
-        obstacles = (*(self._fences or ()), *self._people.cylinders(self._now_ns), *others)
+        obstacles = (*(self._fences or ()), *self.people.cylinders(self._now_ns), *others)
         return Region(obstacles, config.radius_m + 2.0 * sigma_m)
 
     def _cylinder(self, name: str, state: RobotState) -> CylinderObstacle:

@@ -88,11 +88,11 @@ class Steered:
         square = self.person_sigma_m**2
         covariance = (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, 0.0)
         pose = UserPose(stamp_ns=self.now_ns, position_m=place_m, yaw_rad=0.0, covariance=covariance)
-        self.safety.on_pose(user, pose)
+        self.safety.people.on_pose(user, pose)
 
     def interact(self, state: str, *, is_unsure: bool = False) -> None:
         interaction = {"stamp_ns": self.now_ns, "state": state, "is_unsure": is_unsure}
-        self.safety.on_interaction("ada", Interaction.model_validate(interaction))
+        self.safety.people.on_interaction("ada", Interaction.model_validate(interaction))
 
     def command(self, command: Command) -> None:
         self._order += 1
@@ -119,7 +119,7 @@ class Steered:
             if self.are_reports_alive:
                 self._take(self.change_report(self.report))
             if self.is_cursor_alive:
-                self.safety.on_cursor("ada", self._cursor())
+                self.safety.people.on_cursor("ada", self._cursor())
         if self._step % self.tick == 0:
             self._tick()
         self.on_step()

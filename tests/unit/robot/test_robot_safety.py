@@ -143,8 +143,8 @@ def test_nothing_moves_before_the_map_has_come() -> None:
     safety = Safety(GROUND, "quad")
     now_ns = START_NS
     safety.on_report(RobotReport(now_ns, (0.0, 0.0, 0.0), velocity_mps=(0.3, 0.0, 0.0)), now_ns)
-    safety.on_pose("ada", UserPose(stamp_ns=now_ns, position_m=(0.0, -8.0, 0.0), yaw_rad=0.0))
-    safety.on_interaction("ada", Interaction(stamp_ns=now_ns, state="pointing"))
+    safety.people.on_pose("ada", UserPose(stamp_ns=now_ns, position_m=(0.0, -8.0, 0.0), yaw_rad=0.0))
+    safety.people.on_interaction("ada", Interaction(stamp_ns=now_ns, state="pointing"))
     said = "the map of the room has not come yet"
     assert safety.take_problem("ada", now_ns).startswith(said)
     assert safety.way_problem([(1.0, 0.0, 0.0)]).startswith(said)
@@ -177,10 +177,10 @@ def test_who_is_beside_a_quadrotor_by_an_estimate_is_told_its_sigma_and_who_is_t
     robot.safety.on_report(RobotReport(robot.now_ns, (0.0, 0.0, 0.0)), robot.now_ns)
     pose = UserPose(stamp_ns=robot.now_ns, position_m=(0.0, -0.8, 0.0), yaw_rad=0.0, method="static_targets")
     covariance = (0.09, 0.0, 0.0, 0.0, 0.04, *pose.covariance[5:])
-    robot.safety.on_pose("ada", pose.model_copy(update={"covariance": covariance}))
+    robot.safety.people.on_pose("ada", pose.model_copy(update={"covariance": covariance}))
     problem = robot.safety.take_problem("ada", robot.now_ns)
     assert "the known position (1 sigma 0.30 m) does not follow" in problem
-    robot.safety.on_pose("ada", pose.model_copy(update={"method": "external"}))
+    robot.safety.people.on_pose("ada", pose.model_copy(update={"method": "external"}))
     assert robot.safety.take_problem("ada", robot.now_ns).endswith("carry it away, or make room")
 
 

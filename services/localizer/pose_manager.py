@@ -17,14 +17,11 @@ from pointit.schemas import (
     Environment,
     ImuSample,
     Interaction,
-    LampLeases,
     Localization,
     PointingRay,
-    RememberedBias,
     RobotState,
     SelectionEvent,
     SetPose,
-    TrackedObjects,
     UserPose,
 )
 from pointit.schemas.text import round_beyond
@@ -201,20 +198,11 @@ class PoseManager:
         self._things_m: dict[str, Vec3] = {}
         """Centre of each thing that does not move, {W}."""
         self._origin = YawOrigin()
-        self._procedures = ProcedureRunner(user, config, self._tracking)
+        self.procedures = ProcedureRunner(user, config, self._tracking)
+        """Procedures of the person, which get leases, objects and the time without a detour."""
         self._is_cursor_shown = False
         self._drivers: dict[str, str] = {}
         """Person who steers each robot, or `""`."""
-
-    @property
-    def is_busy(self) -> bool:
-        """Return True if a procedure runs and needs steps."""
-        return self._procedures.is_busy
-
-    @property
-    def remembered_bias(self) -> RememberedBias | None:
-        """Return the elevation bias that the next localization by a robot expects, None if unknown."""
-        return self._procedures.bias_memory.remembered
 
     @property
     def is_followed(self) -> bool:
@@ -228,34 +216,22 @@ class PoseManager:
         if config.method == "fixed":
             out.append(self._tracking.set_exact(config.fixed(now_ns), now_ns))
         elif config.method == "moving_target" and config.autostart:
-            out += self._procedures.start_moving_target(now_ns)
+            out += self.procedures.start_moving_target(now_ns)
         return out
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
         """Update the map."""
         self._things_m = {thing.id: thing.center_m for thing in room.fixed_things}
-        return self._procedures.on_map(room, now_ns)
-
-    def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
-        """Update the queue for lamps."""
-        return self._procedures.on_leases(leases, now_ns)
-
-    def on_leases_gone(self, now_ns: int) -> None:
-        """Forget the queue for lamps, as led-driver has ended."""
-        self._procedures.on_leases_gone(now_ns)
+        return self.procedures.on_map(room, now_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""
         self._heading_window.add(ray)
         if self._tracking.follows:  # no other pose is corrected by landings
             self._landing_detector.add(ray)
-        self._procedures.on_ray(ray)
+        self.procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]
-
-    def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        """Process positions of tracked objects."""
-        self._procedures.on_objects(objects, tracker)
 
     def on_robot(self, state: RobotState, robot: str, now_ns: int) -> list[Output]:
         """Correct a pose that drifts when the person takes a robot, at which they point then."""
@@ -265,7 +241,7 @@ class PoseManager:
         mean = self._heading_window.mean(now_ns)
         if self._config.anchor_at_robots is False or isinstance(mean, Refusal):
             return []
-        return self._procedures.taken_robot(state, robot, mean, now_ns)
+        return self.procedures.taken_robot(state, robot, mean, now_ns)
 
     def on_announced(self, announced: Announced, _user: str = "") -> None:
         """Process the name that is spoken to the person."""
@@ -276,7 +252,7 @@ class PoseManager:
         if event.user != self._user or event.event not in ("selected", "deselected"):
             return []
         landing, position_m = self._landing_detector.take(), self._things_m.get(event.object_id)
-        is_confirmed = event.cause == "button" and self._has_names and not self._procedures.is_busy
+        is_confirmed = event.cause == "button" and self._has_names and not self.procedures.is_busy
         if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:
             return []
         learned = self._tracking.learn_elevation(position_m, landing, now_ns)
@@ -290,14 +266,14 @@ class PoseManager:
         If its yaw has another origin than before, the pose's yaw is unknown. While no cursor is shown, a
         resting arm shows the IMU's drift.
         """
-        self._procedures.on_wrist(sample.latency_sigma_s, sample.mounting)
+        self.procedures.on_wrist(sample.latency_sigma_s, sample.mounting)
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
             self._heading_window, self._landing_detector = HeadingWindow(), LandingDetector()
             pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
-            out = [*self._procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
-        if not self._is_cursor_shown and not self._procedures.is_following:
+            out = [*self.procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
+        if not self._is_cursor_shown and not self.procedures.is_following:
             self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
         return out
 
@@ -317,12 +293,8 @@ class PoseManager:
             return []
         who = f"a tracker provides the pose of {self._user} now"
         reason = f"{who}, so the localizer pauses; stop the tracker to localize"
-        stopped = self._procedures.stop(now_ns, reason)
+        stopped = self.procedures.stop(now_ns, reason)
         return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), WithdrawPose()]
-
-    def step(self, now_ns: int) -> list[Output]:
-        """Advance the procedure, if there is one."""
-        return self._procedures.step(now_ns)
 
     def due(self, now_ns: int) -> list[Output]:
         """Return the pose if it is time to publish it again."""
@@ -366,12 +338,12 @@ class PoseManager:
         if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if method == "fixed":
-            out = self._procedures.stop(now_ns)
+            out = self.procedures.stop(now_ns)
             self._external_pose.take_over()
             out.append(self._tracking.set_exact(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
             return Response("the pose is fixed by the configuration", out)
-        procedures = self._procedures
+        procedures = self.procedures
         begun = (
             procedures.start_moving_target(now_ns)
             if method == "moving_target"
@@ -384,13 +356,13 @@ class PoseManager:
 
     def cancel(self, now_ns: int, *, forget_bias: bool = False) -> Response:
         """Stop the running procedure. With `forget_bias`, also forget the person's elevation bias."""
-        out = self._procedures.stop(now_ns)
+        out = self.procedures.stop(now_ns)
         if forget_bias:
-            self._procedures.bias_memory.remembered = None
+            self.procedures.bias_memory.remembered = None
             pose = self._tracking.pose(now_ns)
             out += [] if pose is None else [pose]
             if self._config.autostart and self._config.method == "moving_target":
-                out += self._procedures.start_moving_target(now_ns)
+                out += self.procedures.start_moving_target(now_ns)
             return Response("forgotten: the next localization expects no elevation bias", out)
         return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
 
@@ -398,10 +370,10 @@ class PoseManager:
         """Set the pose on request."""
         if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
-        out = self._procedures.stop(now_ns)
+        out = self.procedures.stop(now_ns)
         self._external_pose.take_over()
         if query.remembered_bias is not None:
-            self._procedures.bias_memory.remembered = query.remembered_bias
+            self.procedures.bias_memory.remembered = query.remembered_bias
         pose = UserPose(
             stamp_ns=now_ns,
             position_m=query.position_m,
@@ -420,7 +392,7 @@ class PoseManager:
         """Set the yaw from the direction `azimuth_rad` at which the person points now."""
         if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
-        if self._procedures.is_busy:
+        if self.procedures.is_busy:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         mean = self._heading_window.mean(now_ns)
         if isinstance(mean, Refusal):
@@ -439,23 +411,19 @@ class PoseManager:
 
     def point_anchor(self, lamp_id: str, now_ns: int) -> Response | Refusal:
         """Start pointing at the lamp `lamp_id`, or at the most informative one if `""`."""
-        if self._procedures.is_localizing:
+        if self.procedures.is_localizing:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         if self._tracking.base is None:
             return Refusal(self._nowhere())
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
             return Refusal(self._silent(now_ns))
-        out = self._procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
+        out = self.procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
         if isinstance(out, Refusal):
             return out
-        return Response(self._queued() or f"point at {self._procedures.lit}", out)
-
-    def stop(self, now_ns: int) -> list[Output]:
-        """Stop the running procedure, lamps off."""
-        return self._procedures.stop(now_ns)
+        return Response(self._queued() or f"point at {self.procedures.lit}", out)
 
     def _queued(self) -> str:
-        ahead = self._procedures.ahead
+        ahead = self.procedures.ahead
         return f"{self._user} waits in turn: {', '.join(ahead)} first" if ahead else ""
 
     def _nowhere(self) -> str:

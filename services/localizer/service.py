@@ -104,13 +104,13 @@ class Localizer(Service[LocalizerConfig]):
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
                 group.create_task(self._follow(), name=f"localizer.{self.user} drift")
         finally:
-            self._emit(self._pose_manager.stop(self.clock.now_ns()))
+            self._emit(self._pose_manager.procedures.stop(self.clock.now_ns()))
 
     async def _step(self) -> None:
         while True:
             await self._busy.wait()
             await sleep(self.clock, 1.0 / STEP_HZ)
-            self._emit(self._pose_manager.step(self.clock.now_ns()))
+            self._emit(self._pose_manager.procedures.step(self.clock.now_ns()))
 
     async def _follow(self) -> None:
         while True:
@@ -129,11 +129,11 @@ class Localizer(Service[LocalizerConfig]):
         self._emit(self._pose_manager.on_map(environment, self.clock.now_ns()))
 
     def _on_leases(self, leases: LampLeases, _name: str) -> None:
-        self._emit(self._pose_manager.on_leases(leases, self.clock.now_ns()))
+        self._emit(self._pose_manager.procedures.on_leases(leases, self.clock.now_ns()))
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == ARBITER and not present:
-            self._pose_manager.on_leases_gone(self.clock.now_ns())
+            self._pose_manager.procedures.on_leases_gone(self.clock.now_ns())
 
     def _on_interaction(self, interaction: Interaction, _user: str) -> None:
         self._pose_manager.on_interaction(interaction)
@@ -157,7 +157,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         if self._is_timely(topics.OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
-            self._pose_manager.on_objects(objects, tracker)
+            self._pose_manager.procedures.on_objects(objects, tracker)
 
     def _on_robot(self, state: RobotState, robot: str) -> None:
         self._emit(self._pose_manager.on_robot(state, robot, self.clock.now_ns()))
@@ -221,7 +221,7 @@ class Localizer(Service[LocalizerConfig]):
                     self._anchors.put(output.model_copy(update={"seq": self._next(topics.ANCHOR.key)}))
                 case WithdrawPose():
                     self._withdraw_pose()
-        self._set(self._busy, is_on=self._pose_manager.is_busy)
+        self._set(self._busy, is_on=self._pose_manager.procedures.is_busy)
         self._set(self._followed, is_on=self._pose_manager.is_followed)
 
     @staticmethod
@@ -232,7 +232,7 @@ class Localizer(Service[LocalizerConfig]):
     def _publish_pose(self, pose: UserPose) -> None:
         if self._poses is None:
             self._poses = self.bus.publisher(topics.POSE, self.user)
-        remembered = self._pose_manager.remembered_bias
+        remembered = self._pose_manager.procedures.bias_memory.remembered
         self._poses.put(
             pose.model_copy(update={"seq": self._next(topics.POSE.key), "remembered_bias": remembered})
         )

@@ -95,12 +95,12 @@ def test_lamps_anchors_and_poses_anywhere(
     for tick in range(400):
         now_ns = START_NS + (tick + 1) * S // 50
         locating.on_ray(ray(*rays[tick // 15 % len(rays)], now_ns), now_ns)
-        locating.step(now_ns)
+        locating.procedures.step(now_ns)
         locating.due(now_ns)
         if tick == 200:
             position_m, yaw_rad = given_pose
             locating.set_pose(SetPose(position_m=position_m, yaw_rad=yaw_rad), now_ns)
-        if tick >= 210 and not locating.is_busy:
+        if tick >= 210 and not locating.procedures.is_busy:
             locating.set_heading(rays[0][1], now_ns)
             locating.point_anchor("", now_ns)
     assert list(locating.figures(START_NS + 9 * S))

@@ -65,7 +65,7 @@ class Player:
 
     @property
     def waits(self) -> bool:
-        return self.core is not None and self.core.is_busy and not self.target
+        return self.core is not None and self.core.procedures.is_busy and not self.target
 
     def shares(self, other: "Player") -> bool:
         mine, theirs = ({*player.lamps} or {lamp.id for lamp in LAMPS} for player in (self, other))
@@ -112,7 +112,7 @@ class World:
                 self.send(player, player.news)
 
     def ask(self, player: Player, *, anchor: bool = False) -> None:
-        if player.core is None or player.core.is_busy:
+        if player.core is None or player.core.procedures.is_busy:
             return
         player.asked_ns = self.now_ns
         answer = player.core.point_anchor("", self.now_ns) if anchor else player.core.start(None, self.now_ns)
@@ -149,7 +149,7 @@ class World:
             elif self.now_ns < player.is_deaf_until_ns:  # states are sent again when the link is back
                 self.wire.append((player.is_deaf_until_ns, number, name, news))
             elif player.core is not None:
-                self.emit(player, player.core.on_leases(news, self.now_ns))
+                self.emit(player, player.core.procedures.on_leases(news, self.now_ns))
         self.queue.expire(self.now_ns)
         leases = self.queue.service().leases
         if leases != self.leases.leases:
@@ -158,9 +158,9 @@ class World:
                 self.send(player, self.leases)
         ray = PointingRay(stamp_ns=self.now_ns, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
         for player in self.people.values():
-            if player.core is not None and player.core.is_busy:
+            if player.core is not None and player.core.procedures.is_busy:
                 self.emit(player, player.core.on_ray(ray, self.now_ns))
-                self.emit(player, player.core.step(self.now_ns))
+                self.emit(player, player.core.procedures.step(self.now_ns))
         pairs = list(itertools.combinations([player for player in self.people.values() if player.target], 2))
         sharing = [(a.name, b.name) for a, b in pairs if a.shares(b)]
         self.together_ns = Counter({pair: self.together_ns[pair] + STEP_NS for pair in sharing})
@@ -180,7 +180,9 @@ class World:
         assert self.rests()
 
     def rests(self) -> bool:
-        return not any(player.core is not None and player.core.is_busy for player in self.people.values())
+        return not any(
+            player.core is not None and player.core.procedures.is_busy for player in self.people.values()
+        )
 
 
 delays = st.lists(st.floats(0.0, DELAY_S), min_size=len(NAMES), max_size=len(NAMES))

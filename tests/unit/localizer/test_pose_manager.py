@@ -59,9 +59,11 @@ class Room:
             quad = TrackedObject(
                 id="quad", kind="robot", position_m=place, velocity_mps=(speed_mps, 0.0, 0.0)
             )
-            self.core.on_objects(TrackedObjects(stamp_ns=self.now_ns, objects=(quad,)), "robot.quad")
+            self.core.procedures.on_objects(
+                TrackedObjects(stamp_ns=self.now_ns, objects=(quad,)), "robot.quad"
+            )
             self.heard += self.core.on_ray(self.person.ray(target, self.now_ns), self.now_ns)
-            self.heard += self.core.step(self.now_ns)
+            self.heard += self.core.procedures.step(self.now_ns)
 
     def drive(self, user: str, *, speed_mps: float = 0.0) -> None:
         state = RobotState(
@@ -339,7 +341,7 @@ def test_a_map_that_changes_ends_it_with_a_sentence(
 ) -> None:
     locating = localizing(procedure)
     (news,) = locating.on_map(room(*lamps), START_NS + NS_PER_S)
-    assert not locating.is_busy
+    assert not locating.procedures.is_busy
     assert isinstance(news, Localization)
     assert news.phase == "cancelled"
     assert news.reason.startswith("the map changed while anna was pointing at its lamps: lamp a ")
@@ -349,7 +351,7 @@ def test_a_map_that_changes_ends_it_with_a_sentence(
 def test_a_map_that_changes_elsewhere_is_taken() -> None:
     locating = localizing("pose")
     assert locating.on_map(room(A, B, C, at(C)), START_NS) == []
-    assert locating.is_busy
+    assert locating.procedures.is_busy
     locating = localizing("anchor")
     assert locating.on_map(room(A), START_NS) == []
-    assert locating.is_busy
+    assert locating.procedures.is_busy

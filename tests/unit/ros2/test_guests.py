@@ -17,7 +17,7 @@ from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.unit.ros2.graph_of_one import FakeBackend, graph
 from tests.unit.ros2.scenes import jazzy
 from tests.unit.ros2.test_inbound import frame_of, place, tf
-from tests.unit.ros2.test_inbound_guest import wish
+from tests.unit.ros2.test_inbound_services import wish
 
 RAYS = "/anna/pointing_ray"
 FRAME = "anna/human_footprint"

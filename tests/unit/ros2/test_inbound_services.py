@@ -1,5 +1,6 @@
-"""Services of ROS that ours answer; whatever ROS may send: never an exception, never a bad message."""
+"""Services of ROS that ours answer; rays and cursor subscriptions of people who have ROS nodes only."""
 
+import math
 from typing import Any
 
 import pytest
@@ -7,17 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pointit.schemas as models
+from pointit.bridges.ros2.inbound.checks import LATE_NS
+from pointit.bridges.ros2.outbound.person import pointing_ray
 from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosUser
 from pointit.bridges.ros2.routing.names import MAX_NUMBER
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
     ConversionWarning,
+    InboundRoute,
     ServiceRoute,
 )
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.schemas.topics import Topic
+from pointit.geometry import rotation, vector
+from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserProfile
+from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY, Topic
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, objects, out, package, quaternion, server
+from tests.unit.ros2.test_inbound import frame_of, output, place, said, taken, tf, warned
 from tests.unit.ros2.values import any_value
 
 
@@ -194,3 +201,175 @@ def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
         check(row.asks(asked, about(scene)))
         reply = data.draw(st.sampled_from([None, models.AddPackageReply(object_id="19-3")]))
         jazzy().encode(jazzy().response_of(row.type), row.response(asked, reply, about(scene)))
+
+
+HERS = "user1/human_footprint"
+EYES = (0.1, -0.2, 1.64)
+make = jazzy().make
+ANGLES = st.floats(-1.5, 1.5)
+
+
+def with_guests(*names: str, is_here: bool = True) -> ConversionState:
+    scene = furnished()
+    for name in names:
+        scene.ros_users[name] = RosUser(is_here=is_here)
+    return scene
+
+
+def wish(
+    name: str = "user1",
+    *,
+    subscribe: bool = True,
+    rgb: tuple[float, float, float] = (1.0, 0.5, 0.0),
+    cmap: str = "viridis",
+    size_m: float = 0.25,
+) -> Any:
+    red, green, blue = rgb
+    return make(
+        "conveyor_msgs/msg/PUISubscription",
+        user_name=name,
+        subscribe=subscribe,
+        pointer_color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        pointer_cmap=cmap,
+        pointer_size=size_m,
+    )
+
+
+def foreign(row: InboundRoute, value: Any, scene: ConversionState) -> list[BusOutput | ConversionWarning]:
+    """Messages from a value that our own codec would not send."""
+    return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
+
+
+def whats(found: list[BusOutput | ConversionWarning]) -> list[Any]:
+    return [each.what if isinstance(each, BusOutput) else each.sentence for each in found]
+
+
+def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1")
+    value = place(at=EYES, frame=HERS)
+    one = output(taken(row, value, scene))
+    assert (one.at, one.name) == (RAY, "user1")
+    assert (one.what.stamp_ns, one.what.origin_m, one.what.raw_direction) == (NOW_NS, EYES, None)
+    assert one.what.direction == pytest.approx((math.cos(1.0), math.sin(1.0), 0.0))
+    assert [said(taken(row, value, scene)).seq for _ in range(2)] == [2, 3]
+    assert scene.ros_users["user1"].has_new_input
+
+
+@given(azimuth_rad=ANGLES, elevation_rad=ANGLES, roll_rad=ANGLES, factor=st.sampled_from([1.0, -1.0, 1.0004]))
+def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
+    azimuth_rad: float, elevation_rad: float, roll_rad: float, factor: float
+) -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1")
+    way = vector.direction(azimuth_rad, elevation_rad)
+    ours = PointingRay(stamp_ns=NOW_NS, seq=1, origin_m=EYES, direction=way)
+    (value,) = pointing_ray(ours, ConversionContext(scene, "user1", NOW_NS, HERS))
+    rolled = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad)
+    x, y, z, w = (factor * each for each in rolled)
+    for each in (value.pose.orientation, quaternion((x, y, z, w))):
+        value.pose.orientation = each
+        found = said(taken(row, value, scene))
+        assert math.hypot(*found.direction) == pytest.approx(1.0, abs=1e-9)
+        assert found.direction == pytest.approx(way, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (place(frame="world"), "is in the frame 'world': send it in 'user1/human_footprint'"),
+        (place(q=(0.0, 0.0, 0.0, 0.0), frame=HERS), "the norm of its quaternion is 0"),
+        (place(q=(math.nan, 0.0, 0.0, 1.0), frame=HERS), "the norm of its quaternion is nan"),
+        (place(at=(0.0, math.nan, 0.0), frame=HERS), "is not a position"),
+    ],
+)
+def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) -> None:
+    scene = with_guests("user1")
+    sentence = warned(foreign(into("pointing_ray_in"), value, scene))
+    assert told in sentence
+    assert "the ray of user1" in sentence
+    assert not scene.ros_users["user1"].has_new_input
+
+
+def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
+    value = place(at=EYES, frame=HERS)
+    value.header.stamp.sec = (NOW_NS - 2 * LATE_NS) // NS_PER_S
+    first, second = taken(into("pointing_ray_in"), value, with_guests("user1"))
+    assert said([first]).stamp_ns == NOW_NS
+    assert "behind the site's clock" in warned([second])
+
+
+def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_nothing() -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1", is_here=False)
+    assert taken(row, place(frame=HERS), scene) == []
+    assert scene.ros_users["user1"].has_new_input
+    scene.ros_users["user1"].is_here = True
+    assert isinstance(said(taken(row, place(frame=HERS), scene)), PointingRay)
+    assert taken(row, place(frame=HERS), with_guests("user2")) == []
+    assert taken(row, place(frame="nonsense")) == []
+
+
+def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubscribe() -> None:
+    row, scene = into("subscription_in"), with_guests("user1", "user2", "anna-2")
+    look, points = (output([each]) for each in taken(row, wish(), scene))
+    assert (look.at, look.name, points.at, points.name) == (PROFILE, "user1", INTERACTION, "user1")
+    assert look.what.cursor_color == (255, 128, 0)
+    assert (look.what.cursor_colormap, look.what.cursor_width_m) == ("viridis", 0.25)
+    assert (points.what.state, points.what.seq) == ("pointing", 1)
+    assert scene.ros_users["user1"] == RosUser(is_here=True, has_new_input=True, is_subscribed=True, steps=1)
+    assert scene.ros_users["user2"] == RosUser(is_here=True)
+    ended = said(taken(row, wish(subscribe=False), scene))
+    assert (ended.state, ended.seq) == ("idle", 2)
+    assert not scene.ros_users["user1"].is_subscribed
+    look, points = (output([each]) for each in taken(row, wish("anna_2", rgb=(-1.0, 7.0, 1.0)), scene))
+    assert points.name == "anna-2", "known by their name in ROS"
+    assert look.what.cursor_color == (0, 255, 255), "the nearest"
+
+
+def test_what_is_repeated_is_not_said_again_and_a_new_look_is() -> None:
+    row, scene = into("subscription_in"), with_guests("user1")
+    assert taken(row, wish(subscribe=False), scene) == []
+    assert len(taken(row, wish(), scene)) == 2
+    assert taken(row, wish(), scene) == []
+    assert said(taken(row, wish(size_m=0.5), scene)).cursor_width_m == 0.5
+    assert said(taken(row, wish(subscribe=False), scene)).state == "idle"
+    assert taken(row, wish(subscribe=False), scene) == []
+    assert [type(each) for each in whats(taken(row, wish(size_m=0.5), scene))] == [UserProfile, Interaction]
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (wish(rgb=(math.nan, 0.0, 0.0)), "send r, g and b from 0 to 1"),
+        (wish(size_m=0.0), "is to be 0 m wide: send up to 1"),
+        (wish(size_m=1.5), "is to be 1.5 m wide"),
+        (wish(size_m=math.inf), "is to be inf m wide"),
+        (wish(cmap="x" * 40), "there is no colormap 'xxx"),
+    ],
+)
+def test_a_look_that_cannot_be_is_told_and_the_cursor_comes_all_the_same(value: Any, told: str) -> None:
+    sentence, points = whats(foreign(into("subscription_in"), value, with_guests("user1")))
+    assert told in sentence
+    assert points.state == "pointing"
+
+
+def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_is_not_heard() -> None:
+    row, scene = into("subscription_in"), with_guests("user1")
+    sentence = warned(taken(row, wish("eve"), scene))
+    assert sentence.startswith("'eve' wants a cursor, but is unknown here: list ")
+    assert "`people`" in sentence
+    assert taken(row, wish("eve", subscribe=False), scene) == []
+    scene.person("ben")
+    assert taken(row, wish("ben"), scene) == []
+    assert warned(taken(row, wish("x" * 500), scene))[:3] == "'xx"
+
+
+def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:
+    row, scene = into("tf_static_in"), with_guests("user1")
+    assert taken(row, tf(frame_of(HERS)), scene) == []
+    assert row.on_presence is not None
+    scene.person("user1")
+    early = row.on_presence(ConversionContext(scene, "user1", NOW_NS, "world"))
+    for pose in (output([*early]), output(taken(row, tf(frame_of(HERS)), scene))):
+        assert (pose.at, pose.name) == (POSE, "user1")
+        assert (pose.what.position_m, pose.what.method) == ((1.0, 2.0, 0.0), "external")
+        assert pose.what.yaw_rad == pytest.approx(1.0)
+    assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S

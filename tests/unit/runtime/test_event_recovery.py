@@ -120,11 +120,16 @@ async def test_a_silent_writer_is_queried_again_and_order_is_kept(reader: Reader
     assert reader.writer.asked[0] == "pointit/lab/selection/events/@adv/pub/a1/7/**?_sn=2..5"
 
 
-async def test_a_second_gap_is_closed_with_the_first(reader: Reader) -> None:
-    reader.writer.kept = range(20)
-    reader.hear(1, 3, 6)
-    await until(lambda: len(reader.got) == 6)
-    assert (reader.got, reader.lost) == ([1, 2, 3, 4, 5, 6], [])
+@pytest.mark.parametrize(
+    ("heard", "unable"),
+    [((1, 3, 6), 0), ((1, 3), 2)],
+    ids=["a second gap with the first", "by a session that could not ask"],
+)
+async def test_a_gap_is_closed(reader: Reader, heard: tuple[int, ...], unable: int) -> None:
+    reader.writer.kept, reader.writer.unable = range(20), unable
+    reader.hear(*heard)
+    await until(lambda: len(reader.got) == heard[-1])
+    assert (reader.got, reader.lost) == ([*range(1, heard[-1] + 1)], [])
 
 
 @pytest.mark.parametrize(
@@ -165,13 +170,6 @@ async def test_samples_that_come_late_by_themselves_close_their_gap(reader: Read
     await until(lambda: len(reader.got) == 4)
     reader.hear(5)
     assert (reader.got, reader.lost, reader.writer.asked) == ([1, 2, 3, 4, 5], [], [])
-
-
-async def test_a_session_that_cannot_ask_is_asked_again(reader: Reader) -> None:
-    reader.writer.kept, reader.writer.unable = range(20), 2
-    reader.hear(1, 3)
-    await until(lambda: len(reader.got) == 3)
-    assert (reader.got, reader.lost) == ([1, 2, 3], [])
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:

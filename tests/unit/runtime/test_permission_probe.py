@@ -21,7 +21,7 @@ class Router:
 
     def __init__(self) -> None:
         self.denied: Callable[[str], bool] = lambda _key: False
-        self.tests = 0
+        self.tests = self.messages = 0
         self.asked = asyncio.Event()
         self._hear: Callable[[Any], None] = lambda _sample: None
 
@@ -48,10 +48,6 @@ class Sample:
 class SlowRouter(Router):
     """Forwards the messages of a first test half at a time, as a busy machine may."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.messages = 0
-
     def put(self, key: str, payload: bytes) -> None:
         self.messages += 1
         if self.tests > 1 or (self.messages > 3 and "imu" not in key and "joins" not in key):
@@ -60,10 +56,6 @@ class SlowRouter(Router):
 
 class SharedRouter(Router):
     """Forwards all tests of another process of this identity before the first messages of this one."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.messages = 0
 
     def put(self, key: str, payload: bytes) -> None:
         self.messages += 1

@@ -5,8 +5,6 @@ import errno
 import gc
 import os
 import signal
-import subprocess
-import sys
 from typing import ClassVar
 
 import click
@@ -25,6 +23,7 @@ from pointit.runtime.service.process import (
     service_command,
 )
 from pointit.runtime.service.service import Scope, Service
+from tests.support.invoked import python
 
 
 class Arm(Config):
@@ -179,6 +178,11 @@ def test_help_documents_every_parameter(capsys: pytest.CaptureFixture[str]) -> N
         (["--arm.length-m", "long"], "--arm.length-m: arm.length_m: write a number"),
         (["--config", "absent.yaml"], "absent.yaml: cannot be read"),
         (["--user", "a/b"], "user 'a/b': use 1 to 64 letters"),
+        (["--listen", "tcp/127.0.0.1:70000"], "there is no port 70000; use one up to 65535"),
+        (["--connect", "tcp/127.0.0.1:70000"], "there is no port 70000; use one up to 65535"),
+        (["--connect", "tcp/127.0.0.1:0"], "there is no port 0; use one up to 65535"),
+        (["--listen", "tcp/127.0.0.1:-1"], "'tcp/127.0.0.1:-1' is no address"),
+        (["--connect", "tcp/127.0.0.1:http"], "is no address"),
     ],
 )
 def test_a_wrong_argument_is_named(
@@ -188,6 +192,7 @@ def test_a_wrong_argument_is_named(
     error = capsys.readouterr().err
     assert said in error
     assert "Traceback" not in error
+    assert "another PointIt" not in error
 
 
 def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.CaptureFixture[str]) -> None:
@@ -200,25 +205,6 @@ def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.Capt
     arguments = ("--user", "anna", "--connect", "tcp/127.0.0.1:9")
     assert ended(service_command(Picky), *arguments) == 2
     assert "Error: sample-one.anna: rate_hz: 50 is none of the recording's" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("option", "address", "said"),
-    [
-        ("--listen", "tcp/127.0.0.1:70000", "there is no port 70000; use one up to 65535"),
-        ("--connect", "tcp/127.0.0.1:70000", "there is no port 70000; use one up to 65535"),
-        ("--connect", "tcp/127.0.0.1:0", "there is no port 0; use one up to 65535"),
-        ("--listen", "tcp/127.0.0.1:-1", "'tcp/127.0.0.1:-1' is no address"),
-        ("--connect", "tcp/127.0.0.1:http", "is no address"),
-    ],
-)
-def test_an_invalid_port_is_named(
-    option: str, address: str, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert ended(service_command(Sample), "--user", "anna", option, address) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert "another PointIt" not in error
 
 
 @pytest.mark.parametrize(
@@ -255,9 +241,7 @@ run_program(command, at_once={at_once})
 
 @pytest.mark.parametrize(("at_once", "said"), [(True, "said"), (False, "said, and more\n")])
 def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, said: str) -> None:  # noqa: FBT001
-    script = LEAVING.format(at_once=at_once)
-    python = [sys.executable, "-c", script]
-    done = subprocess.run(python, check=False, capture_output=True, text=True, timeout=90)
+    done = python("-c", LEAVING.format(at_once=at_once))
     assert (done.returncode, done.stdout, done.stderr) == (3, said, "")
 
 

@@ -2,7 +2,6 @@
 
 import socket
 import sqlite3
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -14,6 +13,7 @@ from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router import LINGER, cut, disable_linger, peer, release_udp_ports
 from pointit.runtime.zenoh.session import close_session, open_session, own_sockets, set_user_timeout
 from tests.support.buses import free_port
+from tests.support.invoked import python
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option"),
@@ -125,9 +125,7 @@ def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_
 
 
 def test_nothing_is_found_where_no_descriptor_is_left() -> None:
-    looked = subprocess.run(
-        [sys.executable, "-c", LOOKS_WITHOUT_DESCRIPTORS], capture_output=True, text=True, check=False
-    )
+    looked = python("-c", LOOKS_WITHOUT_DESCRIPTORS)
     assert (looked.stdout, looked.stderr) == ("[] 0 0\n", "")
 
 
@@ -145,8 +143,7 @@ def test_locks_on_files_are_kept(tmp_path: Path) -> None:
     with closing(sqlite3.connect(path, isolation_level=None)) as held:
         held.execute("BEGIN EXCLUSIVE")
         set_user_timeout({free_port()}, AFTER_MS)
-        python = [sys.executable, "-c", take, str(path)]
-        other = subprocess.run(python, capture_output=True, text=True, check=False)
+        other = python("-c", take, path)
     assert "database is locked" in other.stderr
 
 

@@ -1,20 +1,17 @@
 """Blocking calls that are not joined at the end."""
 
 import asyncio
-import subprocess
-import sys
 import threading
 
 import pytest
 
 from pointit.runtime.host.threads import in_daemon_thread
 from tests.support.bench import until
+from tests.support.invoked import python
 
 pytestmark = pytest.mark.wall_time
 
 PATIENCE_S = 20.0
-HANGS_S = 300.0
-"""A program that takes so long never ends."""
 
 
 async def test_the_result_or_error_of_the_work_is_passed_on() -> None:
@@ -126,8 +123,7 @@ sys.exit(4)
 
 
 def ends(program: str) -> tuple[int, str, str]:
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=HANGS_S)
+    done = python("-c", program)
     return done.returncode, done.stdout, done.stderr
 
 

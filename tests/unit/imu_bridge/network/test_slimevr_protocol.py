@@ -152,9 +152,11 @@ def sent(number: int) -> SlimevrDatagram:
     return SlimevrDatagram(number, None)
 
 
-def connected(trackers: SlimevrTrackers, handshake: Handshake = BOARD, number: int = 5) -> None:
+def connected(handshake: Handshake = BOARD, number: int = 5) -> SlimevrTrackers:
+    trackers = SlimevrTrackers()
     assert trackers.called(ANNA, handshake, 0.0) is not None
     assert trackers.admit(ANNA, sent(number), 0.1) == FIRST
+    return trackers
 
 
 def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None:
@@ -168,8 +170,7 @@ def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None
 
 
 def test_datagrams_that_are_late_or_repeated_are_dropped_unless_they_have_no_number() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers)
+    trackers = connected()
     assert trackers.admit(ANNA, sent(8), 0.2) == NEXT
     assert trackers.admit(ANNA, sent(0), 0.25) == NEXT
     for late in (8, 7, 1):  # numbers go on where they were
@@ -178,15 +179,13 @@ def test_datagrams_that_are_late_or_repeated_are_dropped_unless_they_have_no_num
 
 
 def test_numbers_that_fall_far_are_a_restart() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers, number=5000)
+    trackers = connected(number=5000)
     assert trackers.admit(ANNA, sent(1), 0.2) == FIRST
     assert trackers.admit(ANNA, sent(2), 0.3) == NEXT
 
 
 def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers, number=50)
+    trackers = connected(number=50)
     assert trackers.called(ANNA, BOARD, 1.0) is not None
     assert trackers.admit(ANNA, sent(51), 1.1) == AGAIN
     assert trackers.called(ANNA, BOARD, 2.0) is not None
@@ -194,8 +193,7 @@ def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> No
 
 
 def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshake() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers, number=50)
+    trackers = connected(number=50)
     assert [trackers.step(time_s) for time_s in (1.0, 3.0, 3.2, 4.0)] == [False, False, True, False]
     assert trackers.is_lost
     assert trackers.admit(ANNA, sent(60), 5.0) == AGAIN
@@ -203,8 +201,7 @@ def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshak
 
 
 def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers, PHONE)
+    trackers = connected(PHONE)
     assert trackers.called(BEN, PHONE, 0.2) is None
     assert trackers.admit(BEN, sent(100), 0.3) is None
     assert trackers.admit(ANNA, sent(6), 0.4) == NEXT
@@ -216,8 +213,7 @@ def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
 
 
 def test_a_board_that_comes_back_at_another_address_is_the_same() -> None:
-    trackers = SlimevrTrackers()
-    connected(trackers, number=50)
+    trackers = connected(number=50)
     elsewhere = ("192.168.1.77", 6969)
     assert trackers.called(elsewhere, BOARD, 0.5) is None  # while the first is there, it is another one
     assert trackers.called(elsewhere, BOARD, 2.0) is not None

@@ -44,11 +44,6 @@ def brightness(home: MemoryHome) -> Any:
     return home.states[LAMP]["attributes"]["brightness"]
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
-
-
 @pytest.fixture
 async def home() -> AsyncIterator[tuple[MemoryHome, int]]:
     memory_home = lit_home()

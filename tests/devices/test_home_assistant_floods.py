@@ -20,11 +20,6 @@ from tests.support.home_assistant import HomeSite, config_of, start, thing
 LAMP = "light.desk"
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
-
-
 def frame(payload: bytes, opcode: int = 1) -> bytes:
     """Return a frame of a websocket from a server."""
     return bytes([0x80 | opcode, 127]) + len(payload).to_bytes(8) + payload

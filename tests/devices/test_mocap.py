@@ -92,6 +92,17 @@ async def moving_wrist(
         yield
 
 
+async def check_cup_and_pose(watcher: Watcher) -> None:
+    await until(lambda: watcher.sees("cup"))
+    cup = next(each for each in watcher.objects[-1].objects if each.id == "cup")
+    assert (cup.kind, cup.position_m) == ("red", (1.0, 2.0, 1.5))
+    await until(lambda: bool(watcher.poses))
+    pose = watcher.poses[-1]
+    assert (pose.method, pose.position_m) == ("external", (1.0, 2.0, 0.0))
+    yaw_error_rad = abs(math.remainder(pose.yaw_rad - YAW_RAD, math.tau))
+    assert yaw_error_rad < max(0.05, 4 * math.sqrt(pose.covariance[8]))
+
+
 def server(version: tuple[int, int] = (3, 1), multicast: str = "") -> Server:
     return Server(version, NAMES, time.time_ns, bodies, multicast)
 
@@ -101,15 +112,7 @@ async def test_bodies_become_objects_and_a_person_with_a_moving_arm_gets_a_pose(
     version: tuple[int, int],
 ) -> None:
     async with serving(server(version)) as port, running(port) as (watcher, bus), moving_wrist(bus):
-        await until(lambda: watcher.sees("cup"))
-        cup = next(each for each in watcher.objects[-1].objects if each.id == "cup")
-        assert (cup.kind, cup.position_m) == ("red", (1.0, 2.0, 1.5))
-        await until(lambda: bool(watcher.poses))
-        pose = watcher.poses[-1]
-        assert (pose.method, pose.position_m) == ("external", (1.0, 2.0, 0.0))
-        assert abs(math.remainder(pose.yaw_rad - YAW_RAD, math.tau)) < max(
-            0.05, 4 * math.sqrt(pose.covariance[8])
-        )
+        await check_cup_and_pose(watcher)
         await until(lambda: not watcher.sees("anna"), what="whose pose is known is no object")
         await until(lambda: (watcher.figure("clock sigma") or 9.0) < 9.0)
 

@@ -13,7 +13,7 @@ import pytest
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from pointit.cli.things import mqtt_events
-from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.cli.things.mqtt_events import broker_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt import broker as broker_errors
 from pointit.runtime.mqtt.broker import client_options, connected, describe_error, keep_connected
@@ -23,6 +23,7 @@ from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port, is_listening
 from tests.support.certificates import issue
 from tests.support.mqtt import broker
+from tests.support.mqtt_things import published
 
 OPEN = "allow_anonymous true\nuser root\n"
 
@@ -214,14 +215,8 @@ async def test_one_cause_is_one_line_of_the_log_however_often_it_is_met(
 
     monkeypatch.setattr(mqtt_events, "keep_connected", counting)
     caplog.set_level(logging.WARNING)
-    async with memory_bench() as bench:
-        watcher = MqttThings(broker_of(f"127.0.0.1:{free_port()}"))
-        listening = watcher.attach(bench.bus, lambda _text, _user: None)
+    async with memory_bench() as bench, published(free_port(), bench):
         await until(lambda: tries > 3, what="the broker to be tried again")
-        for each in listening:
-            each.close()
-        ended = [task for task in asyncio.all_tasks() if task.get_name().endswith("by MQTT")]
-        await asyncio.gather(*ended, return_exceptions=True)
     assert len([text for text in caplog.messages if "cannot be reached" in text]) == 1
 
 

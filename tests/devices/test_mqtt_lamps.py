@@ -5,7 +5,7 @@ import contextlib
 import json
 import re
 import sys
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +32,6 @@ NAMES = ("led_0", "led_1", "led_2", "led_3")
 LAMPS = tuple(Lamp(id=name, position_m=(0.0, 0.0, 1.0)) for name in ("desk", "door"))
 OFF = b'{"state":"OFF"}'
 RED, GREEN = (255, 0, 0), (0, 255, 0)
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
-    with broker(tmp_path) as port:
-        yield port
 
 
 @contextlib.asynccontextmanager

@@ -1,7 +1,7 @@
 """Things at a genuine broker (mosquitto) after restarts of it, PointIt, its selector and Home Assistant."""
 
 import contextlib
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator
 from pathlib import Path
 
 import aiomqtt
@@ -28,12 +28,6 @@ from tests.support.bench import Bench, memory_bench, until
 from tests.support.buses import free_port
 from tests.support.mqtt import broker, overheard
 from tests.support.mqtt_things import ROOM, Heard, found, point, published, room, state_topic, thing, told
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
-    with broker(tmp_path) as port:
-        yield port
 
 
 @contextlib.asynccontextmanager

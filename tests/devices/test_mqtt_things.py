@@ -1,8 +1,6 @@
 """Things of a run on a genuine MQTT broker (mosquitto), as Home Assistant would find and follow them."""
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import aiomqtt
 import pytest
@@ -13,14 +11,8 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import Done, SelectedObject, Selection, SetThing
 from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING
 from tests.support.bench import memory_bench, until
-from tests.support.mqtt import Relay, broker, overheard
+from tests.support.mqtt import Relay, overheard
 from tests.support.mqtt_things import ROOM, TRIGGER, announced, found, point, published, room, thing, told
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
-    with broker(tmp_path) as port:
-        yield port
 
 
 async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int) -> None:

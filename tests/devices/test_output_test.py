@@ -24,12 +24,6 @@ COUNT = 150
 """Pixels of each of the two strips of scenario_3."""
 
 
-@pytest.fixture(autouse=True)
-def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the logs of the tests that follow as they are."""
-    monkeypatch.setattr(outputs, "setup_logging", str)
-
-
 @pytest.fixture
 def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import math
 import socket
 import struct
 import sys
@@ -21,7 +20,7 @@ from pointit.geometry import rotation
 from pointit.plugins.device_search import SearchResult
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
-from tests.devices.test_mocap import YAW_RAD, arm, moving_wrist, running
+from tests.devices.test_mocap import YAW_RAD, arm, check_cup_and_pose, moving_wrist, running
 from tests.support.bench import until
 from tests.unit.mocap import qtm_server
 from tests.unit.mocap.qtm_server import LEVEL, LOST, QtmBody, QtmServer, serving, text
@@ -48,15 +47,7 @@ def server(**parameters: object) -> QtmServer:
 
 async def test_bodies_become_objects_and_a_person_with_a_moving_arm_gets_a_pose() -> None:
     async with serving(server()) as port, running(port, system="qtm") as (watcher, bus), moving_wrist(bus):
-        await until(lambda: watcher.sees("cup"))
-        cup = next(each for each in watcher.objects[-1].objects if each.id == "cup")
-        assert (cup.kind, cup.position_m) == ("red", (1.0, 2.0, 1.5))
-        await until(lambda: bool(watcher.poses))
-        pose = watcher.poses[-1]
-        assert (pose.method, pose.position_m) == ("external", (1.0, 2.0, 0.0))
-        assert abs(math.remainder(pose.yaw_rad - YAW_RAD, math.tau)) < max(
-            0.05, 4 * math.sqrt(pose.covariance[8])
-        )
+        await check_cup_and_pose(watcher)
         assert not watcher.sees("plate"), "it is lost"
 
 

@@ -119,9 +119,8 @@ async def lamp(connection: HomeAssistantConnection) -> tuple[str, Any]:
 
 
 async def test_lamp_is_imported_switched_and_shows_what_was_switched_there(
-    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config: HomeAssistantConfig,
 ) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
     async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
         assert LAMP in {each.entity for each in await entities_of(connection)}
         await connection.call(ServiceCall(LAMP, "light", "turn_off"))
@@ -139,9 +138,8 @@ async def test_lamp_is_imported_switched_and_shows_what_was_switched_there(
 
 
 async def test_token_that_is_deleted_there_is_reported_and_a_new_one_is_used(
-    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config: HomeAssistantConfig, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
     async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
 
         async def new_token(name: str) -> str:
@@ -188,9 +186,8 @@ async def restored(config: HomeAssistantConfig) -> tuple[str, Any]:
 
 @pytest.mark.timeout(3600)
 def test_no_lamp_is_left_changed_after_kills_during_hovers(
-    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config: HomeAssistantConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
     monkeypatch.setattr(hover_feedback, "STANDING_S", 0.0)  # each process restores it by a call
 
     async def set_brightness() -> None:

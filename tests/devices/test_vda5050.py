@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import subprocess
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +61,6 @@ SPEC = RobotSpec(
 def node(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     folder = tmp_path_factory.mktemp("vda5050")
     return fetched(AGV, folder), folder / "agv.mjs"
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
-    with broker(tmp_path) as port:
-        yield port
 
 
 class VirtualAgv:

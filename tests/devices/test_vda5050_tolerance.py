@@ -3,12 +3,9 @@
 import asyncio
 import itertools
 import json
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import aiomqtt
-import pytest
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.service import AgvTracker
@@ -20,15 +17,8 @@ from tests.devices.test_vda5050 import PATIENCE_S, steering
 from tests.examples.running import running
 from tests.support.bench import memory_bench, until
 from tests.support.buses import is_listening
-from tests.support.mqtt import broker
 
 PREFIX = "/plant/uagv/2.0"
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[int]:
-    with broker(tmp_path) as port:
-        yield port
 
 
 async def test_an_agv_with_other_topics_and_null_fields_is_shown_and_connected(port: int) -> None:

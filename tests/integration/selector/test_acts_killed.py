@@ -91,8 +91,7 @@ class Shop:
 
 
 @pytest_asyncio.fixture
-async def shop(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Shop]:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
+async def shop(endpoint: str, tmp_path: Path) -> AsyncIterator[Shop]:
     site = Site(bus=await ZenohBus.open(Link(listen=(endpoint,))), endpoint=endpoint)
     async with AsyncExitStack() as stack:
         shop = Shop(site, stack, tmp_path)

@@ -27,6 +27,7 @@ from pointit.geometry.solids import (
 from pointit.geometry.vector import Vec3
 from tests.support import there
 from tests.unit.geometry.test_cloud_tree import misses
+from tests.unit.geometry.test_ray_cast import some_direction
 
 Array = NDArray[np.float64]
 
@@ -38,10 +39,6 @@ GRID = 80
 
 def some_point(rng: random.Random, size_m: float = 4.0) -> Vec3:
     return (rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m))
-
-
-def some_direction(rng: random.Random) -> Vec3:
-    return vector.direction(rng.uniform(-math.pi, math.pi), rng.uniform(-1.5, 1.5))
 
 
 def turned(points: Array, yaw: float) -> Array:

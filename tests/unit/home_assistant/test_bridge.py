@@ -22,11 +22,6 @@ LAMP = "light.desk"
 LIGHTS = [f"light.lamp_{number}" for number in range(COUNT)]
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
-
-
 @asynccontextmanager
 async def bridge(
     home: MemoryHome, folder: Path, monkeypatch: pytest.MonkeyPatch, *things: Any, **parameters: Any

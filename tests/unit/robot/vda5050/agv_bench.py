@@ -1,5 +1,6 @@
 """The driver's core beside a virtual AGV, without a network and with time as an argument."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -91,3 +92,15 @@ class AgvBench:
     @property
     def lost(self) -> list[str]:
         return [each.reason for each in self.items if isinstance(each, LinkLost)]
+
+
+def connected_bench() -> AgvBench:
+    """Return a bench whose AGV has reported."""
+    bench = AgvBench()
+    bench.connect()
+    bench.run(0.1)
+    return bench
+
+
+def orders(bench: AgvBench) -> list[dict[str, object]]:
+    return [json.loads(payload) for topic, payload in bench.sent if topic.endswith("/order")]

@@ -9,23 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.services.robot.robot_driver import Follow, FollowPath, Stop
-from tests.unit.robot.vda5050.agv_bench import AgvBench
+from tests.unit.robot.vda5050.agv_bench import AgvBench, connected_bench, orders
 
 FAR = (9.0, 0.0, 0.0)
 
 
 @pytest.fixture(name="bench")
 def _bench() -> AgvBench:
-    bench = AgvBench()
-    bench.connect()
-    bench.run(0.1)
+    bench = connected_bench()
     assert bench.lost[-1].startswith("no AGV reports at uagv/v2/acme/7/state on hub: switch it on")
     assert bench.reports[-1].position_m == (0.0, 0.0, 0.0)
     return bench
-
-
-def orders(bench: AgvBench) -> list[dict[str, object]]:
-    return [json.loads(payload) for topic, payload in bench.sent if topic.endswith("/order")]
 
 
 def test_a_path_is_handed_out_in_steps_and_driven_without_a_pause(bench: AgvBench) -> None:

@@ -5,21 +5,14 @@ import json
 import pytest
 
 from pointit.services.robot.robot_driver import Follow, FollowPath
-from tests.unit.robot.vda5050.agv_bench import AgvBench
+from tests.unit.robot.vda5050.agv_bench import AgvBench, connected_bench, orders
 
 FAR = (9.0, 0.0, 0.0)
 
 
 @pytest.fixture(name="bench")
 def _bench() -> AgvBench:
-    bench = AgvBench()
-    bench.connect()
-    bench.run(0.1)
-    return bench
-
-
-def orders(bench: AgvBench) -> list[str]:
-    return [payload for topic, payload in bench.sent if topic.endswith("/order")]
+    return connected_bench()
 
 
 def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: AgvBench) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.services.robot.robot_driver import Follow, FollowPath, Stop
-from tests.unit.robot.vda5050.agv_bench import AgvBench
+from tests.unit.robot.vda5050.agv_bench import AgvBench, connected_bench
 
 FAR = (9.0, 0.0, 0.0)
 THEIRS = [{"nodeId": "theirs", "sequenceId": 2, "nodePosition": {"x": 9.0, "y": 0.0}}]
@@ -13,13 +13,6 @@ THEIRS = [{"nodeId": "theirs", "sequenceId": 2, "nodePosition": {"x": 9.0, "y": 
 def order_of_another(bench: AgvBench) -> None:
     bench.virtual.base = list(THEIRS)
     bench.change(orderId="theirs")
-
-
-def connected() -> AgvBench:
-    bench = AgvBench()
-    bench.connect()
-    bench.run(0.1)
-    return bench
 
 
 def test_an_order_of_another_master_that_runs_at_the_start_is_left_alone_and_reported() -> None:
@@ -51,7 +44,7 @@ def test_an_order_of_another_master_that_runs_at_the_start_is_left_alone_and_rep
 def test_an_order_that_meets_one_of_another_master_fails_and_cancels_nothing(
     order: type[Follow | FollowPath],
 ) -> None:
-    bench = connected()
+    bench = connected_bench()
     target: object = FAR if order is Follow else (FAR,)
     bench.is_lossy = lambda topic: topic.endswith("/order")
     early = bench.tell(order, target)
@@ -67,7 +60,7 @@ def test_an_order_that_meets_one_of_another_master_fails_and_cancels_nothing(
 
 
 def test_what_another_master_orders_during_a_lost_link_is_not_cancelled_after_it() -> None:
-    bench = connected()
+    bench = connected_bench()
     bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
     bench.agv.on_disconnected("the broker is gone")

@@ -75,8 +75,7 @@ def compare(before: Sequence[Sample], now: Sequence[Sample]) -> ComparisonReport
 
 def _line(topic: TopicReport) -> str:
     fields = ", ".join(f"{each.field} {each.largest}" for each in topic.fields)
-    counts = f"differ {topic.differ}, missing {topic.only_recorded}, new {topic.only_replayed}"
-    return f"{topic.key}: recorded {topic.recorded}, replayed {topic.replayed}, {counts}: {fields}"
+    return f"{topic.key}: differ {topic.differ} of {topic.recorded} and {topic.replayed}: {fields}"
 
 
 def table(name: str, report: ComparisonReport, began_ns: int) -> str:

@@ -81,25 +81,21 @@ def test_processes_take_longer_to_begin_than_services_of_one(kind: str) -> None:
     assert is_healthy(diagnose(later)) == (kind == "--processes")
 
 
-@pytest.mark.parametrize(("writer_s", "is_well"), [(2.5, True), (3.5, False)])
-@pytest.mark.parametrize("age_s", [None, 0.1])
+@pytest.mark.parametrize(
+    ("writer_s", "output_s", "input_s", "is_well"),
+    [
+        *((2.5, output_s, None, True) for output_s in (None, 0.1)),
+        *((3.5, output_s, None, False) for output_s in (None, 0.1)),
+        pytest.param(2.5, 2.4, 2.4, False, id="has ended within three seconds of its writer's start"),
+        (2.5, 2.6, 2.6, True),
+    ],
+)
 def test_what_a_writer_writes_in_its_first_three_seconds_need_not_have_arrived(
-    age_s: float | None, writer_s: float, *, is_well: bool
+    writer_s: float, output_s: float | None, input_s: float | None, *, is_well: bool
 ) -> None:
     site = processes()
     site.processes["user-sim.user1"].uptime_s = writer_s
-    site.ages_s["user-sim.user1", IMU, "out"] = age_s
-    site.ages_s |= {(f"{name}.user1", IMU, "in"): None for name in ("pointing", "localizer", "supervisor")}
-    assert is_healthy(diagnose(site.seen())) == is_well
-
-
-@pytest.mark.parametrize(("input_s", "is_well"), [(2.4, False), (2.6, True)])
-def test_an_input_that_has_ended_within_three_seconds_of_its_writers_start_is_found(
-    input_s: float, *, is_well: bool
-) -> None:
-    site = processes()
-    site.processes["user-sim.user1"].uptime_s = 2.5
-    site.ages_s["user-sim.user1", IMU, "out"] = input_s
+    site.ages_s["user-sim.user1", IMU, "out"] = output_s
     site.ages_s |= {(f"{name}.user1", IMU, "in"): input_s for name in ("pointing", "localizer", "supervisor")}
     assert is_healthy(diagnose(site.seen())) == is_well
 

@@ -75,11 +75,15 @@ def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentenc
 
 @pytest.mark.parametrize(
     "payload",
-    [b"", b"null", b"[" * 100_000, STATE[:-1].encode(), STATE.encode() + b" " * 2_000_000, 7, None],
+    [
+        *(b"", b"null", b"[" * 100_000, STATE[:-1].encode(), STATE.encode() + b" " * 2_000_000, 7, None),
+        *(b"\xef\xbb\xbf{}", "Bär".encode("latin-1"), b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"),
+    ],
     ids=lambda payload: str(payload)[:12],
 )
 def test_what_is_no_message_is_none(payload: object) -> None:
     assert parse(AgvState, payload) is None
+    assert parse(Visualization, payload) is None
 
 
 @given(st.binary(max_size=200) | anything.map(lambda each: json.dumps(each).encode()))
@@ -278,32 +282,17 @@ def test_names_and_words_of_version_3_are_understood(change: dict[str, object]) 
     assert blocked_by(state(**change)) == ""
 
 
-@pytest.mark.parametrize("flag", ["positionInitialized", "localized"])
-def test_an_agv_that_does_not_know_where_it_is_need_not_state_a_position(flag: str) -> None:
-    parsed = state(agvPosition={"x": None, "y": None, "theta": None, flag: False})
+@pytest.mark.parametrize("is_localized", [True, False])
+@pytest.mark.parametrize(
+    "old", [{"agvPosition": None, "batteryState": None}, {}], ids=["empty fields of version 2", "none"]
+)
+def test_names_of_version_3_are_those_of_version_2(old: dict[str, object], *, is_localized: bool) -> None:
+    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": is_localized}
+    new = {"mobileRobotPosition": where, "powerSupply": {"stateOfCharge": 40.0}}
+    parsed = state(*{"agvPosition", "batteryState"} - old.keys(), **old, **new)
     assert parsed.agv_position is not None
-    assert not parsed.agv_position.position_initialized
-    assert parsed.unreadable == {}
-
-
-def test_names_of_version_3_are_read_beside_empty_fields_of_version_2() -> None:
-    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": True}
-    parsed = state(
-        agvPosition=None, mobileRobotPosition=where, batteryState=None, powerSupply={"stateOfCharge": 40.0}
-    )
-    assert parsed.agv_position is not None
-    assert (parsed.agv_position.x, parsed.charge, parsed.unreadable) == (1.5, 40.0, {})
-
-
-def test_names_of_version_3_are_those_of_version_2() -> None:
-    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": False}
-    parsed = state(
-        "agvPosition", "batteryState", mobileRobotPosition=where, powerSupply={"stateOfCharge": 40.0}
-    )
-    assert parsed.agv_position is not None
-    assert (parsed.agv_position.x, parsed.agv_position.position_initialized) == (1.5, False)
-    assert parsed.charge == 40.0
-    assert parsed.unreadable == {}
+    assert (parsed.agv_position.x, parsed.agv_position.position_initialized) == (1.5, is_localized)
+    assert (parsed.charge, parsed.unreadable) == (40.0, {})
 
 
 @pytest.mark.parametrize(
@@ -323,23 +312,35 @@ def test_an_agv_whose_nodes_cannot_be_read_is_idle_only_if_it_says_that_it_does_
     assert state(**change).is_executing == expected
 
 
-@pytest.mark.parametrize("flag", ["perhaps", 2, [], {}])
-def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: object) -> None:
-    parsed = state(**place(positionInitialized=flag))
-    assert parsed.agv_position is not None
-    assert not parsed.agv_position.position_initialized
-    assert set(parsed.unreadable) == {"positionInitialized"}
+NOWHERE: dict[str, Any] = {"x": None, "y": None, "theta": None}
 
 
 @pytest.mark.parametrize(
-    "flags",
-    [{"positionInitialized": True, "localized": False}, {"positionInitialized": None, "localized": False}],
+    ("where", "is_valid", "fault"),
+    [
+        pytest.param({**NOWHERE, "positionInitialized": False}, False, None, id="denied, and not stated"),
+        pytest.param({**NOWHERE, "localized": False}, False, None, id="denied as in version 3"),
+        *(
+            pytest.param(
+                {**NOWHERE, "mapId": "", "positionInitialized": flag, "localized": False}, False, None
+            )
+            for flag in (True, None)
+        ),
+        *(
+            pytest.param({**PLACE, "positionInitialized": flag}, False, f"is {flag!r}", id=f"flag {flag!r}")
+            for flag in ("perhaps", 2, [], {})
+        ),
+        pytest.param({**PLACE, "positionInitialized": None}, None, "is missing", id="flag empty"),
+        pytest.param({"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": "f2"}, None, "is missing", id="no flag"),
+    ],
 )
-def test_position_that_one_of_the_fields_denies_does_not_count(flags: dict[str, object]) -> None:
-    parsed = state(agvPosition={"x": None, "y": None, "theta": None, "mapId": "", **flags})
+def test_position_counts_unless_a_field_denies_it_and_health_names_what_cannot_be_read(
+    where: dict[str, object], is_valid: object, fault: str | None
+) -> None:
+    parsed = state(agvPosition=where)
     assert parsed.agv_position is not None
-    assert parsed.agv_position.position_initialized is False
-    assert parsed.unreadable == {}
+    assert parsed.agv_position.position_initialized is is_valid
+    assert parsed.unreadable == ({} if fault is None else {"positionInitialized": fault})
 
 
 def test_charge_that_may_be_a_share_is_reported() -> None:
@@ -349,16 +350,6 @@ def test_charge_that_may_be_a_share_is_reported() -> None:
         state(batteryState={"batteryCharge": charge}).charge for charge in (0, 1, 1.5, "57", -1, 100.4)
     ]
     assert charges == [0.0, 1.0, 1.5, None, None, None]
-
-
-@pytest.mark.parametrize("where", [{"positionInitialized": None}, {}])
-def test_position_of_which_nothing_states_that_it_is_valid_counts_and_is_reported(
-    where: dict[str, object],
-) -> None:
-    parsed = state(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": "f2", **where})
-    assert parsed.agv_position is not None
-    assert parsed.agv_position.position_initialized is None
-    assert parsed.unreadable == {"positionInitialized": "is missing"}
 
 
 @pytest.mark.parametrize("where", [{"x": "here"}, {"x": None}, {"y": 1e9}])
@@ -372,34 +363,20 @@ def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_us
 
 
 @pytest.mark.parametrize(
-    "payload",
-    [b"\xef\xbb\xbf{}", "Bär".encode("latin-1"), b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"],
-)
-def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
-    assert parse(AgvState, payload) is None
-    assert parse(Visualization, payload) is None
-
-
-@pytest.mark.parametrize(
-    ("written", "read"),
+    ("written", "unreadable"),
     [
-        ("ONLINE", "ONLINE"),
-        ("CONNECTIONBROKEN",) * 2,
-        ("CONNECTION_BROKEN",) * 2,  # 3.0
-        ("HIBERNATING",) * 2,
+        *((word, set()) for word in ("ONLINE", "CONNECTIONBROKEN", "CONNECTION_BROKEN", "HIBERNATING")),
+        *((word, {"connectionState"}) for word in ("UP", "online", "", None, [])),
     ],
 )
-def test_words_of_a_connection_are_those_of_the_standard(written: str, read: str) -> None:
-    connection = parse(AgvConnection, json.dumps({"headerId": None, "connectionState": written}).encode())
+def test_words_of_a_connection_are_those_of_the_standard_and_others_are_reported_by_name(
+    written: object, unreadable: set[str]
+) -> None:
+    header = {"serialNumber": "7"} if unreadable else {"headerId": None}
+    connection = parse(AgvConnection, json.dumps({**header, "connectionState": written}).encode())
     assert connection is not None
-    assert (connection.connection_state, connection.unreadable) == (read, {})
-
-
-@pytest.mark.parametrize("written", ["UP", "online", "", None, []])
-def test_a_connection_that_cannot_be_read_is_reported_by_name(written: object) -> None:
-    connection = parse(AgvConnection, json.dumps({"serialNumber": "7", "connectionState": written}).encode())
-    assert connection is not None
-    assert set(connection.unreadable) == {"connectionState"}
+    assert set(connection.unreadable) == unreadable
+    assert unreadable or connection.connection_state == written
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Landings of confirmed selections as anchors: the ray that counts, and who and what counts."""
 
 import math
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
@@ -69,6 +69,14 @@ class Listener:
         self.arm = Arm()
         self.outputs: list[Output] = []
 
+    @classmethod
+    def at_the_lamp(cls, covariance: Any = COVARIANCE) -> Self:
+        """Return a person who has reached for the lamp and has heard its name."""
+        person = cls(covariance)
+        person.reach()
+        person.announce()
+        return person
+
     def reach(
         self, azimuth_deg: float = -math.degrees(DRIFT_RAD), rest_s: float = 1.0, **ray_fields: float
     ) -> None:
@@ -106,9 +114,7 @@ class Listener:
 
 
 def test_confirmed_name_corrects_the_yaw_by_the_landing() -> None:
-    person = Listener()
-    person.reach()
-    person.announce()
+    person = Listener.at_the_lamp()
     person.confirm()
     (anchor,) = person.anchors
     assert (anchor.target_id, anchor.accepted) == ("lamp", True)
@@ -160,9 +166,7 @@ def test_elevation_of_a_calibrated_person_or_far_beside_is_not_learned() -> None
 
 
 def test_landing_counts_and_not_the_ray_that_names_have_corrected() -> None:
-    person = Listener()
-    person.reach()
-    person.announce()
+    person = Listener.at_the_lamp()
     person.reach(0.0)  # where the wrong pose has the lamp
     person.confirm()
     (anchor,) = person.anchors
@@ -191,9 +195,7 @@ def test_landing_after_a_long_rest_is_of_another_reach() -> None:
     ],
 )
 def test_what_is_not_confirmed_by_this_person_at_a_fixed_thing_is_no_anchor(change: dict[str, Any]) -> None:
-    person = Listener()
-    person.reach()
-    person.announce()
+    person = Listener.at_the_lamp()
     person.confirm(CONFIRMED.model_copy(update=change))
     assert person.outputs == []
 
@@ -211,17 +213,13 @@ def test_press_without_a_name_or_a_landing_is_no_anchor(reason: str) -> None:
 
 
 def test_exact_pose_is_not_corrected() -> None:
-    person = Listener(covariance=None)
-    person.reach()
-    person.announce()
+    person = Listener.at_the_lamp(covariance=None)
     person.confirm()
     assert person.outputs == []
 
 
 def test_landing_before_the_pose_is_followed_is_not_used() -> None:
-    person = Listener(covariance=None)
-    person.reach()
-    person.announce()
+    person = Listener.at_the_lamp(covariance=None)
     pose = SetPose(position_m=(0.0, 0.0, 0.0), covariance=COVARIANCE, method="static_targets")
     person.core.set_pose(pose, person.arm.now_ns)
     person.confirm()

@@ -195,11 +195,17 @@ def test_who_switches_again_hears_only_of_the_newer_act() -> None:
     assert home.cues == [("anna", "deselected", "lamp deselected")]
 
 
-def test_a_carrier_that_has_done_what_another_could_not_goes_back_too() -> None:
+def with_two_carriers() -> Home:
+    """Return a home where two carriers act on the lamp, which is switched on."""
     home = Home()
     home.report(ThingState(id="lamp"), carrier="reactions")
     home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
     home.set("lamp")
+    return home
+
+
+def test_a_carrier_that_has_done_what_another_could_not_goes_back_too() -> None:
+    home = with_two_carriers()
     home.tell("done", "reactions")
     home.tell("failed", code="no_answer", text="no answer", state="off")
     assert (home.events[-1].event, home.events[-1].carriers) == ("deselected", ("home", "reactions"))
@@ -261,10 +267,7 @@ def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> N
 
 
 def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is() -> None:
-    home = Home()
-    home.report(ThingState(id="lamp"), carrier="reactions")
-    home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
-    home.set("lamp")
+    home = with_two_carriers()
     assert set(home.acts[0].carriers) == {"home", "reactions"}
     home.tell("done", state="on")
     assert home.outcomes == []
@@ -274,10 +277,7 @@ def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is(
 
 
 def test_a_failure_is_told_once_when_another_carrier_still_runs() -> None:
-    home = Home()
-    home.report(ThingState(id="lamp"), carrier="reactions")
-    home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
-    home.set("lamp")
+    home = with_two_carriers()
     home.tell("failed", code="error", text="no power", state="off")
     home.tell("started", "reactions")
     assert home.outcomes == []

@@ -55,3 +55,12 @@ def told(outputs: Sequence[Output]) -> list[str]:
 
 def shown(outputs: Sequence[Output]) -> Interaction:
     return next(output for output in outputs if isinstance(output, Interaction))
+
+
+def localizing() -> LifeCycle:
+    """Return a life cycle whose localizer has agreed to begin, 10 s after its own begin."""
+    cycle = life_cycle(localize=True)
+    cycle.begin(0)
+    assert told(cycle.button(*press(10))) == ["start", "localizing", "cue started"]
+    cycle.on_start_accepted(cycle.run)
+    return cycle

@@ -4,17 +4,8 @@ import runpy
 from pathlib import Path
 
 from pointit.services.supervisor import transitions
-from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.transitions import TABLE
-from tests.unit.supervisor.played import S, life_cycle, news, pose, press, sample, shown, told
-
-
-def localizing(now_s: float = 10.0) -> LifeCycle:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    assert told(cycle.button(*press(now_s))) == ["start", "localizing", "cue started"]
-    cycle.on_start_accepted(cycle.run)
-    return cycle
+from tests.unit.supervisor.played import S, life_cycle, localizing, news, pose, press, sample, shown, told
 
 
 def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
@@ -100,7 +91,7 @@ def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
 
 
 def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
-    cycle = localizing(10.0)
+    cycle = localizing()
     first = cycle.run
     outputs = cycle.localization(*news(20, "idle"))
     assert told(outputs) == ["start", "localizing"]
@@ -116,7 +107,7 @@ def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
 
 
 def test_forty_lamps_may_take_longer_than_one() -> None:
-    cycle = localizing(10.0)
+    cycle = localizing()
     now_s = 10.0
     for index in range(40):
         now_s += 3.0
@@ -131,13 +122,13 @@ def test_forty_lamps_may_take_longer_than_one() -> None:
 
 
 def test_idle_after_a_new_pose_is_a_success_that_was_not_seen() -> None:
-    cycle = localizing(10.0)
+    cycle = localizing()
     cycle.pose(*pose(15))
     assert told(cycle.localization(*news(15, "idle"))) == ["cue localized", "pointing", "cue started"]
 
 
 def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> None:
-    cycle = localizing(10.0)
+    cycle = localizing()
     assert cycle.deadline_ns == 13 * S
     outputs = cycle.tick(13 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]

@@ -16,7 +16,6 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context
 from pointit.schemas import (
-    ButtonEvent,
     Done,
     Health,
     ImuSample,
@@ -26,10 +25,8 @@ from pointit.schemas import (
     PointingOffset,
     Say,
     SetOffset,
-    UserPose,
     topics,
 )
-from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, LOCALIZATION, POSE
 from pointit.services.registry import process
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
@@ -386,26 +383,24 @@ def test_who_presses_first_decides() -> None:
     assert cycle.imu(*sample(102)) == []
 
 
-class Site:
-    """A supervisor that can be killed, a localizer that is played, and a wrist."""
+class Site(Person):
+    """Anna, a supervisor that can be killed, and a localizer that is played."""
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench = bench
+        super().__init__(bench)
         self.clock = clock
-        self.interactions = bench.collect(INTERACTION, ANNA)
-        self.cues = bench.collect(FEEDBACK, ANNA)
         self._localizer = Localization(stamp_ns=clock.now_ns(), phase="idle")
-        bench.put(POSE, UserPose(stamp_ns=clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+        self.stand()
 
     async def localizer(self, *, restarted: bool = False) -> int:
         """Tell of the localizer, or of another that has begun 2 s later; return the stamp."""
         if restarted:
             self._localizer = Localization(stamp_ns=self.clock.advance(2.0), phase="idle")
-        self.bench.put(LOCALIZATION, self._localizer, ANNA)
+        self.bench.put(topics.LOCALIZATION, self._localizer, ANNA)
         await self.bench.settle()
         return self._localizer.stamp_ns
 
-    async def start(self) -> None:
+    async def start_again(self) -> None:
         self._bus = ServiceBus(self.bench.bus, self.clock, "supervisor", "supervisor.anna", ANNA)
         service = Supervisor(SupervisorConfig(), Context(bus=self._bus, clock=self.clock, user=ANNA))
         self._running = asyncio.create_task(service.run())
@@ -418,14 +413,14 @@ class Site:
 
     async def point(self) -> None:
         await self.localizer()
-        await self.start()
+        await self.start_again()
         self.clock.advance(1.0)
-        self.bench.put(BUTTON, ButtonEvent(stamp_ns=self.clock.now_ns()), ANNA)
+        self.press()
         await until(lambda: self.interactions[-1].state == "pointing")
 
     async def samples(self) -> None:
         self.clock.advance(0.1)
-        self.bench.put(IMU, ImuSample(stamp_ns=self.clock.now_ns(), orientation_xyzw=IDENTITY), ANNA)
+        self.move()
         await self.bench.settle()
 
 
@@ -447,14 +442,14 @@ async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press(site:
     await until(lambda: (word := kept()) is not None and word.state == "pointing")
     await site.stop()
     site.clock.advance(2.0)
-    await site.start()
+    await site.start_again()
     await site.samples()
-    states = [state for state, _ in itertools.groupby(news.state for news in site.interactions)]
+    states = [state for state, _ in itertools.groupby(site.states)]
     assert states == ["idle", "pointing", "idle", "pointing"]
     assert site.cues[-1].cue == "started"
     await site.stop()
     await site.localizer(restarted=True)  # a different one resets the interaction
-    await site.start()
+    await site.start_again()
     await site.samples()
     assert site.interactions[-1].state == "idle"
 
@@ -466,7 +461,7 @@ async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_e
     assert site.interactions[-1].state == "pointing"
     await site.stop()
     site.clock.advance(2.0)
-    await site.start()
+    await site.start_again()
     await site.samples()
     assert site.interactions[-1].reason == transitions.RESUMED
 
@@ -475,8 +470,8 @@ async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
     """Another supervisor of theirs was there, and what it said last arrives late."""
     last = Interaction(stamp_ns=site.clock.advance(1.0), state="pointing")
     site.clock.advance(1.0)
-    await site.start()
-    site.bench.put(INTERACTION, last, ANNA)
+    await site.start_again()
+    site.bench.put(topics.INTERACTION, last, ANNA)
     await site.bench.settle()
     await site.localizer()
     await site.samples()
@@ -489,7 +484,7 @@ async def test_a_spoilt_last_word_is_a_warning() -> None:
     path.parent.mkdir(parents=True)
     path.write_text("{", encoding="utf-8")
     async with memory_bench() as bench:
-        reports: list[Health] = bench.collect(HEALTH)
+        reports: list[Health] = bench.collect(topics.HEALTH)
         bench.start(Supervisor, user=ANNA)
         await until(lambda: bool(reports and reports[-1].warnings))
         assert "interaction.json: cannot be used" in reports[-1].warnings[0]

@@ -7,20 +7,23 @@ import pytest
 from pointit.schemas import Feedback
 from pointit.schemas.selection import SIGNS
 from pointit.services.supervisor import transitions
-from pointit.services.supervisor.life_cycle import InteractionPublisher, LifeCycle, Output
-from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
+from pointit.services.supervisor.life_cycle import InteractionPublisher, Output
+from tests.unit.supervisor.played import (
+    Gesture,
+    S,
+    life_cycle,
+    localizing,
+    news,
+    pose,
+    press,
+    sample,
+    shown,
+    told,
+)
 
 
 def targets(outputs: list[Output]) -> list[str]:
     return [output.target_id for output in outputs if isinstance(output, Feedback) and output.cue == "target"]
-
-
-def localizing() -> LifeCycle:
-    cycle = life_cycle(localize=True, localization_timeout_s=60.0)
-    cycle.begin(0)
-    cycle.button(*press(10))
-    cycle.on_start_accepted(cycle.run)
-    return cycle
 
 
 @pytest.mark.parametrize(

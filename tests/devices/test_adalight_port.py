@@ -1,12 +1,10 @@
 """A controller of Adalight on a serial port, which a thread opens and writes."""
 
-import asyncio
-
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightOutput
 from pointit.testing import PtyDevice
-from tests.support.bench import until
+from tests.support.bench import background, until
 
 
 async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> None:
@@ -17,13 +15,11 @@ async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> N
     )
     output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)])
     output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\xb1X\1\2\3\4"),)))
-    running = asyncio.create_task(output.run())
     header = bytes.fromhex("416461000154")
     dark, frame = header + bytes(6), header + b"\xb1X\1\2\3\4"
     # On a busy machine this device is read so late that the port is opened again, with another dark frame.
-    await until(lambda: frame in device.received)
-    running.cancel()
-    await asyncio.wait({running})
+    async with background(output.run()):
+        await until(lambda: frame in device.received)
     assert device.received.startswith(dark)
     await device.unplug()
     device.close()

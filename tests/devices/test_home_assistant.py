@@ -27,6 +27,7 @@ from tests.support.home_assistant import (
     MemoryHome,
     config_of,
     played,
+    reading,
     start,
     thing,
     token_file,
@@ -66,11 +67,12 @@ async def test_recorded_home_assistant_is_switched_and_its_states_come_back(tmp_
 
 
 async def test_entities_of_the_recorded_home_assistant_are_listed_by_area(tmp_path: Path) -> None:
-    async with played(RECORDING) as port, connected(config_of(tmp_path, port)) as connection:
-        reading = asyncio.create_task(connection.read())
+    async with (
+        played(RECORDING) as port,
+        connected(config_of(tmp_path, port)) as connection,
+        reading(connection),
+    ):
         entities = await entities_of(connection)
-        reading.cancel()
-        await asyncio.wait([reading])
     assert [(each.area, each.entity) for each in entities] == [
         ("Bedroom", "light.bed_light"),
         ("Kitchen", "switch.ac"),

@@ -18,7 +18,7 @@ from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip
 from pointit.services.led_driver.output.udp_output import UdpOutput
 from pointit.services.led_driver.outputs import OUTPUTS
-from tests.support.bench import until
+from tests.support.bench import background, until
 from tests.support.running_source import Health
 
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
@@ -55,12 +55,8 @@ async def shown(text: str) -> AsyncGenerator[Health]:
     output = OUTPUTS.get(name).make(config, around)
     if isinstance(output, UdpOutput):
         output.set_strips([STRIP])
-    work = asyncio.create_task(output.run())
-    try:
+    async with background(output.run()):
         yield health
-    finally:
-        work.cancel()
-        await asyncio.wait({work})
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.services.imu_bridge.network.udp import UdpConfig
 from pointit.services.imu_bridge.network.udp_server import Address, UdpServer
-from tests.support.bench import until
+from tests.support.bench import background, until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import Health, phone_at
 
@@ -19,17 +19,15 @@ async def test_sender_has_the_address_that_people_write_and_gets_answers(
     heard: list[Address] = []
     port, health = free_udp_port(), Health()
     server = UdpServer("::", port, health, lambda _data, address: heard.append(address), remedy="")
-    task = asyncio.create_task(server.run())
-    with socket.socket(family, socket.SOCK_DGRAM) as wrist:
-        wrist.bind((host, 0))
-        wrist.settimeout(5.0)
-        await until(lambda: bool(wrist.sendto(b"hello", (host, port)) and heard))
-        assert set(heard) == {(host, wrist.getsockname()[1])}
-        server.send(b"buzz", heard[0])
-        assert await asyncio.to_thread(wrist.recv, 100) == b"buzz"
-    assert server.place == f"[::]:{port}"
-    task.cancel()
-    await asyncio.wait({task})
+    async with background(server.run()):
+        with socket.socket(family, socket.SOCK_DGRAM) as wrist:
+            wrist.bind((host, 0))
+            wrist.settimeout(5.0)
+            await until(lambda: bool(wrist.sendto(b"hello", (host, port)) and heard))
+            assert set(heard) == {(host, wrist.getsockname()[1])}
+            server.send(b"buzz", heard[0])
+            assert await asyncio.to_thread(wrist.recv, 100) == b"buzz"
+        assert server.place == f"[::]:{port}"
     assert not health.warnings
 
 
@@ -37,8 +35,7 @@ async def test_shared_port_of_ipv6_answers_a_connected_sender_of_ipv4() -> None:
     heard: list[Address] = []
     port = free_udp_port()
     server = UdpServer("::", port, Health(), lambda _data, one: heard.append(one), remedy="", is_shared=True)
-    task = asyncio.create_task(server.run())
-    async with phone_at(port) as phone:
+    async with background(server.run()), phone_at(port) as phone:
         await until(phone.saying(b"hello", lambda: bool(heard)))
         server.connect(heard[0])
         server.send(b"pong", heard[0])
@@ -46,8 +43,6 @@ async def test_shared_port_of_ipv6_answers_a_connected_sender_of_ipv4() -> None:
         count = len(heard)
         await until(phone.saying(b"again", lambda: len(heard) > count))
         assert set(heard) == {heard[0]}
-    task.cancel()
-    await asyncio.wait({task})
 
 
 def test_host_of_a_wrist_may_have_brackets_and_its_port() -> None:

@@ -13,7 +13,7 @@ import pytest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected
 from pointit.runtime.mqtt.broker_config import BrokerConfig
-from tests.support.bench import until
+from tests.support.bench import background, until
 
 CONNECT, SUBSCRIBE, PUBREC, PUBREL = 1, 8, 5, 6
 
@@ -75,12 +75,8 @@ async def test_message_with_an_invalid_topic_is_ignored_and_the_connection_stays
                 async for message in client.messages:
                     topics.append(str(message.topic))  # noqa: PERF401 - it never ends
 
-        serving = asyncio.create_task(keep_connected(serve, lost.append, has_user=False, retry_s=0.0))
-        try:
+        async with background(keep_connected(serve, lost.append, has_user=False, retry_s=0.0)):
             await until(lambda: "a/c" in topics, what="the last message")
-        finally:
-            serving.cancel()
-            await asyncio.wait([serving])
     assert (topics, lost) == (["a/b", "a/c"], [])
     assert heard.count(SUBSCRIBE) == 1
     (warning,) = [each for each in caplog.records if each.name.startswith("pointit.runtime.mqtt")]

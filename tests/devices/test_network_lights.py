@@ -21,7 +21,7 @@ from pointit.services.led_driver.output.ddp import find_wled, read_info
 from pointit.services.led_driver.output.e131 import E131Config, make_e131
 from pointit.services.led_driver.outputs import GuardedOutput
 from pointit.testing import PtyDevice, UdpDevice
-from tests.support.bench import until
+from tests.support.bench import background, until
 from tests.support.buses import free_udp_port
 from tests.support.hostile_server import Chunks, forever, hostile_server
 from tests.support.pace import Patience
@@ -187,13 +187,11 @@ async def test_frames_arrive_and_the_end_of_the_stream_is_noticed() -> None:
     output = make_e131(config, Surroundings.detached())
     output.set_strips([STRIP])
     async with listening(port) as listener:
-        task = asyncio.create_task(output.run())
-        for _ in range(5):
-            shown = chance.randbytes(3 * PIXELS)
-            output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=shown),)))
-            await until(functools.partial(listener.shows, shown))
-        task.cancel()
-        await asyncio.wait({task})
+        async with background(output.run()):
+            for _ in range(5):
+                shown = chance.randbytes(3 * PIXELS)
+                output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=shown),)))
+                await until(functools.partial(listener.shows, shown))
         await until(lambda: {(universe, "timeout") for universe in UNIVERSES} <= {*listener.states})
         assert listener.shows(bytes(3 * PIXELS))
 

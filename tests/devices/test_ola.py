@@ -22,6 +22,7 @@ from pointit.services.led_driver.output.artnet import find_nodes
 from pointit.services.led_driver.output.spotlight import Angles, Spotlight, SpotlightConfig
 from pointit.services.led_driver.output.udp_output import UdpOutput
 from tests.devices.ola import ARTNET_AT, Ola, running_ola
+from tests.support.bench import background
 
 STRIPS = (
     Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=150),
@@ -53,10 +54,8 @@ async def sending(kind: str, **parameters: Any) -> AsyncGenerator[UdpOutput]:
     config = plugin.config.model_validate({"gamma": 1.0, **parameters})
     output: UdpOutput = plugin.make(config, Surroundings.detached())
     output.set_strips(STRIPS)
-    task = asyncio.create_task(output.run())
-    yield output
-    task.cancel()
-    await asyncio.wait({task})
+    async with background(output.run()):
+        yield output
 
 
 def frame(chance: random.Random) -> StripsFrame:

@@ -19,7 +19,7 @@ from pointit.bridges.home_assistant.service import HomeAssistant
 from pointit.schemas import ActResult, Environment, Hover, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.topics import ACT_RESULTS, HOVER, MAP, SELECTION_EVENTS, THING_STATES
-from tests.support.bench import Bench
+from tests.support.bench import Bench, background, repeated
 
 TOKEN = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a test
 VERSION = "2025.4.4"
@@ -85,18 +85,10 @@ class HomeSite:
     @contextlib.asynccontextmanager
     async def hovering(self, name: str) -> AsyncGenerator[None]:
         """Hover a thing while the block runs, as the selector repeats it."""
-
-        async def repeat() -> None:
-            while True:
-                self.hover(name)
-                await asyncio.sleep(0.1)
-
-        task = asyncio.create_task(repeat())
         try:
-            yield
+            async with repeated(0.1, lambda: self.hover(name)):
+                yield
         finally:
-            task.cancel()
-            await asyncio.wait([task])
             self.hover("")
 
     def _on_states(self, states: ThingStates, _name: str) -> None:
@@ -372,9 +364,5 @@ def _without_secrets(message: Message) -> Message:
 @contextlib.asynccontextmanager
 async def reading(connection: HomeAssistantConnection) -> AsyncGenerator[None]:
     """Hand on the messages of `connection` while the block runs."""
-    task = asyncio.create_task(connection.read())
-    try:
+    async with background(connection.read()):
         yield
-    finally:
-        task.cancel()
-        await asyncio.wait([task])

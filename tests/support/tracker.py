@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pointit.geometry.rotation import IDENTITY
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
 from pointit_lab.devices.contracts.network import SlimevrTracker, slimevr_rotation
+from tests.support.bench import background
 
 MAC = "02:00:0A:0B:0C:0D"
 """Address of each `Tracker`."""
@@ -38,11 +39,9 @@ class Tracker(SlimevrTracker):
 async def tracker() -> AsyncGenerator[Tracker]:
     device = Tracker()
     await device.plug()
-    wearing = asyncio.create_task(device.wear())
     try:
-        yield device
+        async with background(device.wear()):
+            yield device
     finally:
-        wearing.cancel()
-        await asyncio.gather(wearing, return_exceptions=True)
         await device.unplug()
         device.close()

@@ -20,6 +20,7 @@ from pointit.schemas import NS_PER_S, Goal, Speech, Understood, topics
 from pointit.speech.grammar import Vocabulary, names_of
 from pointit.speech.interpreter import Interpreter
 from pointit.speech.recogniser import RATE_HZ, Sphinx, SphinxConfig, TimedWord, speech
+from tests.support.bench import background
 
 USER = "user1"
 VOICES = ("en-us", "en-gb", "en-gb-x-rp")
@@ -167,15 +168,13 @@ def test_a_package_on_a_belt_is_taken_by_words_and_goes_to_the_bay_of_selected_o
             understood: list[Understood] = []
             interpreter = Interpreter(site._bus, site._clock, USER)
             interpreter.on_understood = understood.append
-            following = asyncio.create_task(interpreter.run())
-            async for hover in site.messages(topics.HOVER, USER):
-                if understood and understood[-1].result == "done":
-                    break
-                if hover.progress > 0.2 and interpreter._idle.is_set():
-                    words = [TimedWord(each, None) for each in ("take", "that")]
-                    site._bus.publisher(topics.SPEECH, USER).put(speech(words, 0, site.now_ns()))
-            following.cancel()
-            await asyncio.wait({following})
+            async with background(interpreter.run()):
+                async for hover in site.messages(topics.HOVER, USER):
+                    if understood and understood[-1].result == "done":
+                        break
+                    if hover.progress > 0.2 and interpreter._idle.is_set():
+                        words = [TimedWord(each, None) for each in ("take", "that")]
+                        site._bus.publisher(topics.SPEECH, USER).put(speech(words, 0, site.now_ns()))
             (taken,) = understood[-1].referents
             assert understood[-1].message.endswith(f"{taken.name} is {USER}'s")
             async for selection in site.messages(topics.SELECTION):

@@ -1,6 +1,5 @@
 """An independent ROS node is all the nodes of a person: she has a cursor here, and no service of ours."""
 
-import asyncio
 import contextlib
 import math
 import time
@@ -14,7 +13,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP
 from tests.interop.ros2.peers import Site, site
-from tests.support.bench import until
+from tests.support.bench import repeated, until
 from tests.support.commands import onlooker
 
 NOTICED_S = 20.0
@@ -45,27 +44,17 @@ async def points_at(place: Site, target_m: Vec3) -> AsyncGenerator[None]:
     pose = {"position": named(EYES_M), "orientation": named(way)}
     moved = {"translation": named(AT_M), "rotation": named(rotation.from_yaw(YAW_RAD))}
 
-    async def live() -> None:
-        while True:
-            sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
-            stamp = {"sec": sec, "nanosec": nanosec}
-            frame = f"{ANNA}/human_footprint"
-            transform = {
-                "header": {"stamp": stamp, "frame_id": "world"},
-                "child_frame_id": frame,
-                "transform": moved,
-            }
-            await place.dora.says("/tf", {"transforms": [transform]})
-            await place.dora.says(RAYS, {"header": {"stamp": stamp, "frame_id": frame}, "pose": pose})
-            await asyncio.sleep(1.0 / RAY_HZ)
+    async def say() -> None:
+        sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
+        stamp = {"sec": sec, "nanosec": nanosec}
+        frame = f"{ANNA}/human_footprint"
+        header = {"stamp": stamp, "frame_id": "world"}
+        transform = {"header": header, "child_frame_id": frame, "transform": moved}
+        await place.dora.says("/tf", {"transforms": [transform]})
+        await place.dora.says(RAYS, {"header": {"stamp": stamp, "frame_id": frame}, "pose": pose})
 
-    living = asyncio.create_task(live())
-    try:
+    async with repeated(1.0 / RAY_HZ, say):
         yield
-    finally:
-        living.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await living
 
 
 async def test_a_person_of_the_peer_has_a_cursor_here_while_she_wants_one(place: Site) -> None:

@@ -18,7 +18,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import ConveyorState, Environment, PointingRay, StripsFrame, UserPose
 from pointit.schemas import topics as ours
 from tests.interop.ros2.peers import DOMAIN, TYPES, Site, site
-from tests.support.bench import until
+from tests.support.bench import background, until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience
 from tests.unit.ros2.graph_of_one import Shown
@@ -119,13 +119,8 @@ class Arm:
 
     @contextlib.asynccontextmanager
     async def moves(self) -> AsyncGenerator[None]:
-        moving = asyncio.create_task(self._move())
-        try:
+        async with background(self._move()):
             yield
-        finally:
-            moving.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await moving
 
     async def _move(self) -> None:
         while True:

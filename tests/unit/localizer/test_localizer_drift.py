@@ -30,7 +30,7 @@ from pointit.schemas import topics as at
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.pose_manager import YawOrigin
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
+from tests.support.bench import Bench, ManualClock, background, in_virtual_time, memory_bench, until
 from tests.unit.localizer.person import PLACES, ROOM, USER, Person, yaw_difference
 
 FIXED = LocalizerConfig(position_m=(1.5, 1.2, 0.0), yaw_deg=20.0, reaction_s=0.5, hold_s=1.0)
@@ -267,16 +267,14 @@ async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
                 await wearer.put(at.POSE, tracked(clock).model_copy(update={"position_m": (1.5, 1.2, 0.0)}))
                 await sleep(clock, 0.5)
 
-        tasks = [asyncio.create_task(track()), asyncio.create_task(wearer.live())]
-        await until(lambda: any("localizer pauses" in each.reason for each in wearer.progress), what="pause")
-        await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1"))
-        await wearer.until_phase("solved")
+        async with background(track()), background(wearer.live()):
+            await until(lambda: any("localizer pauses" in it.reason for it in wearer.progress), what="pause")
+            await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1"))
+            await wearer.until_phase("solved")
         (anchor,) = wearer.anchors
         assert not anchor.accepted
         assert anchor.azimuth_error_rad == pytest.approx(5.0 * DEGREE, abs=0.5 * DEGREE)
         assert {pose.method for pose in wearer.poses[1:]} == {"external"}
-        for task in tasks:
-            task.cancel()
 
 
 # an IMU whose yaw starts again

@@ -1,6 +1,5 @@
 """The localizer on the bus: fixed pose, lamps with a person who looks at them, a robot; its parameters."""
 
-import asyncio
 import itertools
 import math
 from collections.abc import AsyncGenerator
@@ -32,7 +31,7 @@ from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
+from tests.support.bench import Bench, ManualClock, background, in_virtual_time, memory_bench, until
 from tests.unit.localizer.person import EYES_M, LAB, LAMPS, ROOM, USER, Person
 
 FOUR = (*LAMPS, Lamp(id="led_3", position_m=LAB[3]))
@@ -85,12 +84,8 @@ class Room:
                 self.bench.put(at.RAY, self.person.ray(target, clock.now_ns()), USER)
                 await sleep(clock, 0.02)
 
-        task = asyncio.create_task(point(), name="a person pointing")
-        try:
+        async with background(point()):
             yield
-        finally:
-            task.cancel()
-            await asyncio.wait({task})
 
     async def until_phase(self, phase: str, target_index: int | None = None) -> None:
         def reached() -> bool:
@@ -256,10 +251,8 @@ async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:
 
     await room.start()
     await bench.settle()
-    following = asyncio.create_task(follow(), name="a person following")
-    await until(lambda: room.phase == "solved", what="a pose")
-    following.cancel()
-    await asyncio.wait({following})
+    async with background(follow()):
+        await until(lambda: room.phase == "solved", what="a pose")
     return room.poses[-1]
 
 

@@ -1,9 +1,8 @@
 """Several people, one room with lamps: real localizers take turns, as a real led-driver decides."""
 
-import asyncio
 import math
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
 
@@ -14,7 +13,7 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, in_virtual_time, memory_bench, until
+from tests.support.bench import Bench, background, in_virtual_time, memory_bench, until
 from tests.unit.localizer.person import LAMPS, PLACES, ROOM, Person
 
 CONFIG = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
@@ -90,13 +89,10 @@ async def room_of(*users: str) -> AsyncGenerator[Room]:
         for user in users:
             bench.start(Localizer, CONFIG, user)
         await until(lambda: all(room.progress[user] for user in users), what="the localizers")
-        pointing = [asyncio.create_task(_point(room, user, PEOPLE[user])) for user in users]
-        try:
+        async with AsyncExitStack() as pointing:
+            for user in users:
+                await pointing.enter_async_context(background(_point(room, user, PEOPLE[user])))
             yield room
-        finally:
-            for task in pointing:
-                task.cancel()
-            await asyncio.wait(pointing)
 
 
 @pytest.mark.parametrize("presence", ["person", "localizer"])

@@ -35,7 +35,7 @@ from pointit.services.recorder import sink as sink_module
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from pointit.services.recorder.sink import ENDED, FAULTY, INVALID, TOO_SLOW, Arrival, Sink
-from tests.support.bench import until
+from tests.support.bench import background, until
 
 pytestmark = pytest.mark.wall_time
 
@@ -58,14 +58,10 @@ class Site:
     async def recorded(self, **parameters: Any) -> AsyncGenerator[None]:
         own = MemoryBus(self.exchange)
         config = RecorderConfig(file=str(self.path), **parameters)
-        task = asyncio.create_task(run_service(Launch(service=Recorder, config=config), own, WallClock()))
-        await until(lambda: "recorder" in self.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
-        try:
+        async with background(run_service(Launch(service=Recorder, config=config), own, WallClock())):
+            await until(lambda: "recorder" in self.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
             yield
-        finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-            await own.close()
+        await own.close()
 
     def read(self, keys: Callable[[str], bool] | None = None) -> list[Entry]:
         with Recording.open(self.path) as recording:

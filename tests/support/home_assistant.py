@@ -68,7 +68,7 @@ class HomeSite:
         return f"{self.results[-1].code}: {self.results[-1].text}" if self.results else ""
 
     def point(self, name: str, *, on: bool = True, user: str = "anna") -> None:
-        self._stamp_ns += 1
+        self._stamp_ns = max(self._stamp_ns + 1, self._bench.clock.now_ns())
         event = SelectionEvent(
             stamp_ns=self._stamp_ns,
             event="selected" if on else "deselected",

@@ -12,7 +12,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError
-from pointit.schemas import ActResult, Environment, SelectionEvent, ThingState, ThingStates
+from pointit.schemas import NS_PER_S, ActResult, Environment, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import REPEATED_REASON, FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
@@ -21,6 +21,9 @@ log = logging.getLogger(__name__)
 
 MAX_AT_ONCE = 8
 """Maximum number of acts on one thing that run at once. Further ones fail as `busy`."""
+MAX_ACT_AGE_S = 6.0
+"""Largest age of an event that is carried out, s. The selector grants claims that are 5 s old. Of older ones
+people have been told that they failed: this process was stopped or cut off."""
 MAX_TEXT = 300
 
 
@@ -121,6 +124,14 @@ class Carrier:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         if self._name not in event.carriers or event.reason.endswith(REPEATED_REASON):
             return  # whether it was carried out before the selector was started again is not known
+        age_s = (self._clock.now_ns() - event.stamp_ns) / NS_PER_S / max(1.0, self._clock.speed)
+        if age_s > MAX_ACT_AGE_S and not event.takes_back:
+            self._failed[event.object_id] = self._targets.get(event.object_id, ())
+            late = (
+                f"it reached {self._name} {age_s:.0f} s late: point again, or set the clocks of both machines"
+            )
+            self._tell_result(event, ActFailedError("no_answer", late))
+            return
         act = Act(event, lambda: self._put_result(event, "started"))
         acts = [(task, each) for task, each in self._running.items() if each.thing == act.thing]
         if len(acts) >= MAX_AT_ONCE:

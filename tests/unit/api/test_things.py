@@ -23,7 +23,7 @@ from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, MAP, SELECTION, S
 from tests.contract.public_api import in_memory
 from tests.docs.blocks import ROOT, blocks
 from tests.support.acts import act_on
-from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
+from tests.support.bench import PATIENCE_S, START_NS, Bench, in_virtual_time, until
 
 
 def thing(name: str, mode: ThingMode = "button") -> Thing:
@@ -281,13 +281,13 @@ async def test_the_return_of_a_function_that_carries_acts_is_their_result() -> N
         for number, (name, user) in enumerate(
             (("screws", "anna"), ("screws", "bert"), ("screws", "carl"), ("radio", "anna"))
         ):
-            fields = {"stamp_ns": number, "event": "selected", "object_id": name, "user": user}
+            fields = {"stamp_ns": START_NS + number, "event": "selected", "object_id": name, "user": user}
             own = next(
                 each for each in carriers if each.startswith("order" if name == "screws" else "switch")
             )
             bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields | {"carriers": (own,)}))
         await until(lambda: len(results) == 4, PATIENCE_S)
-        assert {each.event_ns: (each.result, each.text) for each in results} == {
+        assert {each.event_ns - START_NS: (each.result, each.text) for each in results} == {
             0: ("done", ""),
             1: ("failed", "order failed (ValueError: none left)"),
             2: ("failed", "not done within 2 s"),

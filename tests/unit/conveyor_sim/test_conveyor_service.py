@@ -137,7 +137,11 @@ async def test_selected_packages_go_to_their_bay_and_an_act_on_what_is_too_late_
         assert {each.id for each in things[-1].things} == {*names}
         for number, name in enumerate([*names, "gone"], start=1):
             act = SelectionEvent(
-                stamp_ns=number, event="selected", object_id=name, user="anna", carriers=("conveyor-sim",)
+                stamp_ns=one.bench.clock.now_ns() + number,
+                event="selected",
+                object_id=name,
+                user="anna",
+                carriers=("conveyor-sim",),
             )
             one.bench.put(topics.SELECTION_EVENTS, act)
         await until(lambda: len(results) == 3)

@@ -136,7 +136,9 @@ async def test_programs_end_with_the_service_which_tells_that_they_were_not_done
         results = bench.collect(ACT_RESULTS)
         service = bench.start(Reactions, ReactionsConfig(on=("screws=true", "radio=true")))
         await settled()
-        bench.put(SELECTION_EVENTS, act_on("screws", carriers=("reactions",)).event)
+        bench.put(
+            SELECTION_EVENTS, act_on("screws", stamp_ns=bench.clock.now_ns(), carriers=("reactions",)).event
+        )
         await until(lambda: bool(machine.started))
         await bench.end(service)
         await asyncio.sleep(GRACE_S + 0.1)

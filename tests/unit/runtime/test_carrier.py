@@ -11,10 +11,10 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier, check_carrier
-from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
+from pointit.schemas import NS_PER_S, ActResult, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
-from tests.support.bench import Bench, in_virtual_time, memory_bench, until
+from tests.support.bench import START_NS, Bench, in_virtual_time, memory_bench, until
 
 
 class Lamp:
@@ -53,7 +53,12 @@ class Site:
     ) -> None:
         kind: Literal["selected", "deselected"] = "selected" if on else "deselected"
         event = SelectionEvent(
-            stamp_ns=number, event=kind, object_id=name, user="anna", carriers=carriers, reason=reason
+            stamp_ns=START_NS + number,
+            event=kind,
+            object_id=name,
+            user="anna",
+            carriers=carriers,
+            reason=reason,
         )
         self.bench.put(SELECTION_EVENTS, event)
         await self.bench.settle(3)
@@ -82,7 +87,12 @@ async def test_a_result_has_the_state_after_it_and_only_what_names_the_carrier_i
         await home.act(number=7)
         await until(lambda: bool(home.results))
         (result,) = home.results
-        assert (result.object_id, result.event_ns, result.result, result.state) == ("lamp", 7, "done", "on")
+        assert (result.object_id, result.event_ns, result.result, result.state) == (
+            "lamp",
+            START_NS + 7,
+            "done",
+            "on",
+        )
         assert len(lamp.acts) == 1
 
 
@@ -91,12 +101,12 @@ async def test_an_event_that_is_told_again_after_a_restart_of_the_selector_is_no
     async with site() as home:
         lamp = Lamp()
         home.carrier.use({"lamp": [lamp]})
-        again = {"stamp_ns": 1, "event": "selected", "object_id": "lamp", "carriers": ("home",)}
+        again = {"stamp_ns": START_NS, "event": "selected", "object_id": "lamp", "carriers": ("home",)}
         event = SelectionEvent.model_validate(again | {"reason": REPEATED_REASON})
         home.bench.put(SELECTION_EVENTS, event)
         await home.act(number=2)
         await until(lambda: bool(home.results))
-        assert [(each.event.stamp_ns, each.on) for each in lamp.acts] == [(2, True)]
+        assert [(each.event.stamp_ns, each.on) for each in lamp.acts] == [(START_NS + 2, True)]
         await until(lambda: len(home.states) == 2)
         assert home.states[-1].things[0].state == "on", (
             "a selector that starts later does not know the result"
@@ -156,11 +166,11 @@ async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its
         for number in range(3):
             await home.act(number=number, on=number != 1)
         await until(lambda: len(home.results) == 3)
-        assert [(each.event_ns, each.result, each.code) for each in home.results] == [
+        assert [(each.event_ns - START_NS, each.result, each.code) for each in home.results] == [
             (0, "failed", "replaced"), (1, "failed", "replaced"), (2, "done", ""),
         ]  # fmt: skip
         assert lamp.state.state == "on"
-        assert lamp.acts[-1].event.stamp_ns == 2
+        assert lamp.acts[-1].event.stamp_ns == START_NS + 2
 
 
 @in_virtual_time
@@ -180,6 +190,22 @@ async def test_what_some_targets_have_done_or_may_do_yet_is_taken_back_and_those
         assert [each.on for each in failing.acts] == [True, True], "there is nothing to take back"
         await home.act("refused", number=3)
         assert [each.on for each in failing.acts] == [True, True, True]
+
+
+@in_virtual_time
+async def test_what_comes_after_people_were_told_that_it_failed_is_not_carried_out_nor_taken_back() -> None:
+    async with site() as home:
+        lamp = Lamp()
+        home.carrier.use({"lamp": [lamp]})
+        late_ns = -20 * NS_PER_S
+        await home.act(number=late_ns)
+        await home.act(number=late_ns + 1, on=False, reason="not done: home has ended before it was done")
+        await until(lambda: bool(home.results))
+        assert (home.results[0].code, lamp.acts) == ("no_answer", [])
+        assert "20 s late" in home.results[0].text
+        await home.act(number=-4 * NS_PER_S)
+        await until(lambda: home.results[-1].result == "done")
+        assert len(lamp.acts) == 1
 
 
 @in_virtual_time

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import itertools
 import json
 import math
@@ -33,7 +34,6 @@ from pointit.services.robot.robot_driver import (
     ReportItem,
     RobotDriver,
     RobotReport,
-    RobotSpec,
     Stop,
 )
 from pointit.services.robot.service import Robot
@@ -44,6 +44,7 @@ from tests.support.buses import free_port, is_listening
 from tests.support.environments import fetched
 from tests.support.mqtt import broker, overheard
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
+from tests.unit.robot.vda5050 import agv_bench
 
 pytestmark = pytest.mark.index  # npm fetches the peer
 
@@ -51,10 +52,7 @@ AGV = Path(__file__).with_name("vda5050_agv")
 TOPICS = "uagv/v2/acme/7"
 PATIENCE_S = 60.0
 START = (1.0, 2.0)
-SPEC = RobotSpec(
-    name="cart", kind="ground", start_m=(0.0, 0.0, 0.0), start_yaw_rad=0.0, radius_m=0.3, hover_m=0.2,
-    max_speed_mps=2.0, max_acceleration_mps2=1.0,
-)  # fmt: skip
+SPEC = dataclasses.replace(agv_bench.SPEC, max_speed_mps=2.0)
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,7 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Done, Environment, FindReferents, Lamp, Query, Referents, topics
 from tests.integration.access.secured import link_of, make_site, routed
+from tests.integration.assistants import served as site_server
 from tests.integration.assistants.served import HEADERS, HELLO, OPERATOR, SITE, VIEWER, client_of, served
 from tests.support.bench import until
 
@@ -199,10 +200,6 @@ async def done(_query: Query, _name: str) -> Done:
     return Done(message="done")
 
 
-async def found(_query: FindReferents, _user: str) -> Referents:
-    return Referents()
-
-
 @contextlib.asynccontextmanager
 async def services(folder: SiteFolder) -> AsyncGenerator[None]:
     """Play the services of a site where two people are."""
@@ -212,7 +209,7 @@ async def services(folder: SiteFolder) -> AsyncGenerator[None]:
             bus.announce(topics.USER_ALIVE, user)
         room = bus.publisher(topics.MAP)
         room.put(MAP)
-        bus.serve(topics.FIND_REFERENTS, found)
+        bus.serve(topics.FIND_REFERENTS, site_server.found)
         bus.serve(topics.SET_LAMP, done)
         bus.serve(topics.SAY, done)
         bus.serve(topics.STOP_ROBOT, done)

@@ -50,24 +50,34 @@ def test_times_in_other_units_are_refused(
     assert remedy in said
 
 
-def test_time_goes_forwards(tmp_path: Path) -> None:
-    path = write_track(tmp_path, STAND)
-    scaled(path, -1.0, "t")
-    assert "time goes backwards" in refused(lambda: read_trials(tmp_path), path)
+def write_act(folder: Path, stand: Stand) -> Path:
+    return write_acts(folder, {"1": (1.7, stand)})
 
 
 @pytest.mark.parametrize(
-    ("write", "columns", "said"),
+    ("write", "columns", "factor", "said"),
     [
-        (write_motion, ["robot_x"], "mm (0.677 m away)"),
-        (write_motion, ["robot", "head"], "mm (1.23 m away)"),
-        (write_track, ["head_x"], "line 2: robot"),
-        (write_track, ["px", "py"], "columns 'px', 'py': half of the points on the floor"),
+        pytest.param(write_track, ["t"], -1.0, "time goes backwards", id="time goes forwards"),
+        (write_motion, ["robot_x"], 1000.0, "mm (0.677 m away)"),
+        (write_motion, ["robot", "head"], 1000.0, "mm (1.23 m away)"),
+        (write_track, ["head_x"], 1000.0, "line 2: robot"),
+        (write_track, ["px", "py"], 1000.0, "columns 'px', 'py': half of the points on the floor"),
+        (write_act, ["stature"], 100.0, "line 2, column 'stature': metres were expected, got 170"),
+        (
+            write_act,
+            ["forearm", "hand"],
+            1000.0,
+            "line 2, columns 'hand_…', 'forearm_…': they are 250 m apart",
+        ),
+        (write_act, ["target"], 1000.0, "line 2: target"),
+        (write_act, ["forearm", "hand"], 0.0, "they are 0 m apart"),
     ],
 )
-def test_mm_are_refused(tmp_path: Path, write: Callable[..., Path], columns: list[str], said: str) -> None:
+def test_values_that_nobody_measures_are_refused(
+    tmp_path: Path, write: Callable[..., Path], columns: list[str], factor: float, said: str
+) -> None:
     path = write(tmp_path, STAND)
-    scaled(path, 1000.0, *columns)
+    scaled(path, factor, *columns)
     assert said in refused(lambda: read_trials(tmp_path), path)
 
 
@@ -78,23 +88,8 @@ def test_the_height_of_the_eyes_below_a_marker_is_somebodys(tmp_path: Path) -> N
     assert "column 'head_z': the eyes" in refused(lambda: read_trials(tmp_path), path)
 
 
-@pytest.mark.parametrize(
-    ("columns", "factor", "said"),
-    [
-        (["stature"], 100.0, "line 2, column 'stature': metres were expected, got 170"),
-        (["forearm", "hand"], 1000.0, "line 2, columns 'hand_…', 'forearm_…': they are 250 m apart"),
-        (["target"], 1000.0, "line 2: target"),
-        (["forearm", "hand"], 0.0, "they are 0 m apart"),
-    ],
-)
-def test_acts_in_odd_units_are_refused(tmp_path: Path, columns: list[str], factor: float, said: str) -> None:
-    path = write_acts(tmp_path, {"1": (1.7, STAND)})
-    scaled(path, factor, *columns)
-    assert said in refused(lambda: read_trials(tmp_path), path)
-
-
 def test_too_many_people_are_refused(tmp_path: Path) -> None:
-    path = write_acts(tmp_path, {"1": (1.7, STAND)})
+    path = write_act(tmp_path, STAND)
     header, row, *_ = path.read_text().splitlines()
     path.write_text("\n".join([header, *(f"p{i}{row[1:]}" for i in range(2_000))]))
     assert "has 2000 subjects" in refused(lambda: read_trials(tmp_path), path)
@@ -114,28 +109,24 @@ def write_floor(folder: Path, rows: list[str], name: str = "user_1.csv") -> Path
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("rows", "said"),
     [
-        ("0,1,2,-1,open_loop_reach,9,2,-1,2000", "line 82, column 'phase': open_loop_reach comes after"),
-        ("0,1,2,1,feedback_hold,9,2,-1,2000", "line 82, column 'target_y': 1.0 was expected to be -1.0"),
-        ("0,1,2,-1,feedback_hold,5000,2,-1,2000", "is it in seconds?"),
-        ("0.5,1,2,-1,feedback_hold,0,2,-1,2000", "line 82, column 'trial': 0.5 is not an integer"),
-        ("1,1,2,-1,feedback_hold,-1,2,-1,2000", "line 82, column 't': seconds since feedback_hold began"),
-        ("1,1,0,0,feedback_hold,0,2,-1,2000", "the target is 0 m from the feet"),
-        ("1,1,2000,-1000,feedback_hold,0,2,-1,2000", "is it in metres?"),
-        ("1,1,2,-1,feedback_hold,0,2,-1,1e8", "at most 4.32e+06, a day, got 1e+08"),
-        ("0,1,2,-1,sleeping,9,2,-1,2000", "line 82, column 'phase': one of open_loop_reach"),
-        ("0,1,2,-1,feedback_hold,0,2,-1,2000", "column 't' must increase"),
+        (["0,1,2,-1,open_loop_reach,9,2,-1,2000"], "line 82, column 'phase': open_loop_reach comes after"),
+        (["0,1,2,1,feedback_hold,9,2,-1,2000"], "line 82, column 'target_y': 1.0 was expected to be -1.0"),
+        (["0,1,2,-1,feedback_hold,5000,2,-1,2000"], "is it in seconds?"),
+        (["0.5,1,2,-1,feedback_hold,0,2,-1,2000"], "line 82, column 'trial': 0.5 is not an integer"),
+        (["1,1,2,-1,feedback_hold,-1,2,-1,2000"], "line 82, column 't': seconds since feedback_hold began"),
+        (["1,1,0,0,feedback_hold,0,2,-1,2000"], "the target is 0 m from the feet"),
+        (["1,1,2000,-1000,feedback_hold,0,2,-1,2000"], "is it in metres?"),
+        (["1,1,2,-1,feedback_hold,0,2,-1,1e8"], "at most 4.32e+06, a day, got 1e+08"),
+        (["0,1,2,-1,sleeping,9,2,-1,2000"], "line 82, column 'phase': one of open_loop_reach"),
+        (["0,1,2,-1,feedback_hold,0,2,-1,2000"], "column 't' must increase"),
+        pytest.param([*floor_rows(1), *floor_rows()], "line 162, column 'trial'", id="in two pieces"),
     ],
 )
-def test_rows_out_of_order_are_refused(tmp_path: Path, row: str, said: str) -> None:
-    path = write_floor(tmp_path, [*floor_rows(), row])
+def test_rows_out_of_order_are_refused(tmp_path: Path, rows: list[str], said: str) -> None:
+    path = write_floor(tmp_path, [*floor_rows(), *rows])
     assert said in refused(lambda: read_floor_trials(tmp_path), path)
-
-
-def test_trials_are_in_one_piece(tmp_path: Path) -> None:
-    path = write_floor(tmp_path, [*floor_rows(), *floor_rows(1), *floor_rows()])
-    assert "line 162, column 'trial'" in refused(lambda: read_floor_trials(tmp_path), path)
 
 
 def test_many_short_trials_are_read_fast(tmp_path: Path) -> None:

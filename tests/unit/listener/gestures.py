@@ -10,7 +10,6 @@ from pointit.services.listener.referents import ReferentTarget
 from tests.support.bench import START_NS
 
 EYES: Vec3 = (0.0, 0.0, 1.64)
-MOVE_S = 0.5
 
 
 def at_ns(time_s: float) -> int:

@@ -28,6 +28,7 @@ from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.static_targets import lamps_for_pose, map_change_reason
 from pointit.services.localizer.tracking import PoseTracker
 from tests.unit.localizer.person import ROOM, START_NS, Person, config
+from tests.unit.localizer.test_static_targets import LAMPS
 
 QUAD: Vec3 = (2.5, 1.0, 0.3)
 DRIFT_RAD = math.radians(6.0)
@@ -261,11 +262,7 @@ def test_robots_are_bounded_and_the_newest_stay() -> None:
     assert count(procedure, START_NS) == MAX_TRACKS
 
 
-A, B, C = (
-    Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
-    Lamp(id="b", position_m=(-3.0, 2.5, 0.9)),
-    Lamp(id="c", position_m=(-2.5, -3.0, 2.0)),
-)
+A, B, C = LAMPS
 AT_ORIGIN = Lamp(id="zero", position_m=(0.0, 0.0, 0.1))
 
 

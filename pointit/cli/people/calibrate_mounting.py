@@ -325,7 +325,7 @@ class _Wrist:
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
-        self._samples = LatestMessage(bus, IMU, user)
+        self._latest = LatestMessage(bus, IMU, user)
 
     async def check(self) -> None:
         """Check that samples arrive, from a service with a mounting."""
@@ -337,7 +337,7 @@ class _Wrist:
                 f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
             )
         with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
-            sample = await self._samples.wait(site_link.TIMEOUT_S)
+            sample = await self._latest.wait(site_link.TIMEOUT_S)
         if sample is None:
             why = silence_reason(IMU, self._user, there)
             raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {why}")
@@ -350,7 +350,7 @@ class _Wrist:
         try:
             async with asyncio.timeout(guidance.timeout_s):
                 while True:
-                    sample = await self._samples.next()
+                    sample = await self._latest.next()
                     turned_rad = math.pi
                     if apart_from is not None:
                         turned_rad = angle_between(apart_from, sample.orientation_xyzw)

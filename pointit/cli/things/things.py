@@ -76,10 +76,12 @@ async def _map(bus: Bus) -> Environment:
 
 async def _states(bus: Bus) -> dict[str, str]:
     """Return the states that the carriers of things tell within `STATES_S`."""
-    carriers: dict[str, ThingStates] = {}
-    with contextlib.closing(bus.subscribe(THING_STATES, lambda told, name: carriers.update({name: told}))):
+    by_carrier: dict[str, ThingStates] = {}
+    with contextlib.closing(
+        bus.subscribe(THING_STATES, lambda states, name: by_carrier.update({name: states}))
+    ):
         await asyncio.sleep(STATES_S)
-    states = [each for told in carriers.values() for each in told.things]
+    states = [each for thing_states in by_carrier.values() for each in thing_states.things]
     states.sort(key=lambda each: each.state == "unavailable")  # an act needs all carriers of its thing
     return {each.id: f"{each.state}: {each.reason}" if each.reason else each.state for each in states}
 

@@ -1,6 +1,5 @@
 """The service on sockets: a server of NatNet that answers and streams, by unicast and multicast."""
 
-import asyncio
 import contextlib
 import math
 import time
@@ -20,7 +19,7 @@ from pointit.runtime.service.service import Launch, check_launches, run_service
 from pointit.schemas import Environment, Health, ImuSample, TrackedObjects, UserPose
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import HEALTH, IMU, MAP, OBJECTS, POSE
-from tests.support.bench import background, until
+from tests.support.bench import background, repeated, until
 from tests.unit.mocap.natnet_encoder import Body, Server, serving
 
 YAW_RAD = 0.7
@@ -82,13 +81,11 @@ async def moving_wrist(
 ) -> AsyncGenerator[None]:
     publisher = bus.publisher(IMU, "anna")
 
-    async def send() -> None:
-        while True:
-            now_ns = time.time_ns()
-            publisher.put(ImuSample(stamp_ns=now_ns, orientation_xyzw=moved(now_ns)))
-            await asyncio.sleep(0.02)
+    def send() -> None:
+        now_ns = time.time_ns()
+        publisher.put(ImuSample(stamp_ns=now_ns, orientation_xyzw=moved(now_ns)))
 
-    async with background(send()):
+    async with repeated(0.02, send):
         yield
 
 

@@ -103,15 +103,14 @@ def longest_gap_s(writer: Member, reader: Member, for_s: float) -> float:
 
 
 @pytest.mark.long  # saturates both cores: beside other jobs it measures the machine, not the router
-def test_reader_that_is_stuck_and_writers_who_insist_hold_nobody_up_and_are_named(folder: SiteFolder) -> None:
-    with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
+def test_reader_that_is_stuck_and_writers_who_insist_hold_nobody_up(folder: SiteFolder) -> None:
+    with RouterProgram("--site-folder", str(folder.path)), ExitStack() as stack:
         ally, onlooker, reader, *writers = (
             stack.enter_context(Member(folder, name))
             for name in ("supervisor", "operator", *("anna",) * (WRITERS + 1))
         )
         with stuck(reader, RAY.at("anna")), writing(writers, RAY.at("anna")):
             assert longest_gap_s(ally, onlooker, 8.0) < STALL_S
-            wait(lambda: "lab/anna reads nothing of what it has asked for" in router.said, "the name")
 
 
 def test_router_drops_instead_of_waiting_whatever_a_writer_wants(folder: SiteFolder) -> None:

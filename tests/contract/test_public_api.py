@@ -1,8 +1,6 @@
 """The public API is as recorded, and its requests are those of the request table."""
 
 import inspect
-import subprocess
-import sys
 import typing
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from pointit.api import requests as api_requests
 from pointit.schemas.topics import REQUESTS, SET_METHOD, Request
 from pointit.services.registry import PROCESSES
 from tests.contract import public_api
+from tests.support.invoked import python
 
 ROOT = Path(__file__).parents[2]
 GROUPS, SYNC_GROUPS = (public_api.groups_of(site) for site in public_api.sites())
@@ -48,9 +47,7 @@ def test_stubs_and_module_have_the_same_names() -> None:
 def test_importing_loads_neither_the_command_line_nor_the_services() -> None:
     services = [row.package for row in PROCESSES]
     unwanted = ("click", "rich", "typer", "numpy", "pointit.launch", "pointit.cli", *services)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", STRANGER, *unwanted], capture_output=True, text=True, check=True
-    )
+    done = python("-W", "error", "-c", STRANGER, *unwanted, check=True)
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 

@@ -10,10 +10,12 @@ import signal
 import socket
 import tempfile
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest_asyncio
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
@@ -170,3 +172,10 @@ async def router_process() -> AsyncGenerator[RouterProcess]:
     finally:
         router.stop()
         router.close()
+
+
+@pytest_asyncio.fixture
+async def bus() -> AsyncIterator[MemoryBus]:
+    bus = MemoryBus()
+    yield bus
+    await bus.close()

@@ -1,4 +1,4 @@
-"""Fixtures for every unit test: asynchronous ones run in virtual time, and services report Health often."""
+"""Fixtures for unit tests: asynchronous ones run in virtual time, services report often."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,6 +7,7 @@ import pytest
 
 from pointit.runtime.clock import VirtualTimeLoop
 from pointit.runtime.service import service
+from tests.support.buses import bus  # noqa: F401 -- a fixture of the tests
 
 
 def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:

@@ -51,10 +51,6 @@ GARBAGE = {
 }
 
 
-def name_for(row: Any) -> str:
-    return "anna" if row.placeholder else ""
-
-
 SOME = (IMU, CLAIM, PROFILE, STRIPS_FRAME, HEALTH)
 """Topics of each delivery, of people and of all."""
 
@@ -71,7 +67,7 @@ async def test_garbage_is_dropped_and_counted(
     seen: list[Message] = []
     began_s = time.monotonic()
     subscription = bus.subscribe(topic, lambda message, _name: seen.append(message))
-    key = SITE + topic.at(name_for(topic))
+    key = SITE + topic.at("anna" if topic.placeholder else "")
     for count, (what, payload) in enumerate(GARBAGE.items(), start=1):
         stranger.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)  # a megabyte needs time
         await until(lambda count=count: subscription.traffic.invalid >= count, what=what)

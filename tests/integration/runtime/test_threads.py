@@ -1,13 +1,12 @@
 """Number of Zenoh's receiving threads, in a process of its own: Zenoh is configured once per process."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.support.buses import free_port
+from tests.support.invoked import python
 
 COUNTING = """
 import asyncio
@@ -47,12 +46,6 @@ asyncio.run(main())
 @pytest.mark.parametrize(("given", "count"), [("", 1), ("(rx: (worker_threads: 3))", 3)])
 def test_one_thread_receives_unless_the_environment_says_otherwise(given: str, count: int) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"}
-    done = subprocess.run(
-        [sys.executable, "-c", COUNTING.format(endpoint=f"tcp/127.0.0.1:{free_port()}")],
-        env=environment | ({"ZENOH_RUNTIME": given} if given else {}),
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    program = COUNTING.format(endpoint=f"tcp/127.0.0.1:{free_port()}")
+    done = python("-c", program, env=environment | ({"ZENOH_RUNTIME": given} if given else {}))
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{count}\n", "")

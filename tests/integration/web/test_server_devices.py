@@ -305,11 +305,11 @@ async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path)
         assert file.read_text() == "{broken"
 
 
+STUBBORN = "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
+
+
 async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    stubborn = (
-        "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
-    )
-    monkeypatch.setattr(devices, "BEGIN", stubborn)
+    monkeypatch.setattr(devices, "BEGIN", STUBBORN)
     monkeypatch.setattr(devices, "STOP_TIMEOUT_S", 0.05)
     told: list[object] = []
     running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))
@@ -340,10 +340,7 @@ async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As a loop that closes does while the process is slow to end."""
-    stubborn = (
-        "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
-    )
-    monkeypatch.setattr(devices, "BEGIN", stubborn)
+    monkeypatch.setattr(devices, "BEGIN", STUBBORN)
     before, others = asyncio.all_tasks(), {*psutil.Process().children()}
     told: list[object] = []
     running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))

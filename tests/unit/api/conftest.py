@@ -12,13 +12,6 @@ from pointit.runtime.clock import WallClock
 
 
 @pytest_asyncio.fixture
-async def bus() -> AsyncIterator[MemoryBus]:
-    bus = MemoryBus()
-    yield bus
-    await bus.close()
-
-
-@pytest_asyncio.fixture
 async def site(bus: MemoryBus) -> AsyncIterator[Site]:
     async with Site.on(bus, WallClock()) as site:
         yield site

@@ -9,7 +9,7 @@ import pytest
 
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli import page
-from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 
@@ -45,11 +45,10 @@ def is_littered(home: Path) -> bool:
 
 @pytest.mark.parametrize("has_snaps", [False, True])
 async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], *, has_snaps: bool
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus, *, has_snaps: bool
 ) -> None:
     if not has_snaps:
         monkeypatch.setattr(page, "SNAPS", tmp_path / "none")
-    bus = MemoryBus(LocalBroker())
     opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
@@ -65,11 +64,10 @@ async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_
     assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
     opening.close()
     assert not is_littered(tmp_path)
-    await bus.close()
 
 
 async def test_run_that_ends_sooner_leaves_no_copy(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus
 ) -> None:
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
     opens = page.BrowserWindow._open
@@ -81,7 +79,6 @@ async def test_run_that_ends_sooner_leaves_no_copy(
         done.set()
 
     monkeypatch.setattr(page.BrowserWindow, "_open", open_late)
-    bus = MemoryBus(LocalBroker())
     opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
     await until(begun.is_set, what="the thread")
@@ -90,7 +87,6 @@ async def test_run_that_ends_sooner_leaves_no_copy(
     await until(done.is_set, what="its end")
     assert not is_littered(tmp_path)
     assert not opened
-    await bus.close()
 
 
 @pytest.mark.parametrize(

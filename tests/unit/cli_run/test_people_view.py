@@ -356,9 +356,8 @@ def test_a_cursor_on_a_solid_names_it() -> None:
     assert any("plane floor" in line for line in shown(monitor))
 
 
-async def test_changes_are_told_once_whatever_their_figures() -> None:
+async def test_changes_are_told_once_whatever_their_figures(bus: MemoryBus) -> None:
     robots, told = RobotWatcher(), list[str]()
-    bus = MemoryBus(LocalBroker())
     robots.attach(bus, lambda line, _user: told.append(line))
     states: tuple[dict[str, str], ...] = (
         {},
@@ -369,7 +368,6 @@ async def test_changes_are_told_once_whatever_their_figures() -> None:
     )
     for fields in states:
         take(robots, robot(**fields), "quad")
-    await bus.close()
     assert told == ["quad: anna steers it", "quad: nobody steers it", "quad: ben is 0.91 m away"]
 
 

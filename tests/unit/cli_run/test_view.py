@@ -219,8 +219,7 @@ def health(instance: str, *warnings: str, rate_hz: float = 50.0, user: str = "")
     )
 
 
-async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch, bus: MemoryBus) -> None:
     monitor = monitor_of()
     monitor.attach(bus)
     token = bus.announce(topics.USER_ALIVE, "anna")
@@ -271,11 +270,9 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: now_s + SILENT_S + 1)
     assert "look at: pui" in "\n".join(shown(monitor, 200))
     monkeypatch.undo()
-    await bus.close()
 
 
-async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_rate_of_each_controller_is_shown_and_averaged(bus: MemoryBus) -> None:
     monitor = monitor_of()
     monitor.attach(bus)
     reports = bus.publisher(topics.HEALTH, "led-driver")
@@ -286,7 +283,6 @@ async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
         await until(lambda: "led-driver" in monitor.health)
     assert monitor.light_rates() == {"/dev/leds": 9.0}
     assert "/dev/leds up to 10 Hz" in "\n".join(shown(monitor, 200))
-    await bus.close()
 
 
 def test_only_the_newest_events_are_kept() -> None:

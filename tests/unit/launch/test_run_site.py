@@ -13,7 +13,7 @@ from pointit.launch.plan.launches import CURSOR_COLORS, Choices, check_settings,
 from pointit.launch.plan.plan import USUAL, Plan, Scenario
 from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
 from pointit.launch.run.running_scenario import DeploymentPublisher, Processes
-from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import SILENT_S, Link
 from pointit.runtime.service.service import Launch, check_launches
@@ -43,25 +43,24 @@ def runs(bus: MemoryBus, name: str) -> None:
         (["scenario_1", "scenario_2"], USUAL),
     ],
 )
-async def test_who_joins_takes_part_in_what_runs_there(names: list[str], scenario: str) -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_who_joins_takes_part_in_what_runs_there(
+    names: list[str], scenario: str, bus: MemoryBus
+) -> None:
     for name in names:
         runs(bus, name)
     assert await surroundings(bus) == (scenario, 1)
-    await bus.close()
 
 
-async def test_who_joins_has_the_first_colour_that_nobody_has() -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_who_joins_has_the_first_colour_that_nobody_has(bus: MemoryBus) -> None:
     for user, color in (("user1", CURSOR_COLORS[0]), ("ben", CURSOR_COLORS[2])):
         bus.publisher(PROFILE, user).put(UserProfile(stamp_ns=1, cursor_color=color))
     assert await surroundings(bus) == (USUAL, 2)
-    await bus.close()
 
 
-async def test_a_person_may_not_be_called_like_a_shard_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_person_may_not_be_called_like_a_shard_of_others(
+    monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
+) -> None:
     monkeypatch.setattr("pointit.launch.run.run_site.SILENT_S", 0.01)
-    bus = MemoryBus(LocalBroker())
     for instance in ("pui", "pui.hall", "pui.anna", "robot.quad", "pointing.carl"):
         bus.announce(SERVICE_ALIVE, instance)
     for served in ("pui.anna", "pui.ben"):
@@ -69,15 +68,12 @@ async def test_a_person_may_not_be_called_like_a_shard_of_others(monkeypatch: py
     await check_names(bus, ["anna", "ben", "carl", "quad"])
     with pytest.raises(ConfigError, match=r"^hall: pui.hall on site .* is a shard that serves nobody"):
         await check_names(bus, ["anna", "hall"])
-    await bus.close()
 
 
-async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for() -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for(bus: MemoryBus) -> None:
     bus.announce(SERVICE_ALIVE, "selector.anna")
     asyncio.get_running_loop().call_later(LISTEN_S + 0.2, bus.announce, SHARD_ALIVE, "selector.anna")
     await check_names(bus, ["anna"])
-    await bus.close()
 
 
 def health(viewers: float | None, service: str = "web") -> Health:
@@ -116,19 +112,16 @@ def other(stamp_ns: int) -> Deployment:
     return Deployment(stamp_ns=stamp_ns, name="anna", services=services)
 
 
-async def test_who_is_asked_to_end_takes_it_back() -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_who_is_asked_to_end_takes_it_back(bus: MemoryBus) -> None:
     notice, told = posted(bus)
     await until(lambda: len(told) == 1, what="the run")
     notice.retract()
     await until(lambda: len(told) == 2, what="its end")
     assert [len(each.services) for each in told] == [1, 0]
     notice.retract()
-    await bus.close()
 
 
-async def test_what_another_has_told_since_is_not_taken_back() -> None:
-    bus = MemoryBus(LocalBroker())
+async def test_what_another_has_told_since_is_not_taken_back(bus: MemoryBus) -> None:
     notice, told = posted(bus)
     bus.publisher(DEPLOYMENT, "anna").put(other(time.time_ns() + AWAY_NS))
     await until(lambda: bool(told) and told[-1].services[0].command == ("elsewhere",), what="the other one")
@@ -138,7 +131,6 @@ async def test_what_another_has_told_since_is_not_taken_back() -> None:
     bus.publisher(DEPLOYMENT, "ben").put(other(0))
     await until(lambda: bool(later), what="what is told after it")
     assert all(each.services for each in told)
-    await bus.close()
 
 
 def test_recording_that_was_cut_off_is_not_told_as_a_success(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pointit.cli.inspect.topics import resolve
 from pointit.diagnosis.observation import silence_reason, start_command
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
-from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError, ListenError, first_cause
@@ -267,10 +267,9 @@ def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
 
 
 async def test_service_alone_in_its_process_ends_if_it_cannot_start_and_is_restarted_later(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    bus = MemoryBus(LocalBroker())
     launch = replace(counter(), config=registry.process("counter").config()(), is_alone=True)
     lives: list[str] = []
 
@@ -292,17 +291,15 @@ async def test_service_alone_in_its_process_ends_if_it_cannot_start_and_is_resta
     assert not work.done()
     work.cancel()
     await asyncio.wait({work})
-    await bus.close()
 
 
 @pytest.mark.parametrize(
     ("start", "failure"), [(0, "ValueError: it has lived long enough"), (1, "BusClosedError: ")]
 )
 async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
-    start: int, failure: str, monkeypatch: pytest.MonkeyPatch
+    start: int, failure: str, monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    bus = MemoryBus(LocalBroker())
     launch = replace(counter(), config=registry.process("counter").config()(start=start, lives=2))
     ((counts, _),) = resolve("counter/*")
     seen: list[int] = []
@@ -326,4 +323,3 @@ async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
         work.cancel()
     await asyncio.wait({work})
     assert work.cancelled() is not bus.is_closed
-    await bus.close()

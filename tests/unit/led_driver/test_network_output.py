@@ -80,7 +80,7 @@ async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch
     async with receiver() as device, running(device.port, Health()) as output:
         for value in (7, 8):
             output.show(frame(value))
-            await until(functools.partial(shows_thrice, device, value))
+            await until(lambda value=value: [each[1] for each in device.datagrams].count(value) == 3)
         await asyncio.sleep(0.1)  # none follows
         assert [each[1] for each in device.datagrams][-3:] == [8, 8, 8]
 
@@ -155,10 +155,6 @@ async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
         await device.plug()
     await until(lambda: [each[1:] for each in device.datagrams] == [bytes(6)])
     await device.unplug()
-
-
-def shows_thrice(device: UdpDevice, value: int) -> bool:
-    return [each[1] for each in device.datagrams].count(value) == 3
 
 
 def last_is(device: UdpDevice, value: int) -> bool:

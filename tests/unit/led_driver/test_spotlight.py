@@ -17,7 +17,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.schemas import Cursor
-from pointit.services.led_driver.output.pose_fit import FittedPose, fit_pose
+from pointit.services.led_driver.output.pose_fit import fit_pose
 from pointit.services.led_driver.output.spotlight import (
     DARK,
     HOME,
@@ -265,10 +265,6 @@ def pointed(
     ]
 
 
-def fitted(fit: FittedPose) -> HeadMounting:
-    return HeadMounting.from_degrees(fit.position_m, fit.yaw_deg, fit.pitch_deg, fit.roll_deg)
-
-
 def turn_rad(a: HeadMounting, b: HeadMounting) -> float:
     w = rotation.multiply(rotation.inverse(a.world_from_fixture), b.world_from_fixture)[3]
     return 2.0 * math.acos(min(abs(w), 1.0))
@@ -281,7 +277,7 @@ def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: 
     fit = fit_pose(pointed(truth, LAMPS, chance, math.radians(0.2)), LAMPS)
     assert (fit.is_unique, fit.is_mirrored) == (True, False)
     assert fit.error_rad < math.radians(0.6)
-    found = fitted(fit)
+    found = HeadMounting.from_degrees(fit.position_m, fit.yaw_deg, fit.pitch_deg, fit.roll_deg)
     assert math.dist(found.position_m, truth.position_m) < 0.15
     assert turn_rad(found, truth) < math.radians(3.0)
     for place in ((2.0, 2.0, 0.0), (1.0, 3.0, 1.0)):  # where nobody pointed

@@ -290,14 +290,10 @@ POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
 SESSION = "fd857cb30ca6267672bad8919c98b29f"
 
 
-def rmw() -> RmwZenoh:
-    return RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
-
-
 def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
     """The fixture is one node with 26 endpoints, numbered as it declared them."""
     genuine = {int(text.split("/")[4]): (text, identity) for text, identity in golden("wire")["tokens"]}
-    ours = rmw()
+    ours = RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
     assert ours.node_token() == genuine[0][0]
     for number in range(1, len(genuine)):
         text, identity = genuine[number]

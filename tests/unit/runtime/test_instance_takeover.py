@@ -3,12 +3,10 @@
 import asyncio
 import os
 import socket
-from collections.abc import AsyncIterator
 
 import pytest
-import pytest_asyncio
 
-from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import instance_takeover
 from pointit.runtime.service.instance_takeover import TakeoverMonitor, claim_names
@@ -30,13 +28,6 @@ def report(pid: int, uptime_s: float, *, host: str = "elsewhere", stamp_ns: int 
         host=host,
         uptime_s=uptime_s,
     )
-
-
-@pytest_asyncio.fixture
-async def bus() -> AsyncIterator[MemoryBus]:
-    bus = MemoryBus(LocalBroker())
-    yield bus
-    await bus.close()
 
 
 @pytest.fixture(autouse=True)

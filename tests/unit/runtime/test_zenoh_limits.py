@@ -304,16 +304,14 @@ async def test_closed_publishers_leave_no_names_behind() -> None:
 
 @pytest.mark.parametrize(("error", "logged"), [(ValueError("oh"), ["look failed"]), (RefusedError("no"), [])])
 async def test_tasks_that_fail_are_logged_unless_it_is_a_reply(
-    caplog: pytest.LogCaptureFixture, error: Exception, logged: list[str]
+    caplog: pytest.LogCaptureFixture, error: Exception, logged: list[str], bus: MemoryBus
 ) -> None:
     async def fail() -> None:
         raise error
 
-    bus = MemoryBus(LocalBroker())
     await asyncio.wait([bus.spawn(fail(), "look")])
     await asyncio.sleep(0)
     assert [record.message for record in caplog.records] == logged
-    await bus.close()
 
 
 async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order() -> None:

@@ -45,65 +45,61 @@ def key(topic: str, direction: str = "in", **fields: object) -> KeyHealth:
     return KeyHealth.model_validate({"key": topic, "direction": direction, "rate_hz": 0.0} | fields)
 
 
-class Scrape:
-    def __init__(self, metrics: SiteMetrics) -> None:
+class TakenMetrics(SiteMetrics):
+    """Metrics of a site that a test writes and scrapes."""
+
+    def __init__(self) -> None:
+        super().__init__("lab", "1.2.3")
         self._registry = CollectorRegistry(auto_describe=False)
-        self._registry.register(metrics)
+        self._registry.register(self)
+
+    def hear(self, name: str, message: Message) -> None:
+        self.state.take(TOPIC_OF[type(message)], name, message, 0.0)
 
     def value(self, sample: str, /, **labels: str) -> float | None:
         return self._registry.get_sample_value(sample, labels)
 
 
-class TakenMetrics(SiteMetrics):
-    """Metrics of a site that a test writes."""
-
-    def hear(self, name: str, message: Message) -> None:
-        self.state.take(TOPIC_OF[type(message)], name, message, 0.0)
-
-
 @pytest.fixture
 def metrics() -> TakenMetrics:
-    return TakenMetrics("lab", "1.2.3")
+    return TakenMetrics()
 
 
 def test_services_are_shown_with_their_health_or_as_missing(metrics: TakenMetrics) -> None:
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     metrics.hear("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
-    scrape = Scrape(metrics)
-    assert scrape.value("pointit_service_present", service="pointing", name="anna") == 0
+    assert metrics.value("pointit_service_present", service="pointing", name="anna") == 0
     report = health("pui", 7, status="degraded", warnings=("a", "b"))
     metrics.hear("pui", report)  # it is not present yet
-    assert scrape.value("pointit_service_healthy", service="pui", name="") is None
+    assert metrics.value("pointit_service_healthy", service="pui", name="") is None
     metrics.state.set_service("pui", True)
     metrics.hear("pui", report)
-    assert scrape.value("pointit_service_present", service="pui", name="") == 1
-    assert scrape.value("pointit_service_healthy", service="pui", name="") == 0
-    assert scrape.value("pointit_service_warnings", service="pui", name="") == 2
-    assert scrape.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
+    assert metrics.value("pointit_service_present", service="pui", name="") == 1
+    assert metrics.value("pointit_service_healthy", service="pui", name="") == 0
+    assert metrics.value("pointit_service_warnings", service="pui", name="") == 2
+    assert metrics.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
     metrics.hear("run.x", Deployment(stamp_ns=2, name="scenario_4"))
     metrics.state.set_service("pui", False)
     for name in ("present", "healthy"):
-        assert scrape.value(f"pointit_service_{name}", service="pui", name="") is None
+        assert metrics.value(f"pointit_service_{name}", service="pui", name="") is None
 
 
 def test_messages_are_the_rates_times_the_time_between_reports(metrics: TakenMetrics) -> None:
     labels = {"service": "pui", "topic": RAY.key, "direction": "in"}
     metrics.state.set_service("pui", True)
-    scrape = Scrape(metrics)
     for seq, expected in ((1, 50.0), (2, 100.0), (4, 200.0)):  # the third report is lost
         metrics.hear("pui", health("pui", seq, keys=(key(RAY.key, rate_hz=50.0),)))
-        assert scrape.value("pointit_messages_total", **labels) == expected
+        assert metrics.value("pointit_messages_total", **labels) == expected
 
 
 def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: TakenMetrics) -> None:
     for user in ("anna", "ben"):
         metrics.state.set_service(f"pointing.{user}", True)
         metrics.hear(f"pointing.{user}", health(f"pointing.{user}", keys=(key(RAY.key, lost=2, dropped=3),)))
-    scrape = Scrape(metrics)
     of = {"service": "pointing", "topic": RAY.key}
-    assert scrape.value("pointit_discarded_messages_total", **of, reason="lost") == 4
-    assert scrape.value("pointit_discarded_messages_total", **of, reason="dropped") == 6
-    assert scrape.value("pointit_discarded_messages_total", **of, reason="invalid") == 0
+    assert metrics.value("pointit_discarded_messages_total", **of, reason="lost") == 4
+    assert metrics.value("pointit_discarded_messages_total", **of, reason="dropped") == 6
+    assert metrics.value("pointit_discarded_messages_total", **of, reason="invalid") == 0
 
 
 def durations(*values_s: float) -> Quantiles:
@@ -122,25 +118,23 @@ def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metri
     uncounted = (Quantiles(p50_s=0.001, p99_s=0.002, counts=counts) for counts in ((), (1, 2)))
     for seq, latency in enumerate((None, *uncounted), 2):  # nothing was measured, or in other buckets
         metrics.hear("pointing.ben", health("pointing.ben", seq, latency=latency))
-    scrape = Scrape(metrics)
     buckets = {
-        bound: scrape.value("pointit_latency_seconds_bucket", service="pointing", le=str(bound))
+        bound: metrics.value("pointit_latency_seconds_bucket", service="pointing", le=str(bound))
         for bound in DURATION_BOUNDS_S
     }
     assert [buckets[bound] for bound in (0.002, 0.005, 0.02, 0.05, 0.1, 5.0)] == [0, 1, 1, 3, 4, 4]
-    assert scrape.value("pointit_latency_seconds_bucket", service="pointing", le="+Inf") == 5
-    assert scrape.value("pointit_latency_seconds_count", service="pointing") == 5
-    assert scrape.value("pointit_latency_seconds_sum", service="pointing") == pytest.approx(9.1341)
-    assert scrape.value("pointit_step_seconds_count", service="pointing") is None
+    assert metrics.value("pointit_latency_seconds_bucket", service="pointing", le="+Inf") == 5
+    assert metrics.value("pointit_latency_seconds_count", service="pointing") == 5
+    assert metrics.value("pointit_latency_seconds_sum", service="pointing") == pytest.approx(9.1341)
+    assert metrics.value("pointit_step_seconds_count", service="pointing") is None
 
 
 def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics) -> None:
     metrics.state.set_service("pui", True)
-    scrape = Scrape(metrics)
     for values_s, count, sum_s in (((0.5,), 1, 0.5), ((-3.0,), 2, 0.5), ((0.25,), 3, 0.75)):
         metrics.hear("pui", health("pui", latency=durations(*values_s)))
-        assert scrape.value("pointit_latency_seconds_count", service="pui") == count
-        assert scrape.value("pointit_latency_seconds_sum", service="pui") == pytest.approx(sum_s)
+        assert metrics.value("pointit_latency_seconds_count", service="pui") == count
+        assert metrics.value("pointit_latency_seconds_sum", service="pui") == pytest.approx(sum_s)
 
 
 def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> None:
@@ -149,22 +143,20 @@ def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> 
     xx, xy = (along + across) / 2.0, (along - across) / 2.0
     covariance = (xx, xy, 0.0, xy, xx, 0.0, 0.0, 0.0, 0.05**2)
     metrics.hear("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
-    scrape = Scrape(metrics)
-    assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
+    assert metrics.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
     metrics.state.set_person("anna", True)
-    assert scrape.value("pointit_people") == 1
-    assert scrape.value("pointit_pose_position_sigma_meters", user="anna") == pytest.approx(0.3)
-    assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") == pytest.approx(0.05)
+    assert metrics.value("pointit_people") == 1
+    assert metrics.value("pointit_pose_position_sigma_meters", user="anna") == pytest.approx(0.3)
+    assert metrics.value("pointit_pose_yaw_sigma_radians", user="anna") == pytest.approx(0.05)
     metrics.state.set_person("anna", False)
-    assert scrape.value("pointit_pose_position_sigma_meters", user="anna") is None
+    assert metrics.value("pointit_pose_position_sigma_meters", user="anna") is None
 
 
 def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: TakenMetrics) -> None:
-    scrape = Scrape(metrics)
     for phase in ("solved", "sampling", "refused", "refused", "sampling", "solved"):
         metrics.hear("anna", Localization.model_validate({"stamp_ns": 1, "phase": phase}))
-    assert scrape.value("pointit_localizations_total", purpose="pose", result="refused") == 1
-    assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 1
+    assert metrics.value("pointit_localizations_total", purpose="pose", result="refused") == 1
+    assert metrics.value("pointit_localizations_total", purpose="pose", result="solved") == 1
 
 
 def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetrics) -> None:
@@ -179,11 +171,10 @@ def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetri
     ):
         metrics.state.set_service(instance, True)
         metrics.hear(instance, health(instance, figures=(Figure(name=name, value=value),)))
-    scrape = Scrape(metrics)
-    assert scrape.value("pointit_selection_events_total", result="selected") == 2
-    assert scrape.value("pointit_battery_ratio", user="anna") == 0.25
-    assert scrape.value("pointit_page_viewers", service="web", name="") == 3
-    assert scrape.value("pointit_router_refusals_total", service="router") == 9
+    assert metrics.value("pointit_selection_events_total", result="selected") == 2
+    assert metrics.value("pointit_battery_ratio", user="anna") == 0.25
+    assert metrics.value("pointit_page_viewers", service="web", name="") == 3
+    assert metrics.value("pointit_router_refusals_total", service="router") == 9
 
 
 def test_invented_names_do_not_make_series_without_end(
@@ -225,11 +216,10 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
         arrive(f"u{number}")
     arrive("ben")  # a pose may come before the presence
     metrics.state.set_person("ben", True)
-    scrape = Scrape(metrics)
     for user in ("anna", "ben"):
-        assert scrape.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
+        assert metrics.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
     arrive("anna")
-    assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 13
+    assert metrics.value("pointit_localizations_total", purpose="pose", result="solved") == 13
 
 
 def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) -> None:

@@ -42,10 +42,6 @@ def filled(*moving: Any, static: tuple[Any, ...] = ()) -> TransformBuffer:
     return buffer
 
 
-def close(a: Vec3, b: Vec3) -> bool:
-    return vector.norm(vector.subtract(a, b)) < 1e-9 * (1.0 + vector.norm(a))
-
-
 @given(st.lists(POSES, min_size=1, max_size=5), st.tuples(METRES, METRES, METRES))
 def test_a_chain_moves_a_point_as_its_transforms_do_one_by_one(chain: list[Pose], at_m: Vec3) -> None:
     names = ["world", *(f"frame{count}" for count in range(len(chain)))]

@@ -351,3 +351,47 @@ async def test_an_agv_that_others_steer_is_a_tracked_object(port: int, node: tup
             steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
             await until(lambda: seen[-1].objects[0].velocity_mps[0] > 0.4, PATIENCE_S, "its motion")
             await until(lambda: seen[-1].objects[0].position_m[0] > 3.3, PATIENCE_S, "its way")
+
+
+PREFIX = "/plant/uagv/2.0"
+"""Of an AGV that keeps VDA 5050 only partly: written as by a client of Go."""
+
+
+async def test_an_agv_with_other_topics_and_null_fields_is_shown_and_connected(port: int) -> None:
+    nothing = ("nodeStates", "edgeStates", "actionStates", "errors", "information", "loads", "velocity")
+    where = {"theta": 0.0, "mapId": "hall", "positionInitialized": True, "deviationRange": -1}
+    state: dict[str, Any] = {
+        **dict.fromkeys(nothing),
+        "headerId": 0,
+        "version": "2.0",
+        "manufacturer": "acme",
+        "serialNumber": "7",
+        "orderId": "",
+        "driving": True,
+        "operatingMode": "automatic",
+        "safetyState": {"eStop": "none"},
+        "batteryState": {"batteryCharge": -1, "charging": False},
+    }
+
+    async def report(client: aiomqtt.Client) -> None:
+        for step in itertools.count():
+            position = {"x": 0.1 * step, "y": 1.0, **where}
+            message = json.dumps({**state, "agvPosition": position})
+            await client.publish(f"{PREFIX}/acme/7/state", message)
+            await asyncio.sleep(0.1)
+
+    await until(lambda: is_listening(port), what="the broker")
+    launch = Launch(
+        service=AgvTracker, config=AgvTrackerConfig(broker=f"127.0.0.1:{port}", topic_prefix=PREFIX)
+    )
+    async with (
+        aiomqtt.Client("127.0.0.1", port) as client,
+        memory_bench(WallClock()) as bench,
+        running(report(client)),
+        running(run_service(launch, bench.bus, bench.clock)),
+        steering(port, topic_prefix=PREFIX) as steered,
+    ):
+        seen = bench.collect(OBJECTS, "agvs")
+        assert not await find_agvs_on("127.0.0.1", port, 1.0), "its topics are not those of the standard"
+        await until(lambda: bool(seen) and seen[-1].objects[0].position_m[0] > 1.5, PATIENCE_S, "its way")
+        await until(lambda: steered.place is not None and steered.place[0] > 1.5, PATIENCE_S, "its reports")

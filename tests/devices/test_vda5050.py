@@ -354,7 +354,7 @@ async def test_an_agv_that_others_steer_is_a_tracked_object(port: int, node: tup
 
 
 PREFIX = "/plant/uagv/2.0"
-"""Of an AGV that keeps VDA 5050 only partly: written as by a client of Go."""
+"""Topics of an AGV that keeps VDA 5050 only partly, as a client of Go writes them."""
 
 
 async def test_an_agv_with_other_topics_and_null_fields_is_shown_and_connected(port: int) -> None:

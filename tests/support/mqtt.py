@@ -89,7 +89,11 @@ class Relay:
             writer.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._broker)
+        try:
+            far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._broker)
+        except OSError:
+            writer.close()
+            return
         self._near.append(writer)
         self._far.append(far_writer)
         links = (self._pass_on(reader, far_writer), self._pass_on(far_reader, writer))

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncGenerator, Mapping
+from time import time_ns
 from typing import Any
 
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
@@ -41,7 +42,7 @@ async def published(port: int, bench: Bench, *, is_new_run: bool = True) -> Asyn
 
 
 def point(bench: Bench, name: str, event: str = "selected") -> None:
-    fields = {"stamp_ns": 1, "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
+    fields = {"stamp_ns": time_ns(), "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
     bench.put(SELECTION_EVENTS, SelectionEvent.model_validate({**fields, "carriers": ("mqtt",)}))
 
 

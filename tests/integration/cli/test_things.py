@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 from pathlib import Path
+from time import time_ns
 from typing import Any
 
 from pointit.schemas import (
@@ -36,7 +37,7 @@ RADIO = Thing(id="radio", mode="switch", lamp="radio_lamp", **PLACE)
 
 
 def happened(thing: str, event: str, *carriers: str) -> SelectionEvent:
-    fields = {"stamp_ns": 1, "event": event, "object_id": thing, "user": "anna", "carriers": carriers}
+    fields = {"stamp_ns": time_ns(), "event": event, "object_id": thing, "user": "anna", "carriers": carriers}
     return SelectionEvent.model_validate(fields)
 
 

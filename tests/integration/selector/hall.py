@@ -99,7 +99,14 @@ class Hall:
 
     async def ready(self) -> None:
         """Wait until both shards hover objects and reach the selector."""
-        await self.all(lambda person: "selector" in person.services, "the selector")
+
+        def is_heard(person: Person) -> bool:
+            for task in self.tasks:
+                if task.done() and not task.cancelled():
+                    task.result()  # a selector that has failed is never heard
+            return "selector" in person.services
+
+        await self.all(is_heard, "the selector")
         for person in self.people:
             person.hovers.clear()
         await self.all(lambda person: bool(person.hovers), "hovers")

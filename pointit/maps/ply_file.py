@@ -147,7 +147,7 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
     """Return order and elements. Afterwards `file` is at the body."""
     if file.readline(_MAX_LINE).strip() != b"ply":
         raise ConfigError(
-            f"{path}: does not begin with `ply`; give a PLY file, or rename it to .xyz if it is plain text"
+            f"{path}: does not begin with the line `ply`; give a PLY file, or rename plain text to .xyz"
         )
     order: str | None = None
     elements: list[Element] = []

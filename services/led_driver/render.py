@@ -45,8 +45,8 @@ BODY, FILL, GAP, OWNER, MARGIN = range(5)
 MARGIN_COLORS = 4
 """Maximum number of alternating colours."""
 ROLES = MARGIN + MARGIN_COLORS
-"""Tolerance, pixels."""
 MAX_TAIL_M = 0.5
+"""Maximum length of a moving object's tail, m."""
 _ROUNDING_M = 1e-9
 """Distance beyond an object's end at which a pixel is still on it."""
 _MANY = 1e9

@@ -264,9 +264,9 @@ class Arbiter:
         """Return a warning about people whose claims are ignored, or `""`."""
         return self._budget.problem(now_ns)
 
-    def refusing_carriers(self) -> dict[str, str]:
+    def carrier_warnings(self) -> dict[str, str]:
         """Return a warning about each carrier that cannot carry out acts."""
-        return self._acts.refusing_carriers()
+        return self._acts.carrier_warnings()
 
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
@@ -435,9 +435,8 @@ class Arbiter:
         if on is is_on:
             return []
         if tracked.mode == "button" and (is_on or on is False):
-            status = (
-                "has just fired: try again in a second" if on is None else "is a button: it goes off itself"
-            )
+            just_fired = "has just fired: try again in a second"
+            status = just_fired if on is None else "is a button: it goes off by itself"
             return [self._publisher.cue(user, "refused", f"{thing} {status}", now_ns)]
         if reason := self._ownership.refusal(thing, now_ns):
             return [self._publisher.cue(user, "refused", reason, now_ns)]

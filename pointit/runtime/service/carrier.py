@@ -161,6 +161,7 @@ class Carrier:
         limit_s = _merged(act.thing, targets).limit_s
         results: list[BaseException | None] = []
         try:
+            # nobody waits for what is taken back, which may have to wait for the end of the act before
             async with asyncio.timeout(None if act.event.takes_back else limit_s):
                 results = await asyncio.gather(
                     *(each.carry_out(act) for each in targets), return_exceptions=True

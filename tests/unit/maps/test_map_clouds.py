@@ -86,7 +86,7 @@ def test_every_format_gives_the_same_points(tmp_path: Path, name: str) -> None:
 
 BROKEN = {
     "cloud.obj": (b"v 1 2 3", "is not a point cloud; give a file that ends in .ply, .xyz"),
-    "text.ply": (b"1 2 3\n", "does not begin with `ply`"),
+    "text.ply": (b"1 2 3\n", "does not begin with the line `ply`"),
     "endless.ply": (b"ply\nformat ascii 1.0\n", "its header does not end"),
     "negative.ply": (ply("ascii", XYZ, rows=-1), "line 4 of its header|vertex -1"),
     "no_vertex.ply": (ply("ascii", XYZ).replace(b"vertex", b"corner"), "has no element vertex"),

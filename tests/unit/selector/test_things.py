@@ -257,7 +257,7 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
     assert set_thing(room, "radio", on=False) == ([], [])
     assert set_thing(room, "screws") == (["selected"], [])
     assert set_thing(room, "screws") == ([], ["screws has just fired: try again in a second"])
-    assert set_thing(room, "screws", on=False) == ([], ["screws is a button: it goes off itself"])
+    assert set_thing(room, "screws", on=False) == ([], ["screws is a button: it goes off by itself"])
     assert room.point(80.0, 1.0) == [("deselected", "screws")]
     assert set_thing(room, "screws", on=True) == (["selected"], [])
 

@@ -38,7 +38,7 @@ def _new() -> str:
 Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
 
 
-class Tokens(BaseModel):
+class PageTokens(BaseModel):
     """Tokens for control and for viewing; random unless given."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
@@ -47,7 +47,7 @@ class Tokens(BaseModel):
     viewer: Token = Field(default_factory=_new)
 
 
-def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
+def stored_tokens(site: str, *, renew: bool = False) -> tuple[PageTokens, Sequence[str]]:
     """Return the tokens of the pages of `site`, the same at every start, and notices about them.
 
     They are in a file of the site's state that only its owner may read. A missing or untrusted file is
@@ -68,7 +68,7 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[s
         except (OSError, ValueError) as error:
             why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
             notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
-    tokens = Tokens()
+    tokens = PageTokens()
     try:
         write_atomically(path, f"{tokens.model_dump_json()}\n".encode())
     except ConfigError as error:
@@ -76,7 +76,7 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[s
     return tokens, notes
 
 
-def _read(path: Path) -> Tokens:
+def _read(path: Path) -> PageTokens:
     """Return the tokens in the file at `path`.
 
     Raises:
@@ -91,7 +91,7 @@ def _read(path: Path) -> Tokens:
             raise ValueError("belongs to another user")
         data = file.read(MAX_BYTES)
     try:
-        stored = Tokens.model_validate_json(data)
+        stored = PageTokens.model_validate_json(data)
     except ValidationError:  # its details would reveal the contents
         raise ValueError("does not hold two tokens") from None
     if stored.operator == stored.viewer or len(stored.model_fields_set) < 2:
@@ -167,7 +167,7 @@ def page_of(
     below: Mapping[str, Any] | None = None,
     asked: Mapping[str, Any] | None = None,
     places: Mapping[str, Mapping[str, Any]] | None = None,
-    tokens: Tokens | None = None,
+    tokens: PageTokens | None = None,
     option: str = "--web-port",
 ) -> Page:
     """Return the page, at currently free ports.
@@ -179,7 +179,7 @@ def page_of(
         ConfigError: a parameter is wrong.
         ListenError: If the requested port, or every port that was tried, is in use.
     """
-    tokens = tokens or Tokens()
+    tokens = tokens or PageTokens()
     usual = {"operator_token": tokens.operator, "viewer_token": tokens.viewer, "places": dict(places or {})}
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
     layers = layers_of(PAGE, sources, chosen)

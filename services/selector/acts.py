@@ -118,7 +118,7 @@ class Acts:
                 return reason
         return ""
 
-    def refusing_carriers(self) -> dict[str, str]:
+    def carrier_warnings(self) -> dict[str, str]:
         """Return a sentence on each carrier that cannot carry out the acts on one of its things."""
         return {
             name: f"acts on {state.id} are refused: {reason}"

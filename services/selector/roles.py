@@ -68,8 +68,8 @@ class SiteRole:
         self._outcomes = bus.publisher(topics.OUTCOMES)
         self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
         """Callers that wait for the outcome of an event, by its object and stamp."""
-        self._refusing: dict[str, str] = {}
-        """Warnings about carriers."""
+        self._carrier_warnings: dict[str, str] = {}
+        """Warnings in force about carriers that cannot act, by carrier."""
 
     def begin(self) -> None:
         """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
@@ -120,9 +120,9 @@ class SiteRole:
     def check(self, now_ns: int) -> None:
         """Maintain the journal, and show who claims too much, and what is refused. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
-        before, self._refusing = self._refusing, self.engine.refusing_carriers()
-        for carrier in {*before, *self._refusing}:
-            self._bus.warn(REFUSED_ACTS, self._refusing.get(carrier, ""), carrier)
+        before, self._carrier_warnings = self._carrier_warnings, self.engine.carrier_warnings()
+        for carrier in {*before, *self._carrier_warnings}:
+            self._bus.warn(REFUSED_ACTS, self._carrier_warnings.get(carrier, ""), carrier)
         self._maintain_journal(now_ns)
 
     def close(self) -> None:

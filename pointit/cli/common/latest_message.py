@@ -33,7 +33,7 @@ class LatestMessage(Generic[M]):
                     await self._changed.wait()
         return self.value if self.value is not None and fits(self.value) else None
 
-    async def next(self) -> M:
+    async def wait_for_next(self) -> M:
         """Return the next message that arrives."""
         self._changed.clear()
         await self._changed.wait()

@@ -350,7 +350,7 @@ class _Wrist:
         try:
             async with asyncio.timeout(guidance.timeout_s):
                 while True:
-                    sample = await self._latest.next()
+                    sample = await self._latest.wait_for_next()
                     turned_rad = math.pi
                     if apart_from is not None:
                         turned_rad = angle_between(apart_from, sample.orientation_xyzw)

@@ -61,8 +61,14 @@ def command(*, name: str | None, as_json: bool) -> None:
     Example: pointit plugin check hold
     """
     results: list[CheckResult] = []
+
+    def report(result: CheckResult) -> None:
+        results.append(result)
+        if not as_json:
+            _print(result)
+
     for kind, found in chosen(name):
-        examine(kind, found, results.append if as_json else lambda result: results.append(_print(result)))
+        check_plugin(kind, found, report)
     broken = sum(bool(result.problem) for result in results)
     if as_json:
         print_json([vars(result) for result in results])
@@ -96,7 +102,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
     )
 
 
-def examine(kind: str, name: str, report: Report) -> None:
+def check_plugin(kind: str, name: str, report: Report) -> None:
     """Check a plug-in, and report each result at once.
 
     Raises:
@@ -104,7 +110,7 @@ def examine(kind: str, name: str, report: Report) -> None:
     """
     title = f"{kind} {name}"
     if kind == COMMAND:
-        report(examined_command(title, name))
+        report(check_command(title, name))
         return
     try:
         plugin: Plugin = GROUPS[kind].get(name)
@@ -125,8 +131,8 @@ def examine(kind: str, name: str, report: Report) -> None:
     report(CheckResult(title, "fake_device", promise, f"{problem}write-a-plug-in.md"))
 
 
-def examined_command(title: str, name: str) -> CheckResult:
-    """Return the result of the check of the command `name`."""
+def check_command(title: str, name: str) -> CheckResult:
+    """Check the command `name`, and return the result."""
     root = click.get_current_context().find_root().command
     refused: dict[Any, str] = getattr(root, "refused", {})
     if reason := next((text for each, text in refused.items() if each.name == name), ""):
@@ -227,14 +233,13 @@ def run_contract(title: str, contract: type[Contract], report: Report) -> None:
         raise ConfigError(f"{title}: pytest could not run its contract {contract.__qualname__} ({ended!r})")
 
 
-def _print(result: CheckResult) -> CheckResult:
+def _print(result: CheckResult) -> None:
     verdict = (
         click.style("broken", fg="red", bold=True) if result.problem else click.style("kept  ", fg="green")
     )
     click.echo(f"{verdict} {result.plugin}: {result.promise}")
     if result.problem:
         click.echo(f"       {result.problem}")
-    return result
 
 
 KINDS = {

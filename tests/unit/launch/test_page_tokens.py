@@ -48,6 +48,7 @@ def test_those_that_others_could_read_or_change_are_made_anew(own_state: Path, m
         "",
         "{",
         '{"operator": "short", "viewer": "short"}',
+        f'{{"operator": "{"a" * 24}"}}',
         f'{{"operator": "{"a" * 24}", "viewer": "{"a" * 24}"}}',
         f'{{"operator": "{"a" * 23}&", "viewer": "{"b" * 24}"}}',
         "\0" * 9000,

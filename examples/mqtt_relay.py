@@ -21,17 +21,30 @@ log = logging.getLogger("relay")
 SPEED = "pointit/conveyor/speed"
 
 
+async def publish(broker: aiomqtt.Client, topic: str, payload: str, *, retain: bool = False) -> None:
+    """Publish at least once (quality of service 1).
+
+    Raises:
+        CancelledError: If the task was cancelled meanwhile. aiomqtt alone may lose that before Python 3.12:
+            then the relay would not end.
+    """
+    await broker.publish(topic, payload, qos=1, retain=retain)
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
 async def publish_events(site: pointit.Site, broker: aiomqtt.Client) -> None:
-    """Publish every event, at least once (quality of service 1)."""
+    """Publish every event."""
     async for event in site.selections():
-        await broker.publish("pointit/events", event.model_dump_json(), qos=1)
+        await publish(broker, "pointit/events", event.model_dump_json())
 
 
 async def publish_selection(site: pointit.Site, broker: aiomqtt.Client) -> None:
     """Publish what is selected after each change; the broker keeps it for those who come later."""
     async for selection in site.messages(SELECTION):
         selected = [{"id": each.id, "kind": each.kind, "user": each.user} for each in selection.objects]
-        await broker.publish("pointit/selection", json.dumps(selected), qos=1, retain=True)
+        await publish(broker, "pointit/selection", json.dumps(selected), retain=True)
 
 
 async def follow_speed(site: pointit.Site, broker: aiomqtt.Client) -> None:

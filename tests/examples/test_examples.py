@@ -1,12 +1,13 @@
 """The examples that use the API, beside a simulated site, a genuine broker, and in a browser."""
 
 import ast
+import asyncio
 import contextlib
 import inspect
 import json
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import aiomqtt
 import matplotlib as mpl
@@ -158,6 +159,25 @@ async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str,
         await client.subscribe([("pointit/selection", 1), ("pointit/events", 1)])
         async with running(listen()):
             yield client, received
+
+
+async def test_relay_ends_also_when_a_confirmation_arrives_with_the_cancellation() -> None:
+    confirmation: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    begun = asyncio.Event()
+
+    class Broker:
+        """Waits for a confirmation as aiomqtt does."""
+
+        async def publish(self, *_arguments: object, **_options: object) -> None:
+            begun.set()
+            await asyncio.wait_for(confirmation, RELAY_S)  # noqa: TID251 - that it loses a cancellation is the case
+
+    publishing = asyncio.create_task(mqtt_relay.publish(cast("aiomqtt.Client", Broker()), "topic", "payload"))
+    await begun.wait()
+    confirmation.set_result(None)
+    publishing.cancel()
+    await asyncio.wait({publishing})
+    assert publishing.cancelled()
 
 
 @pytest.mark.slow

@@ -419,14 +419,14 @@ class MqttThings:
         """Return the announcements and states that the broker has retained: payloads by topic."""
         retained: dict[str, object] = {}
         filters = (self._announcements.found, self._announcements.all_states)
-        await client.subscribe([(each, 1) for each in filters])
+        await uncancelled(client.subscribe([(each, 1) for each in filters]))
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(OLD_FOUND_S) as ending:
                 async for message in client.messages:
                     if message.payload and message.retain:
                         ending.reschedule(asyncio.get_running_loop().time() + OLD_FOUND_S)
                         retained[message.topic.value] = message.payload
-        await client.unsubscribe([*filters])
+        await uncancelled(client.unsubscribe([*filters]))
         return retained
 
     async def _publish_states(self, client: "aiomqtt.Client") -> None:

@@ -104,8 +104,11 @@ def map_parallel(
                 if process.is_alive():
                     process.kill()
                     process.join()
-            if sys.version_info < (3, 11, 5):  # gh-94777: its thread may wait for ever to write to them
-                with contextlib.suppress(OSError):  # the thread has closed it
+            thread = getattr(pool, "_executor_manager_thread")  # noqa: B009
+            if sys.version_info < (3, 11, 5) and thread is not None:
+                # gh-94777: it may wait for ever to write to them. While it ends, it closes the pipe itself
+                thread.join(END_TIMEOUT_S)
+                if thread.is_alive():
                     getattr(pool, "_call_queue")._reader.close()  # noqa: B009, SLF001
         # wait for the pool's thread: at exit Python would wake it by a pipe that it may be closing
         pool.shutdown(cancel_futures=True)

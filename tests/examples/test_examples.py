@@ -7,7 +7,8 @@ import inspect
 import json
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
+from unittest.mock import Mock
 
 import aiomqtt
 import matplotlib as mpl
@@ -36,17 +37,6 @@ PATIENCE_S = 120.0
 """Time limit by the site's clock, s."""
 
 
-def code_lines(module: Any) -> int:
-    tree = ast.parse(inspect.getsource(module))
-    lines = {node.lineno for node in ast.walk(tree) if isinstance(node, (ast.stmt, ast.expr))}
-    docstrings = {
-        node.lineno
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    }
-    return len(lines - docstrings)
-
-
 def test_lamp_turns_green_when_something_is_selected() -> None:
     colors: list[Rgb] = []
 
@@ -59,7 +49,6 @@ def test_lamp_turns_green_when_something_is_selected() -> None:
 
     pointit.run_virtually(main())
     assert colors == [(0, 0, 0), (0, 0xC0, 0x40)]
-    assert code_lines(my_lamp) <= 12
 
 
 def test_train_is_selected_by_a_person_who_sees_it_on_the_strip() -> None:
@@ -100,11 +89,6 @@ async def test_notebook_runs_and_is_stored_without_its_results() -> None:
 
 DASHBOARD = ROOT / "examples" / "dashboard"
 PATIENCE_MS = 60_000
-
-
-def test_dashboard_has_forty_lines() -> None:
-    lines = (DASHBOARD / "dashboard.js").read_text(encoding="utf-8").splitlines()
-    assert len([line for line in lines if line.strip() and not line.strip().startswith("//")]) <= 40
 
 
 @pytest.mark.slow
@@ -163,17 +147,12 @@ async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str,
 
 async def test_relay_ends_also_when_a_confirmation_arrives_with_the_cancellation() -> None:
     confirmation: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    begun = asyncio.Event()
 
-    class Broker:
-        """Waits for a confirmation as aiomqtt does."""
+    async def publish(*_: object, **__: object) -> None:
+        await asyncio.wait_for(confirmation, RELAY_S)  # noqa: TID251 - as aiomqtt does
 
-        async def publish(self, *_arguments: object, **_options: object) -> None:
-            begun.set()
-            await asyncio.wait_for(confirmation, RELAY_S)  # noqa: TID251 - that it loses a cancellation is the case
-
-    publishing = asyncio.create_task(mqtt_relay.publish(cast("aiomqtt.Client", Broker()), "topic", "payload"))
-    await begun.wait()
+    publishing = asyncio.create_task(mqtt_relay.publish(Mock(publish=publish), "topic", "payload"))
+    await asyncio.sleep(0.01)
     confirmation.set_result(None)
     publishing.cancel()
     await asyncio.wait({publishing})

@@ -11,14 +11,13 @@ from pointit.maps.checks.check import check_map
 from pointit.maps.file import read_whole_map
 from tests.architecture.sources import ROOT
 from tests.examples.running import running
-from tests.examples.test_examples import PATIENCE_S, code_lines
+from tests.examples.test_examples import PATIENCE_S
 
 FOLDER = ROOT / "examples" / "things"
 
 
 @pytest.mark.parametrize("example", [kitchen, museum, pick_to_light])
-def test_example_is_short_and_its_map_has_no_errors(example: ModuleType) -> None:
-    assert code_lines(example) <= 25
+def test_map_of_an_example_has_no_errors(example: ModuleType) -> None:
     file, _, clouds = read_whole_map(FOLDER / f"{example.__name__.rpartition('.')[2]}.yaml", 0)
     assert [each for each in check_map(file, clouds) if each.severity == "error"] == []
 

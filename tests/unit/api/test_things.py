@@ -304,7 +304,7 @@ async def test_a_limit_that_cannot_be_is_refused_at_once(limit_s: float) -> None
             site.carries("screws", limit_s=limit_s)
 
 
-async def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_other_way() -> None:
+def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_other_way() -> None:
     begun: list[bool] = []
     end = threading.Event()
 
@@ -312,15 +312,19 @@ async def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_othe
         begun.append(event.is_on)
         assert end.wait(PATIENCE_S)
 
-    target = FunctionTarget(switch, 5.0)
-    first = asyncio.create_task(target.carry_out(act_on("radio")))
-    await until(lambda: begun == [True])
-    first.cancel()
-    second = asyncio.create_task(target.carry_out(act_on("radio", event="deselected")))
-    await settled()
-    assert begun == [True]
-    end.set()
-    await second
+    async def main() -> None:
+        target = FunctionTarget(switch, 5.0)
+        first = asyncio.create_task(target.carry_out(act_on("radio")))
+        await until(lambda: begun == [True])
+        first.cancel()
+        second = asyncio.create_task(target.carry_out(act_on("radio", event="deselected")))
+        await settled()
+        assert begun == [True]
+        end.set()
+        await second
+
+    with contextlib.closing(LoopThread()) as loop:  # virtual time would not wait for the thread
+        loop.run(main())
     assert begun == [True, False]
 
 

@@ -11,7 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing.connection import wait
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pointit.runtime.errors import PointItError
 
@@ -104,7 +104,7 @@ def map_parallel(
                 if process.is_alive():
                     process.kill()
                     process.join()
-            thread = getattr(pool, "_executor_manager_thread")  # noqa: B009
+            thread: Any = getattr(pool, "_executor_manager_thread")  # noqa: B009
             if sys.version_info < (3, 11, 5) and thread is not None:
                 # gh-94777: it may wait for ever to write to them. While it ends, it closes the pipe itself
                 thread.join(END_TIMEOUT_S)

@@ -8,13 +8,11 @@ import datetime as dt
 import ipaddress
 import os
 import ssl
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -29,8 +27,6 @@ LEFT = dt.timedelta(days=7)
 
 BEFORE = dt.timedelta(hours=1)
 """Validity begins earlier by this, for phones whose clocks are behind."""
-
-MAX_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +60,7 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
         fits = _fits(certificate, names, wanted, now)
     except FileNotFoundError:
         certificate, fits = None, False
-    except (OSError, ValueError, TypeError, UnsupportedAlgorithm, x509.DuplicateExtension) as error:
+    except (OSError, ValueError, x509.DuplicateExtension) as error:
         is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
         reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
         warning = (
@@ -92,22 +88,13 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
 
     Raises:
         OSError: If it cannot be read; FileNotFoundError: there is none; ssl.SSLError: TLS cannot use it.
-        ValueError, TypeError, UnsupportedAlgorithm: If it is no certificate with its key.
+        ValueError: If it is no certificate, or others could read its key.
     """
-    for path in (certificate, key):
-        if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe waits for a writer
-            raise ValueError(f"{path} is not a file")
-    with certificate.open("rb") as file:
-        found = x509.load_pem_x509_certificate(file.read(MAX_BYTES))
-    with key.open("rb") as file:
-        private = serialization.load_pem_private_key(file.read(MAX_BYTES), None)
-    if private.public_key() != found.public_key():
-        raise ValueError("the key belongs to another certificate")
     if os.name == "posix" and key.stat().st_mode & 0o077:
         raise ValueError("others could read the key")
-    # data after the key is not read here, and OpenSSL may want more of a key
-    ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
-    return found
+    # without a password, OpenSSL would ask the terminal for that of an encrypted key
+    ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    return x509.load_pem_x509_certificate(certificate.read_bytes())
 
 
 def _fits(certificate: x509.Certificate, names: set[str], addresses: set[str], now: dt.datetime) -> bool:

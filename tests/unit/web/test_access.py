@@ -258,15 +258,6 @@ def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
     assert "damaged" in made(tmp_path).warning
 
 
-@pytest.mark.skipif(os.name != "posix", reason="pipes in the file system are POSIX's")
-def test_a_pipe_in_its_place_is_not_waited_for(tmp_path: Path) -> None:
-    first = made(tmp_path)
-    first.certificate.unlink()
-    os.mkfifo(first.certificate)
-    assert made(tmp_path).warning != ""
-    assert first.certificate.is_file()
-
-
 def test_another_ones_key_or_one_that_others_read_is_not_used(tmp_path: Path) -> None:
     first, other = made(tmp_path / "a"), made(tmp_path / "b")
     first.key.write_bytes(other.key.read_bytes())

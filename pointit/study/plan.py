@@ -16,12 +16,6 @@ from pointit.study.tasks import StudyTrial, Tapping
 MIN_SEQUENCE_TRIALS = 5
 """Minimum number of movements of a sequence that has a throughput. The standard's circles have 9 to 25."""
 MAX_ADVISED_REPETITIONS = 100
-MAX_TIMEOUTS = 2.0
-"""Maximum time of a trial in timeouts of the study. A longer one was never measured."""
-MAX_DEG = 180.0
-"""Maximum angle between two directions, deg."""
-MAX_SPEED_DEG_S = 2000.0
-"""Maximum mean speed of a ray, deg/s. The fastest turns of a forearm reach about 1000."""
 MIXED = "a spreadsheet may have changed it: restore the table from a backup"
 NOT_KNOWN = frozenset(
     (
@@ -30,10 +24,6 @@ NOT_KNOWN = frozenset(
     )
 )
 """Texts that pandas, R, MATLAB and SAS read as missing."""
-MAX_ROOM_M = 1000.0
-"""Maximum length in a room, m."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPlan:
     """Order and trials of one participant."""
@@ -106,41 +96,24 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]
 
 
-def check_values(study: Study, path: Path, rows: Iterable[Row]) -> None:
-    """Check the rows of a participant.
+def check_levels(study: Study, path: Path, rows: Iterable[Row]) -> None:
+    """Check the levels in the rows of a participant.
 
-    Raises: ConfigError: If a level is not of the study, or a number is negative or above its limit.
+    Raises: ConfigError: If one is not of the study.
     """
-    longest_s = MAX_TIMEOUTS * study.timeout_s
-    limits = dict.fromkeys(("first_hover_s", "selection_s"), longest_s)
-    limits |= dict.fromkeys(("error_deg", "target_distance_deg", "target_width_deg"), MAX_DEG)
-    limits |= dict.fromkeys(("error_m", "target_distance_m", "target_width_m"), MAX_ROOM_M)
-    limits |= {"path_length_deg": MAX_SPEED_DEG_S * longest_s, "corrections": MAX_SPEED_DEG_S * longest_s}
     for row in rows:
         for name, factor in study.factors.items():
             row[name] = _level(row[name], factor.levels)
             if row[name] not in factor.levels:
                 raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
-        for name, limit in limits.items():
-            number = float(row[name] or 0.0)
-            if number < 0.0:
-                raise ConfigError(
-                    f"{path}: trial {row['trial']}: {name} is {row[name]}, which is below 0; restore the "
-                    "table from a backup"
-                )
-            if number > limit:
-                raise ConfigError(
-                    f"{path}: trial {row['trial']}: {name} is {row[name]}, limit {limit:g}; a spreadsheet "
-                    "may have removed its decimal point: restore the table from a backup"
-                )
 
 
 def check_trials(study: Study, path: Path, rows: Sequence[Row]) -> None:
-    """Check the values of rows as `check_values` does, and that they are of the participant's plan.
+    """Check the levels of rows as `check_levels` does, and that they are of the participant's plan.
 
-    Raises: ConfigError: If a value is damaged, or a row is of another trial, condition or participant.
+    Raises: ConfigError: If a level is not of the study, or a row is of another trial, condition or participant.
     """
-    check_values(study, path, rows)
+    check_levels(study, path, rows)
     for text in row_errors(plan_of(study, path.parent.name), rows):
         raise ConfigError(f"{path.parent}: {text}")
 

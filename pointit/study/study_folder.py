@@ -16,7 +16,7 @@ from pointit.runtime.config.yaml_file import FLAGS, parse_yaml, read_yaml
 from pointit.runtime.host.state_file import write_atomically
 from pointit.study.append_only_csv import AppendOnlyCsv, free_path
 from pointit.study.model import Study, read_study
-from pointit.study.plan import check_answers, check_trials, check_values
+from pointit.study.plan import check_answers, check_trials, check_levels
 from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
@@ -217,7 +217,7 @@ def read_any_trials(study: Study, folder: Path, on_note: Note = no_note) -> list
     check_begun(folder)
     columns = [name for name, _, _ in columns_of(list(study.factors))]
     rows = read_table(folder / TRIALS, columns, on_note)
-    check_values(study, folder / TRIALS, rows)
+    check_levels(study, folder / TRIALS, rows)
     return rows
 
 

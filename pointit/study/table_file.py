@@ -27,8 +27,6 @@ SPOKEN = ("announced", "stepped", "confirmed")
 """Columns of counts that are known where names are spoken."""
 NUMBERS = ("corrections", *SPOKEN, *(name for name, unit, _ in COLUMNS if unit))
 """Columns of numbers that may be empty, which means not known."""
-MAX_ERROR_APART_M = 0.01
-"""Maximum difference between the column `error_m` and the distance of its two points, m."""
 FACTORS_AFTER = "practice"
 REPEATED = "repeated"
 """First word of the reason of an attempt that does not count."""
@@ -54,20 +52,6 @@ def counts(row: Mapping[str, str]) -> bool:
 def done_trials(rows: Iterable[Mapping[str, str]]) -> set[int]:
     """Return the numbers of the trials that are done."""
     return {int(row["trial"]) for row in rows if counts(row)}
-
-
-def check_error(row: Mapping[str, str]) -> None:
-    """Check the columns that state the same length twice: spreadsheets take 1.333 for 1333 or a date.
-
-    Raises: ValueError: If they differ.
-    """
-    points = [row.get(f"{point}_{axis}_m", "") for point in ("target", "selected") for axis in "xyz"]
-    if not row.get("error_m") or not all(points):
-        return
-    x, y, z, *selected = map(float, points)
-    error_m, apart_m = float(row["error_m"]), math.dist((x, y, z), selected)
-    if abs(error_m - apart_m) > max(MAX_ERROR_APART_M, 1e-3 * apart_m):
-        raise ValueError(f"error_m is {error_m:g}, but target and selected point are {apart_m:g} m apart")
 
 
 Row = dict[str, str]
@@ -166,7 +150,6 @@ def _row(names: Sequence[str], line: bytes) -> Row:
         raise ValueError(f"began_utc is {began!r}, not a time such as 2026-01-31T10:00:00.5+00:00")
     if table_line(spreadsheet_row(row).values()) != line:
         raise ValueError("other quotes, spaces or line ends than the study's")
-    check_error(row)
     return row
 
 

@@ -131,7 +131,6 @@ def test_table_of_another_program_is_refused_and_a_new_folder_begins_again(
     [
         (",2.5,", ",2. May,", "line 2: selection_s is '2. May', not a number or empty"),
         ("1.125", '"1,125"', "line 4: selection_s is '1,125', not a number or empty"),
-        (",0.5,1.5", ",5,1.5", "line 2: error_m is 5, but target and selected point are 0.5 m apart"),
         ("2026-02-03T10:00:09+00:00", "03.02.2026 10:00", "line 4: began_utc is '03.02.2026 10:00', not a"),
         ("2026-02-03T10:00:09+00:00", "2026-02-03", "line 4: began_utc is '2026-02-03', not a time such as"),
         ("participant,", "Teilnehmer,", "line 1 has 'Teilnehmer,block,"),

@@ -24,6 +24,8 @@ NOT_KNOWN = frozenset(
     )
 )
 """Texts that pandas, R, MATLAB and SAS read as missing."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPlan:
     """Order and trials of one participant."""

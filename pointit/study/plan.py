@@ -113,7 +113,8 @@ def check_levels(study: Study, path: Path, rows: Iterable[Row]) -> None:
 def check_trials(study: Study, path: Path, rows: Sequence[Row]) -> None:
     """Check the levels of rows as `check_levels` does, and that they are of the participant's plan.
 
-    Raises: ConfigError: If a level is not of the study, or a row is of another trial, condition or participant.
+    Raises: ConfigError: If a level is not of the study, or a row is of another trial, condition or
+        participant.
     """
     check_levels(study, path, rows)
     for text in row_errors(plan_of(study, path.parent.name), rows):

@@ -16,7 +16,7 @@ from pointit.runtime.config.yaml_file import FLAGS, parse_yaml, read_yaml
 from pointit.runtime.host.state_file import write_atomically
 from pointit.study.append_only_csv import AppendOnlyCsv, free_path
 from pointit.study.model import Study, read_study
-from pointit.study.plan import check_answers, check_trials, check_levels
+from pointit.study.plan import check_answers, check_levels, check_trials
 from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (

@@ -14,6 +14,10 @@ _STILL: Vec3 = (0.0, 0.0, 0.0)
 
 SPEED_CUTOFF_HZ = 1.0
 """Cut-off of the speed itself."""
+RISE_HZ_PER_DEGPS = 0.05
+"""Increase of the cut-off with speed."""
+RISE = math.tau * math.degrees(RISE_HZ_PER_DEGPS)
+"""The same of the angular frequency, per rad/s."""
 GAP_S = 0.5
 """A longer silence resets the filter, as does a step back in time."""
 
@@ -21,15 +25,9 @@ GAP_S = 0.5
 class OneEuro:
     """Smooths one stream of unit vectors. Stores the last input, the last output and the angular velocity."""
 
-    def __init__(self, *, min_cutoff_hz: float = 0.7, beta_hz_per_degps: float = 0.05) -> None:
-        """Create with the given parameters.
-
-        Args:
-            min_cutoff_hz: cut-off at rest. Lower is steadier and slower.
-            beta_hz_per_degps: increase of the cut-off with speed.
-        """
+    def __init__(self, *, min_cutoff_hz: float = 0.7) -> None:
+        """Create with the cut-off at rest. Lower is steadier and slower."""
         self._min_cutoff = math.tau * min_cutoff_hz
-        self._rise = math.tau * math.degrees(beta_hz_per_degps)
         self.reset()
 
     def reset(self) -> None:
@@ -67,7 +65,7 @@ class OneEuro:
         x, y, z = self._rate
         x, y, z = keep * x + gain * turn_x, keep * y + gain * turn_y, keep * z + gain * turn_z
         self._rate, self._came = (x, y, z), direction
-        turn = (self._min_cutoff + self._rise * math.hypot(x, y, z)) * passed_s
+        turn = (self._min_cutoff + RISE * math.hypot(x, y, z)) * passed_s
         self._gave = gave = _between(self._gave, direction, turn / (1.0 + turn))
         return gave
 

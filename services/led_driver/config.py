@@ -33,22 +33,10 @@ class StyleConfig(Config):
     )
 
 
-class CursorsConfig(Config):
-    """Appearance of cursors. Their colour, width and colormap are in each person's profile."""
-
-    passed_level: Level = Field(
-        default=0.5, description="brightness of the blinking pixel nearest to a ray that passes everything"
-    )
-    range_deg: float = Field(
-        default=10.0, gt=0, le=180, description="angle at the start of the colormap; its end is 0"
-    )
-
-
 class LampsConfig(Config):
     """Lamps whose colour shows how far a ray passes them. pui reports them if so configured."""
 
     colormap: str = Field(default="viridis", description="colormap from lamps far away to a lamp that is hit")
-    range_deg: float = Field(default=30.0, gt=0, le=180, description="angle that counts as far away")
     localization_timeout_s: float = Field(
         default=60.0,
         gt=0,
@@ -78,7 +66,6 @@ class LedDriverConfig(Config):
         default=1.0, gt=0, le=60, description="age at which objects disappear, s"
     )
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
-    cursors: CursorsConfig = Field(default=CursorsConfig(), description="appearance of cursors")
     lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
     outputs: tuple[SerializeAsAny[Annotated[OutputConfig, BeforeValidator(validate_output)]], ...] = Field(
         default=(), description="the controllers"

@@ -196,6 +196,8 @@ TARGET: Rgb = (255, 255, 255)
 FLASHES = 3
 """Limit of flashes in any second. A flash is two changes of brightness or of a colour, up and down (WCAG 2,
 2.3.1)."""
+LAMP_RANGE_RAD = math.radians(30.0)
+"""Angle to a ray at which a lamp has the first colour of its colormap, rad."""
 CHANGE = 0.1
 """Share of full brightness below which a change does not count."""
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -209,7 +211,7 @@ class Lamps:
     """
 
     def __init__(self, config: LedDriverConfig, things: ThingLamps) -> None:
-        self._config = config.lamps
+        self._colormap = config.lamps.colormap
         self._things = things
         self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self.queue = LampQueue(int(config.lamps.localization_timeout_s * NS_PER_S))
@@ -289,8 +291,8 @@ class Lamps:
             for lamp in cursor.lamps
             if lamp.id == lamp_id
         ]
-        share = min(misses_rad, default=math.inf) / math.radians(self._config.range_deg)
-        return colormap(self._config.colormap).rgb(1.0 - min(share, 1.0))
+        share = min(misses_rad, default=math.inf) / LAMP_RANGE_RAD
+        return colormap(self._colormap).rgb(1.0 - min(share, 1.0))
 
 
 class FlashGuard:

@@ -175,6 +175,10 @@ def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[st
 T = TypeVar("T")
 BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
+PASSED_LEVEL = 0.5
+"""Brightness of that pixel."""
+CURSOR_RANGE_RAD = math.radians(10.0)
+"""Angle at the start of a cursor's colormap, whose end is 0, rad."""
 MOTION_PERIOD_NS = NS_PER_S // 25
 """Time after which moving objects are drawn again without a message, ns: some trackers send 5 a second."""
 NO_CURSOR = Cursor(stamp_ns=0)
@@ -201,7 +205,6 @@ class StripContent:
     """Stores received messages and drops expired ones. Ages count from arrival."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        self._cursor_looks = config.cursors
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
         self._style = config.style
@@ -337,7 +340,7 @@ class StripContent:
         profile = self._profiles.get(user, NO_PROFILE)
         tints = profile.cursor_colormap
         color = colormap(tints).rgb(0.0) if tints else profile.cursor_color
-        red, green, blue = (round(value * self._cursor_looks.passed_level) for value in color)
+        red, green, blue = (round(value * PASSED_LEVEL) for value in color)
         return [CursorMark(line=line, at_m=passed.position_m, width_m=0.0, color=(red, green, blue))]
 
     def _pixels(self, cursor: Cursor) -> list[int]:
@@ -353,7 +356,7 @@ class StripContent:
     def _color(self, profile: UserProfile, cursor: Cursor) -> Rgb:
         if not profile.cursor_colormap:
             return profile.cursor_color
-        share = cursor.miss_rad / math.radians(self._cursor_looks.range_deg)
+        share = cursor.miss_rad / CURSOR_RANGE_RAD
         return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
 
     def segments(self, now_ns: int) -> Segments:

@@ -143,12 +143,6 @@ class LocalizerConfig(Config):
     patience_s: float = Field(
         default=5.0, ge=0, le=600, description="static_targets: how much longer to wait for missing rays, s"
     )
-    queue_timeout_s: float = Field(
-        default=300.0,
-        gt=0,
-        le=86400,
-        description="static_targets: limit on the wait for lamps that other people use, s",
-    )
     steady_degps: float = Field(
         default=8.0,
         ge=0,

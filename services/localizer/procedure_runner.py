@@ -36,6 +36,8 @@ from pointit.services.localizer.procedure import LampProcedure, Procedure
 from pointit.services.localizer.static_targets import ObservationModel, StaticTargets, best_for_yaw
 from pointit.services.localizer.tracking import PoseTracker
 
+QUEUE_TIMEOUT_S = 300.0
+"""Limit of the wait for lamps that other people use, s."""
 Make = Callable[[int], LampProcedure | Refusal]
 """Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
 
@@ -71,7 +73,7 @@ class QueuedPointing(Procedure):
         return []
 
     def _begin(self, now_ns: int) -> list[Output]:
-        self._until_ns = now_ns + round(self._config.queue_timeout_s * NS_PER_S)
+        self._until_ns = now_ns + round(QUEUE_TIMEOUT_S * NS_PER_S)
         return [self._localization(now_ns, "sampling")]
 
     def _continue(self, now_ns: int) -> list[Output]:
@@ -418,7 +420,7 @@ class ProcedureRunner:
             return self._begin(procedure, waiting.since_ns, now_ns)
         if waiting.is_too_long(now_ns):
             reason = (
-                f"{self._user} has waited {self._config.queue_timeout_s:g} s for the lamps; "
+                f"{self._user} has waited {QUEUE_TIMEOUT_S:g} s for the lamps; "
                 f"{', '.join(ahead)} came first: see that they come to an end, then start again"
             )
             return self._process_outputs(waiting.refuse(now_ns, reason), now_ns)

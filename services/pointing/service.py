@@ -14,7 +14,9 @@ from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.pointer import Pointer
 
 MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
-"""Cut-off of the filter by its setting; pointing.md §2."""
+"""Cut-off of the filter at rest by its setting; pointing.md §2."""
+PROFILE_WAIT_S = 1.0
+"""Longest wait for the person's measures at the start, before average ones are used, s."""
 
 
 class PointingConfig(Config):
@@ -26,34 +28,13 @@ class PointingConfig(Config):
         le=10,
         description="maximum age of a sample, or time in the future, for which a ray is published, s",
     )
-    profile_wait_s: float = Field(
-        default=1.0,
-        ge=0,
-        le=60,
-        description="longest wait for the person's measures at the start, before average ones are used, s",
-    )
     filter: Literal["off", "normal", "steady"] = Field(
         default="normal", description="smoothing of the ray (1 € filter); steady: for hands that tremble"
-    )
-    min_cutoff_hz: float | None = Field(
-        default=None,
-        ge=0.01,
-        le=100,
-        description="the filter's cut-off at rest, Hz; lower is steadier and slower; "
-        "if empty, that of the filter: 0.7 normal, 0.3 steady",
-    )
-    beta_hz_per_degps: float = Field(
-        default=0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"
     )
 
     def smoothing(self) -> OneEuro | None:
         """Return a new filter as configured, or None if it is off."""
-        if self.filter == "off":
-            return None
-        return OneEuro(
-            min_cutoff_hz=self.min_cutoff_hz or MIN_CUTOFF_HZ[self.filter],
-            beta_hz_per_degps=self.beta_hz_per_degps,
-        )
+        return None if self.filter == "off" else OneEuro(min_cutoff_hz=MIN_CUTOFF_HZ[self.filter])
 
 
 log = logging.getLogger(__name__)
@@ -83,7 +64,7 @@ class Pointing(Service[PointingConfig]):
         self.bus.subscribe(PROFILE, self._on_profile, self.user)
         self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
-        self.bus.call_later(config.profile_wait_s, self._go_on)
+        self.bus.call_later(PROFILE_WAIT_S, self._go_on)
 
     def _on_profile(self, profile: UserProfile, _user: str) -> None:
         self._pointer.set_profile(profile)

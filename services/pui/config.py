@@ -59,9 +59,6 @@ class PuiConfig(Config):
         le=10,
         description="height of the horizontal workspace above the person's feet, m",
     )
-    workspace_distance_m: float = Field(
-        default=2.0, ge=0.2, le=100, description="distance of the other workspaces from the person, m"
-    )
 
     @property
     def map_to_read(self) -> str:

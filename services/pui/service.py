@@ -63,9 +63,7 @@ class Pui(Service[PuiConfig]):
         super().__init__(config, context)
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_lost)
         self._start = WorkspaceStart(
-            kind=None if config.workspace == "none" else config.workspace,
-            height_m=config.workspace_height_m,
-            distance_m=config.workspace_distance_m,
+            kind=None if config.workspace == "none" else config.workspace, height_m=config.workspace_height_m
         )
         self._duplicate_finder = DuplicateFinder()
         self._persons: dict[str, PersonCursor] = {}

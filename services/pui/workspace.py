@@ -25,6 +25,9 @@ NEAREST_M = 0.1
 FARTHEST_M = 200.0
 """Maximum distance of a surface. A degree is metres there."""
 
+START_M = 2.0
+"""Distance from the person of a workspace, but a horizontal one, that is created when they start to point."""
+
 SAME_M = 1e-6
 """Tolerance per metre of range by which the cursor may move when a workspace is created through it."""
 
@@ -145,19 +148,17 @@ class WorkspaceStart:
     """Kind of the workspace. None: the map."""
     height_m: float = 0.0
     """Height of the horizontal plane above the person's feet."""
-    distance_m: float = 2.0
-    """Distance of the others from the person."""
 
     def create(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
         """Return it for a ray from the eyes in {W}. None if it is the map or would pass through the eyes."""
         if self.kind is None:
             return None
         ahead = vector.direction(vector.azimuth(direction), 0.0)
-        through = vector.add(eyes_m, vector.scale(ahead, self.distance_m))
+        through = vector.add(eyes_m, vector.scale(ahead, START_M))
         if self.kind == "horizontal":
             through = (through[0], through[1], feet_m[2] + self.height_m)
         elif self.kind == "cylinder":
-            through = vector.add(feet_m, vector.scale(ahead, self.distance_m))
+            through = vector.add(feet_m, vector.scale(ahead, START_M))
         try:
             return Workspace(self.kind, through, feet_m=feet_m, eyes_m=eyes_m)
         except WorkspaceError:

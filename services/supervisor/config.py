@@ -171,11 +171,4 @@ class SupervisorConfig(Config):
         description="effect of a press while pointing: ends it, or confirms a selection in the selector, and "
         "only holding the button ends it",
     )
-    unsure_yaw_deg: float = Field(
-        default=15.0,
-        gt=0,
-        le=180,
-        description="standard deviation of the yaw of the pose above which the person is asked to point at a "
-        "lamp once, degrees; like the localizer's drift.max_yaw_sigma_deg",
-    )
     profile: ProfileConfig = Field(default=ProfileConfig(), description="the person's profile")

@@ -19,6 +19,9 @@ LAST_WORD_PURPOSE = "interaction"
 GRACE_NS = 2 * NS_PER_S
 """Time within which a requested localization begins, ns."""
 
+UNSURE_YAW_RAD = math.radians(15.0)
+"""Standard deviation of the yaw of the pose above which the person is asked to point at a lamp once, rad."""
+
 RETRY_NS = 5 * NS_PER_S
 """Delay of an automatic start after localizing has failed, ns."""
 
@@ -326,8 +329,7 @@ class LifeCycle:
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Set the person's pose."""
         self._pose_ns = pose.stamp_ns
-        unsure_rad = math.radians(self._config.unsure_yaw_deg)
-        self._is_unsure = pose.method != "external" and pose.covariance[8] > unsure_rad**2
+        self._is_unsure = pose.method != "external" and pose.covariance[8] > UNSURE_YAW_RAD**2
         return [*self._show(now_ns)]
 
     def localization(self, localization: Localization, now_ns: int) -> list[Output]:

@@ -50,6 +50,8 @@ LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
 BRIDGE = "/bridge/state"
 """End of the topic by which a Zigbee2MQTT tells if it is online."""
+STATUS_TOPIC = "pointit/status"
+"""Topic that tells if the lamps are controlled, online or offline."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
 Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
@@ -101,10 +103,6 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
     )
     max_rate_hz: float = Field(
         default=20.0, gt=0, le=1000, description="maximum number of commands per second to all lamps"
-    )
-    status_topic: Topic = Field(
-        default="pointit/status",
-        description="topic that tells if the lamps are controlled, online or offline; none if empty",
     )
     last_wills: bool = Field(
         default=True,
@@ -220,8 +218,7 @@ class MqttLamps:
         )
 
     async def _serve(self) -> None:
-        status = self._config.status_topic
-        async with self._connected(0, status, OFFLINE.encode(), retain=True) as client:
+        async with self._connected(0, STATUS_TOPIC, OFFLINE.encode(), retain=True) as client:
             self._health.clear("broker")
             self._payloads.clear()
             self._subscribed.clear()
@@ -240,11 +237,11 @@ class MqttLamps:
     def _connected(
         self, number: int, topic: str, will: bytes, *, retain: bool = False
     ) -> AbstractAsyncContextManager["aiomqtt.Client"]:
-        """Connect as client `number`, with a last `will` on `topic`; without if that is `""`."""
+        """Connect as client `number`, with a last `will` on `topic`."""
         from aiomqtt import Will  # noqa: PLC0415 - an extra
 
         options = self._options | {"identifier": f"{self._options['identifier']}-{number}"}
-        return connected(options | ({"will": Will(topic, will, qos=1, retain=retain)} if topic else {}))
+        return connected(options | {"will": Will(topic, will, qos=1, retain=retain)})
 
     async def _guard(self, tasks: asyncio.TaskGroup) -> None:
         """Connect once more for each new lamp: a connection has one last will, which switches one off."""
@@ -291,10 +288,7 @@ class MqttLamps:
         await uncancelled(client.publish(topic, light_protocol.command(color), qos=1, timeout=ACK_S))
 
     async def _tell_status(self, client: "aiomqtt.Client", status: bytes) -> None:
-        if self._config.status_topic:
-            await uncancelled(
-                client.publish(self._config.status_topic, status, qos=1, retain=True, timeout=ACK_S)
-            )
+        await uncancelled(client.publish(STATUS_TOPIC, status, qos=1, retain=True, timeout=ACK_S))
 
     async def _subscribe(self, client: "aiomqtt.Client") -> None:
         wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}

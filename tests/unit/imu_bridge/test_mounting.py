@@ -69,11 +69,12 @@ def test_measurement_of_another_mounting_is_not_used_and_warned_of() -> None:
     assert "measured while plus_x was configured, now it is metamotion" in wearing.warning
 
 
-def still(error_deg: tuple[float, float, float]) -> ImuBridgeConfig:
-    simulated = SimulatedConfig(
-        azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=20, mounting_error_deg=error_deg
-    )
-    return ImuBridgeConfig.model_validate({"mounting": "metamotion", "simulated": simulated})
+STILL = ImuBridgeConfig.model_validate(
+    {
+        "mounting": "metamotion",
+        "simulated": SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=20),
+    }
+)
 
 
 async def finger_of(samples: list[ImuSample]) -> vector.Vec3:
@@ -88,34 +89,32 @@ async def set_mounting(bench: Bench, query: SetMounting) -> SetMountingReply:
 
 
 async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_state: Path) -> None:
-    error_deg = (30.0, -15.0, 60.0)
-    config = still(error_deg)
     arm = vector.direction(0.0, math.radians(20))
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, ANNA)
-        bench.start(ImuBridge, config, user=ANNA)
-        assert vector.angle_between(await finger_of(samples), arm) > 0.5
+        bench.start(ImuBridge, STILL, user=ANNA)
+        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
         assert samples[-1].mounting == "simulated metamotion"
-        roll, pitch, yaw = map(math.radians, error_deg)
-        error = from_roll_pitch_yaw(roll, pitch, yaw)
+        error = from_roll_pitch_yaw(*map(math.radians, (30.0, -15.0, 60.0)))
         reply = await set_mounting(bench, ask(error, relative=True))
         expected = rotation.multiply(MOUNTINGS["metamotion"], error)
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert "as measured" in reply.message
-        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+        turned = await finger_of(samples)
+        assert vector.angle_between(turned, arm) > 0.5
         measured = samples[-1].mounting
         assert measured == "simulated 0.215 -0.188 -0.215 0.934"
     path = own_state / "users" / ANNA / "mounting.json"
     assert path.is_file()
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, ANNA)
-        bench.start(ImuBridge, config, user=ANNA)
-        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+        bench.start(ImuBridge, STILL, user=ANNA)
+        assert vector.angle_between(await finger_of(samples), turned) < 1e-6
         assert samples[-1].mounting == measured
         reply = await set_mounting(bench, ask(rotation.IDENTITY, relative=True))
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert (await set_mounting(bench, ask(None))).sensor_from_arm_xyzw == MOUNTINGS["metamotion"]
-        assert vector.angle_between(await finger_of(samples), arm) > 0.5
+        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
     assert not path.exists()
 
 
@@ -125,7 +124,7 @@ async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_is_used(own_st
     path.write_text('{"by_source": {"simulated": 7}}', encoding="utf-8")
     async with memory_bench(WallClock()) as bench:
         reports: list[Health] = bench.collect(HEALTH)
-        bench.start(ImuBridge, still((0, 0, 0)), user=ANNA)
+        bench.start(ImuBridge, STILL, user=ANNA)
         await until(lambda: bool(reports and reports[-1].warnings))
         assert "mounting.json: cannot be used" in reports[-1].warnings[0]
         await set_mounting(bench, ask(TURNED))  # in its place

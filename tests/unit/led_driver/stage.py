@@ -15,7 +15,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig, StyleConfig
+from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.light_state import LightState
 
 Color = tuple[int, int, int]
@@ -44,12 +44,7 @@ class Stage:
     """Lights, with what is on them."""
 
     def __init__(
-        self,
-        *strips: Strip,
-        belts: tuple[Belt, ...] = (),
-        margin_m: float = 0.1,
-        tail_s: float = 0.0,
-        cursors: CursorsConfig | None = None,
+        self, *strips: Strip, belts: tuple[Belt, ...] = (), margin_m: float = 0.1, tail_s: float = 0.0
     ) -> None:
         style = StyleConfig(
             kind_colors={"red": RED},
@@ -60,7 +55,7 @@ class Stage:
             tail_s=tail_s,
             tail_level=0.5,
         )
-        self.lights = LightState(LedDriverConfig(style=style, cursors=cursors or CursorsConfig()))
+        self.lights = LightState(LedDriverConfig(style=style))
         self.lights.on_map(Environment(stamp_ns=0, name="stage", strips=strips or (FORTH, BACK), belts=belts))
         self.now_ns = NOW_NS
 

@@ -22,7 +22,7 @@ MS = NS_PER_S // 1000
 
 
 def lights(lamps: str = "") -> LightState:
-    shining = LightState(LedDriverConfig(lamps=LampsConfig(range_deg=30.0)))
+    shining = LightState(LedDriverConfig())
     shining.on_map(room(lamps))
     return shining
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pointit.geometry.colormap import colormap
 from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
-from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
+from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.render import Layout
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
@@ -193,15 +193,14 @@ def test_overlapping_cursors_alternate_and_lone_parts_stay_whole() -> None:
 
 
 def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
-    def color(cursors: CursorsConfig, **miss: Any) -> tuple[int, int, int]:
-        stage = Stage(cursors=cursors).profile("anna", GREEN, cursor_colormap="viridis")
+    def color(**miss: Any) -> tuple[int, int, int]:
+        stage = Stage().profile("anna", GREEN, cursor_colormap="viridis")
         return stage.point("anna", 0.55, **miss).shown()[5]
 
-    angle = CursorsConfig(range_deg=10.0)
     viridis = colormap("viridis")
-    assert color(angle, miss_rad=0.0, miss_m=9.0) == viridis.rgb(1.0)
-    assert color(angle, miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
-    assert color(angle, miss_rad=1.0) == viridis.rgb(0.0)
+    assert color(miss_rad=0.0, miss_m=9.0) == viridis.rgb(1.0)
+    assert color(miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
+    assert color(miss_rad=1.0) == viridis.rgb(0.0)
 
 
 def test_brightness_of_one_strip_leaves_the_others_alone() -> None:

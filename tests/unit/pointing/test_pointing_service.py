@@ -13,6 +13,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.one_euro import OneEuro
 from pointit.schemas import BodyMeasures, ImuSample, PointingOffset, UserPose, UserProfile
 from pointit.schemas.topics import HEALTH, IMU, POSE, PROFILE, RAY
+from pointit.services.pointing import service
 from pointit.services.pointing.pointer import Freshness, Pointer
 from pointit.services.pointing.service import Pointing, PointingConfig
 from tests.support import there
@@ -224,8 +225,11 @@ async def test_the_service_uses_the_profile_and_keeps_the_stamp() -> None:
         assert math.isclose(here.rays[0].origin_m[2], 1.81)
 
 
-async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come() -> None:
-    async with room(PointingConfig(profile_wait_s=60.0), None) as here:
+async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(service, "PROFILE_WAIT_S", 60.0)
+    async with room(profile=None) as here:
         await here.point()
         assert here.rays == []
         await here.know(TALL)
@@ -233,8 +237,11 @@ async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come() -
         assert [round(ray.origin_m[2], 6) for ray in here.rays] == [1.81]
 
 
-async def test_without_a_supervisor_it_goes_on_with_common_measures_and_says_so_until_one_comes() -> None:
-    async with room(PointingConfig(profile_wait_s=0.0), None) as here:
+async def test_without_a_supervisor_it_goes_on_with_common_measures_and_says_so_until_one_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(service, "PROFILE_WAIT_S", 0.0)
+    async with room(profile=None) as here:
         await here.warned("no profile of anna")
         await here.point()
         await until(lambda: bool(here.rays), what="a ray")

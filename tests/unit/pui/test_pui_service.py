@@ -234,11 +234,11 @@ async def test_workspace_needs_nothing_else_in_the_map(tmp_path: Path) -> None:
 
 
 async def test_the_configured_workspace_and_lamps() -> None:
-    async with room(workspace="sphere", workspace_distance_m=1.5, lamp_angles_deg=180.0) as here:
+    async with room(workspace="sphere", lamp_angles_deg=180.0) as here:
         await here.pose()
         cursor = await here.point_at((2.0, 1.0, 0.5))
         assert cursor.solid == "sphere"
-        assert cursor.range_m == pytest.approx(1.5)
+        assert cursor.range_m == pytest.approx(2.0)
         assert {lamp.id for lamp in cursor.lamps} == {lamp.id for lamp in LAB.lamps}
     async with room() as here:
         await here.pose()

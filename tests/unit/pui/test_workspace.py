@@ -292,7 +292,7 @@ def test_a_workspace_that_the_ray_would_graze_is_refused() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind) -> None:
-    person = Person((1.0, 1.0, 0.1), start=WorkspaceStart(kind=kind, height_m=0.2, distance_m=3.0))
+    person = Person((1.0, 1.0, 0.1), start=WorkspaceStart(kind=kind, height_m=0.2))
     down = vector.direction(0.7, -0.3)
     first = person.point(down)
     assert first.surface_id == f"workspace/{kind}"
@@ -301,9 +301,9 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
     if kind == "horizontal":
         assert away[2] == pytest.approx(0.2)
     elif kind == "sphere":
-        assert first.range_m == pytest.approx(3.0)
+        assert first.range_m == pytest.approx(2.0)
     else:
-        assert math.hypot(away[0], away[1]) == pytest.approx(3.0)
+        assert math.hypot(away[0], away[1]) == pytest.approx(2.0)
     person.core.set_interaction(Interaction(stamp_ns=1, state="idle"))
     person.core.set_interaction(Interaction(stamp_ns=2, state="pointing"))
     behind = person.point(vector.rotate_z(down, math.pi))

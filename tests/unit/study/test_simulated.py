@@ -96,10 +96,10 @@ def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_diff
     )
     text += "practice: 1\nconsent: Do you agree?\n"
     text = text.replace(
-        "gauge: {selector.method: gauge}", "gauge: {selector.method: gauge, pointing.min_cutoff_hz: 2.0}"
+        "gauge: {selector.method: gauge}", "gauge: {selector.method: gauge, pointing.filter: steady}"
     )
     text = text.replace(
-        "hold: {selector.method: hold}", "hold: {selector.method: hold, pointing.min_cutoff_hz: 1.5}"
+        "hold: {selector.method: hold}", "hold: {selector.method: hold, pointing.filter: normal}"
     )
     study, done = small(tmp_path / "done", text)
     lossy = {"user-sim.wristband.dropout_share": 0.5, "user-sim.wristband.dropout_burst_s": 4.0}

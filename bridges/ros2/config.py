@@ -12,6 +12,7 @@ from pointit.runtime.config.yaml_file import written_text
 from pointit.schemas.topics import check_name
 
 TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
+"""Full name of a topic, an action or a node."""
 TF = "tf"
 
 SourceType = Literal[
@@ -87,9 +88,6 @@ class TrackerConfig(PoseSource):
     )
 
 
-NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-"""A node's full name."""
-
 MAX_ROS_USERS = 100
 """Maximum number of ROS-only users; each has a ray, and a check four times a second."""
 
@@ -125,7 +123,7 @@ class BackendConfig(Config):
     @field_validator("node")
     @classmethod
     def _is_full_name(cls, value: str) -> str:
-        if not NAME.fullmatch(value):
+        if not TOPIC.match(value):
             raise ValueError("begin with / and write letters, digits and _, as in /pointit or /site1/pointit")
         return value
 

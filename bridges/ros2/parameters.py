@@ -19,7 +19,7 @@ from typing import Any, cast
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.message_format import listed, shown
+from pointit.bridges.ros2.message_format import MAX_NAME, listed, shown
 from pointit.bridges.ros2.over_zenoh.backend import NEEDS
 from pointit.bridges.ros2.types.types import NO_HASH, Types
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
@@ -69,13 +69,6 @@ LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
 
 PAGE = 16
 """Number of parameters per request: a line of a map may have a thousand points."""
-MAX_PARAMETERS = 20_000
-MAX_NAME = 256
-"""Maximum characters of a parameter's name; no map has longer ones."""
-MAX_BYTES = 8_000_000
-"""Maximum size of all answers; the largest map that can travel is an eighth of it."""
-MAX_WAITS = 12
-"""Total timeout in timeouts of one answer, for nodes that answer each request just in time."""
 MAX_SHOWN = 20
 """Maximum number of names in a message."""
 
@@ -112,32 +105,22 @@ class NodeParameters:
         self._appears_s = appears_s
         self._timeout_s = timeout_s
         self._needs = needs
-        self._had_bytes = 0
-        self._waited_s = 0.0
 
     async def names(self) -> list[str]:
         """Return the names of its parameters in its order, without names that no map uses.
 
         Raises:
             NoAnswerError: If it is absent (names those present), serves no parameters, or answers too late.
-            ConfigError: If it has too many.
         """
         await self._on_presence()
         response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
-        names: list[str] = response.result.names
-        if len(names) > MAX_PARAMETERS:
-            raise ConfigError(
-                f"node {self._node} has {len(names)} parameters and at most {MAX_PARAMETERS} are read; give "
-                "its map as a file"
-            )
-        return [name for name in dict.fromkeys(names) if len(name) <= MAX_NAME and name.isprintable()]
+        return [name for name in dict.fromkeys(response.result.names) if name.isprintable()]
 
     async def values(self, names: Sequence[str]) -> dict[str, Value]:
         """Return the parameters `names` that have a value, in that order.
 
         Raises:
             NoAnswerError: If the node does not answer in time, or if its answer does not fit.
-            ConfigError: If the answer is too large.
         """
         found: dict[str, Value] = {}
         for page in _pages(names):
@@ -196,13 +179,12 @@ class NodeParameters:
         if not names:
             why = self._backend.problem or self._needs
             return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
-        return f"there is no node {self._node} in domain {self._domain}; there are {_listed(sorted(names))}"
+        there_are = listed((shown(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
+        return f"there is no node {self._node} in domain {self._domain}; there are {there_are}"
 
     async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
         types = self._types
         request = types.request_of(service)
-        clock = asyncio.get_running_loop()
-        begun_s = clock.time()
         try:
             cdr = await self._backend.call(
                 f"{self._node}{suffix}",
@@ -212,18 +194,6 @@ class NodeParameters:
             )
         except TimeoutError as error:
             raise NoAnswerError(f"{error}") from error
-        self._waited_s += clock.time() - begun_s
-        if self._waited_s > MAX_WAITS * self._timeout_s:
-            raise NoAnswerError(
-                f"node {self._node} has taken {self._waited_s:.3g} s for some of its answers, and has more; "
-                "wait longer for each, or give its map as a file"
-            )
-        self._had_bytes += len(cdr)
-        if self._had_bytes > MAX_BYTES:
-            raise ConfigError(
-                f"the parameters of node {self._node} have more than {MAX_BYTES} bytes, which no map has; "
-                "give it as a file"
-            )
         try:
             return types.decode(types.response_of(service), cdr)
         except ValueError as error:
@@ -254,10 +224,6 @@ def _other_distro(hashes: set[str], types: Types) -> str:
     if types.distro == "humble":
         return "is not of Humble; set distro to theirs (jazzy, kilted, …)"
     return f"has another definition of {LIST} than {types.distro}; set distro to theirs"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return listed((shown(name, MAX_NAME) for name in names), MAX_SHOWN)
 
 
 log = logging.getLogger(__name__)

@@ -144,40 +144,6 @@ class GraphMonitor:
         self._handlers.clear()
 
 
-class OpenCalls:
-    """The open requests of one backend, which close with it."""
-
-    def __init__(self) -> None:
-        self._open: set[asyncio.Task[bytes]] = set()
-
-    async def answered(self, call: Coroutine[Any, Any, bytes], name: str) -> bytes:
-        """Await `call` as a task called `name`, and return its result.
-
-        Raises:
-            BusClosedError: If `close` was called meanwhile.
-        """
-        task = asyncio.get_running_loop().create_task(call, name=name)
-        self._open.add(task)
-        task.add_done_callback(self._forget)
-        try:
-            await asyncio.wait([task])
-        finally:
-            task.cancel()
-        if task.cancelled():
-            raise BusClosedError("the backend was closed while it waited for an answer")
-        return task.result()
-
-    def close(self) -> None:
-        """Cancel all requests."""
-        for task in self._open:
-            task.cancel()
-
-    def _forget(self, task: asyncio.Task[bytes]) -> None:
-        self._open.discard(task)
-        if not task.cancelled():
-            task.exception()  # retrieved: the caller may have gone
-
-
 MIN_CAPACITY = 64
 """Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
 
@@ -346,7 +312,6 @@ class NodeBackend(abc.ABC, Generic[C]):
         )
         self.watch = self._graph_monitor.watch
         self._clients: dict[tuple[str, RosType], RosServiceClient] = {}
-        self._calls = OpenCalls()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -358,13 +323,13 @@ class NodeBackend(abc.ABC, Generic[C]):
 
         Raises:
             TimeoutError: If no node serves it, or not within `timeout_s`; or it refuses; or we lack its type.
-            BusClosedError: If the backend was closed meanwhile.
+            BusClosedError: If the backend is closed.
         """
         self._context.check_open()
         client = self._clients.get((service, kind))
         if client is None:
             client = self._clients[service, kind] = self._client(service, kind)
-        return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
+        return await client.call(request, timeout_s=timeout_s)
 
     @abc.abstractmethod
     def _client(self, service: str, kind: RosType) -> RosServiceClient:
@@ -373,7 +338,6 @@ class NodeBackend(abc.ABC, Generic[C]):
     def _close_endpoints(self) -> None:
         """Close all but the connection, which no longer calls us."""
         self._graph_monitor.close()
-        self._calls.close()
         for end in tuple(self._context.ends):
             end.close()
         self._context.warnings.close()

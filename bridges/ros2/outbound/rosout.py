@@ -1,6 +1,5 @@
 """Findings of a health report as lines of ROS's log, when they begin and when they end."""
 
-import collections
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -23,8 +22,6 @@ REPORTS_PER_LINE = 5
 """Reports until a further line of a service may be sent."""
 MAX_REPORTS = 64
 """Maximum number of findings of one service that are not over; others wait."""
-MAX_SERVICES = 1000
-"""Maximum number of services; further ones are ignored."""
 
 LONG_S = 1e9
 """Observation time for `diagnose`: a restarted service does not run twice."""
@@ -90,15 +87,13 @@ class Rosout:
 
     def __init__(self) -> None:
         self._services: dict[str, _Service] = {}
-        self._gone: collections.OrderedDict[str, int] = collections.OrderedDict()
+        self._gone: dict[str, int] = {}
         """Spent bursts of services that are gone: a crash loop gets no new burst."""
 
     def __call__(self, health: Health, context: ConversionContext) -> Converted:
         """Return the log lines of one service's report, none while nothing changes."""
         service = self._services.get(context.name)
         if service is None:
-            if len(self._services) >= MAX_SERVICES:
-                return ()
             spent = self._gone.pop(context.name, 0)
             service = self._services[context.name] = _Service(context.name, spent)
         types = context.state.types
@@ -113,8 +108,6 @@ class Rosout:
         service = self._services.pop(instance, None)
         if service is not None and service.spent:
             self._gone[instance] = service.spent
-            if len(self._gone) > MAX_SERVICES:
-                self._gone.popitem(last=False)
 
     def begin(self) -> None:
         """Reset: to the first reader all present findings are new."""

@@ -11,7 +11,6 @@ Quality of service as rmw_zenoh writes it into tokens: a field that is the defau
 `<reliability>:<durability>:<history>,<depth>:<deadline s>,<ns>:<lifespan s>,<ns>:<liveliness>,<lease s>,<ns>`
 """
 
-import collections
 import itertools
 import re
 import struct
@@ -40,17 +39,8 @@ class Attachment:
 
 
 def packed(attachment: Attachment) -> bytes:
-    """Return its 33 bytes.
-
-    Raises:
-        ValueError: If a number does not fit in 64 bits, or the gid is not 16 bytes long.
-    """
-    if len(attachment.gid) != GID_BYTES:
-        raise ValueError(f"a gid of {len(attachment.gid)} bytes, {GID_BYTES} are needed")
-    try:
-        return _FORMAT.pack(attachment.sequence, attachment.stamp_ns, GID_BYTES, attachment.gid)
-    except struct.error as error:
-        raise ValueError(f"{attachment} does not fit ({error})") from error
+    """Return its 33 bytes."""
+    return _FORMAT.pack(attachment.sequence, attachment.stamp_ns, GID_BYTES, attachment.gid)
 
 
 def unpacked(data: bytes | None) -> Attachment:
@@ -335,21 +325,19 @@ class LivelinessDirectory:
         self._on_change = on_change
         self._domain = domain
         self._seen: dict[str, Seen] = {}
-        self._own: collections.Counter[str] = collections.Counter()
+        self._own: set[str] = set()
         self.bridged: set[bytes] = set()
         """Gids in messages of other PointIts, of any domain."""
 
     def announce(self, token: str) -> None:
         """Add a token of ours. It stays even if others report its end, as lost routers do."""
-        self._own[token] += 1
+        self._own.add(token)
         self.change({token: True})
 
     def retract(self, token: str) -> None:
         """Remove a token of ours."""
-        self._own[token] -= 1
-        if not self._own[token]:
-            del self._own[token]
-            self.change({token: False})
+        self._own.discard(token)
+        self.change({token: False})
 
     def change(self, tokens: Mapping[str, bool]) -> None:
         """Add tokens (True) or remove them (False)."""

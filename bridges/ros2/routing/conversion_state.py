@@ -47,13 +47,6 @@ MAX_TRACKER_AGE_NS = NS_PER_S
 """A tracker silent for this long tracks nothing."""
 STEEP_RAD = math.radians(60.0)
 """Elevation of an arm, up or down, from which its azimuth does not tell where the person faces."""
-MAX_PEOPLE = 1000
-"""Maximum number of people; the oldest are evicted first."""
-MAX_TRACKERS = 256
-"""Maximum number of trackers; further ones are ignored."""
-
-MAX_ROBOTS = 100
-"""Maximum number of robots; further ones are ignored."""
 
 INPUT_TOPICS: tuple[Topic[Any], ...] = (
     *(topics.CURSOR, topics.HOVER, topics.POSE, topics.PROFILE, topics.INTERACTION, topics.OBJECTS),
@@ -159,11 +152,10 @@ class ConversionState:
             case Cursor() | Hover() | UserPose() | UserProfile() | Interaction() | ImuSample() | Steering():
                 self.person(name).hear(message, now_ns)
             case TrackedObjects():
-                if name in self._tracked or len(self._tracked) < MAX_TRACKERS:
-                    self._tracked[name] = (now_ns, message)
-            case RobotState() if name in self._robots or len(self._robots) < MAX_ROBOTS:
+                self._tracked[name] = now_ns, message
+            case RobotState():
                 self._robots[name] = now_ns, message
-            case RobotPlan() if name in self._robots:
+            case RobotPlan():
                 self._plans[name] = message
             case Selection():
                 self.selection = message
@@ -199,12 +191,9 @@ class ConversionState:
 
     def person(self, user: str) -> Person:
         """Return the state of `user`."""
-        person = self.people.get(user)
-        if person is None:
-            if len(self.people) >= MAX_PEOPLE:
-                del self.people[next(iter(self.people))]
-            person = self.people[user] = Person()
-        return person
+        if user not in self.people:
+            self.people[user] = Person()
+        return self.people[user]
 
     def pointing(self, user: str) -> Cursor | None:
         """Return the cursor of `user` while they point."""

@@ -12,9 +12,6 @@ WORLD = "{world}"
 PERSON = "{person}"
 """Stands for a person's frame {H} in a route."""
 
-MAX_FRAME_NAMES = 10_000
-"""Maximum number of distinct names."""
-
 FIXED_FRAMES = frozenset({"earth", "map", "odom", "world"})
 """Frames of REP 105 that no robot carries along, also in a namespace, as in agv1/odom."""
 
@@ -42,25 +39,18 @@ class RosNames:
 
     def __init__(self) -> None:
         self._of: dict[str, str] = {}
-        self._taken: set[str] = set()
 
     def of(self, name: str) -> str:
         """Return the ROS name of `name`: unchanged where possible, always the same, unique."""
-        made = self._of.get(name)
-        if made is None:
-            made = self._free(_NOT_ROS.sub("_", name) or "_")
-            if len(self._of) >= MAX_FRAME_NAMES:
-                oldest = next(iter(self._of))
-                self._taken.discard(self._of.pop(oldest))
-            self._of[name] = made
-            self._taken.add(made)
-        return made
+        if name not in self._of:
+            self._of[name] = self._free(_NOT_ROS.sub("_", name) or "_")
+        return self._of[name]
 
     def _free(self, wanted: str) -> str:
         if wanted[0].isdigit():
             wanted = f"_{wanted}"
         made, count = wanted, 1
-        while made in self._taken:
+        while made in self._of.values():
             count += 1
             made = f"{wanted}_{count}"
         return made
@@ -115,18 +105,8 @@ class Uids:
         self._numbers[name] = number
         return number
 
-    def name(self, number: int) -> str | None:
-        """Return the name of a number, or None if it is free."""
-        return self._names.get(number)
-
     def bind(self, number: int, name: str) -> None:
-        """Bind `number` to `name`, and release it from another name.
-
-        Raises:
-            ValueError: If no name can have such a number.
-        """
-        if not 0 <= number <= self._max_number:
-            raise ValueError(f"{number} is beyond 0 to {self._max_number}")
+        """Bind `number`, which a name can have, to `name`, and release it from another name."""
         for old in (self._names.get(number), name):
             if old is not None and old in self._numbers:
                 del self._names[self._numbers.pop(old)]

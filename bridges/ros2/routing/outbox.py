@@ -11,9 +11,6 @@ from pointit.runtime.clock import Timer
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
-MAX_LINES = 2000
-"""Maximum number of names in ROS."""
-
 
 class _Line:
     """One route to one name in ROS."""
@@ -197,9 +194,7 @@ class Outbox:
         for route in self._routes.get(topic, ()):
             if route.has_user_publisher and name in self._site.state.ros_users:
                 continue
-            line = self._line(route, name if "{" in route.ros else "")
-            if line is not None:
-                line.take(message, name)
+            self._line(route, name if "{" in route.ros else "").take(message, name)
 
     def join(self, user: str) -> None:
         """Add the routes about `user`, without those that a ROS-only user's own nodes publish."""
@@ -218,8 +213,6 @@ class Outbox:
             if name == user and "{user}" in self._lines[route, name].route.ros:
                 self._lines.pop((route, name)).close()
         self._forget(user, "user")
-        if len(self._lines) < MAX_LINES:
-            self._site.bus.clear("names")
 
     def end(self, instance: str) -> None:
         """Forget what was sent about a service that has gone."""
@@ -240,15 +233,10 @@ class Outbox:
             line.close()
         self._lines.clear()
 
-    def _line(self, route: OutboundRoute, name: str) -> _Line | None:
+    def _line(self, route: OutboundRoute, name: str) -> _Line:
         key = route.name, name
         line = self._lines.get(key)
         if line is None:
-            if len(self._lines) >= MAX_LINES:
-                self._site.bus.warn(
-                    "names", f"only {MAX_LINES} names are shown to ROS; end the writers of the others"
-                )
-                return None
             ros = route.ros_name(self._site.state, name)
             line = self._lines[key] = _Line(route, ros, self._site, self._has_reader)
             self._yield(line)

@@ -15,7 +15,7 @@ import click
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected, is_list
-from pointit.bridges.ros2.config import NAME, BackendConfig
+from pointit.bridges.ros2.config import TOPIC, BackendConfig
 from pointit.cli.common.completions import maps
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, OutputSection, print_file, say, show
@@ -126,7 +126,7 @@ def command(
     Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
     """
     name = node if node.startswith("/") else f"/{node}"
-    if not NAME.fullmatch(name):
+    if not TOPIC.match(name):
         raise UnknownNameError(
             f"NODE {node!r}: not a full node name; write one like /pui_node or /site1/pui_node"
         )

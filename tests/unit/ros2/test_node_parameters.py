@@ -1,27 +1,15 @@
-"""Reading the parameters of another node: pages, bounds, failures; their values, there and back."""
+"""Reading the parameters of another node: pages, failures; their values, there and back."""
 
-import asyncio
 from typing import Any, cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2 import parameters
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.parameters import (
-    FIELDS,
-    GET,
-    LIST,
-    MAX_NAME,
-    MAX_WAITS,
-    MESSAGE,
-    PAGE,
-    NodeParameters,
-    value_of,
-)
+from pointit.bridges.ros2.parameters import FIELDS, GET, LIST, MESSAGE, PAGE, NodeParameters, value_of
 from pointit.bridges.ros2.types.types import Types
-from pointit.runtime.errors import ConfigError, NoAnswerError
+from pointit.runtime.errors import NoAnswerError
 from tests.support.parameter_server import NODE, OneNode, ParameterServer, message_of
 
 TYPES = Types("jazzy")
@@ -46,37 +34,8 @@ async def test_parameters_come_by_pages_in_the_nodes_order() -> None:
     assert list(await node.values(["map", "leds.0.position"])) == ["map", "leds.0.position"]
     assert [len(names) for names in seen.server.asked] == [PAGE, PAGE, 4, 2]
     assert await node.values([]) == {}
-    names = {"a\x1b[2J": 1, "b" * (MAX_NAME + 1): 1, "b" * MAX_NAME: 1, "leds.a.position": 1}
-    assert await read(other(names)).names() == ["b" * MAX_NAME, "leds.a.position"], "no map has the others"
-
-
-async def test_too_many_and_too_much_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parameters, "MAX_PARAMETERS", 3)
-    with pytest.raises(
-        ConfigError, match=r"^node /pui has 4 parameters and at most 3 are read; give its map as"
-    ):
-        await read(other(dict.fromkeys("abcd", 1))).names()
-    monkeypatch.setattr(parameters, "MAX_BYTES", 3000)
-    node = read(other({"a": "x" * 1000, "b": "y" * 1000}))
-    assert len(await node.values(["a"])) == 1
-    with pytest.raises(ConfigError, match="have more than 3000 bytes, which no map has; give it as a file"):
-        await node.values(["a", "b"])
-
-
-async def test_who_is_just_in_time_with_each_answer_is_not_waited_for_by_the_hour() -> None:
-    seen = other({f"leds.{number}.position": [1.0, 0.0, 1.0] for number in range(100 * PAGE)})
-
-    async def slow(request: bytes) -> bytes:
-        await asyncio.sleep(0.01)
-        return await seen.server.get(request)
-
-    seen.answers[GET] = slow
-    node = read(seen, timeout_s=0.01)
-    with pytest.raises(
-        NoAnswerError, match=r"^node /pui has taken 0\.\d+ s for some of its answers, and has"
-    ):
-        await node.values(await node.names())
-    assert len(seen.server.asked) <= MAX_WAITS + 1
+    names = {"a\x1b[2J": 1, "leds.a.position": 1}
+    assert await read(other(names)).names() == ["leds.a.position"], "no map has the other"
 
 
 async def refused(sentence: str, asked: OneNode, **settings: Any) -> None:

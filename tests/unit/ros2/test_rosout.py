@@ -6,17 +6,14 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.graph.backend import ROSOUT
-from pointit.bridges.ros2.outbound import rosout
 from pointit.bridges.ros2.outbound.rosout import (
     ERROR,
     INFO,
     MAX_AT_ONCE,
     MAX_REPORTS,
-    MAX_SERVICES,
     OVER_REPORTS,
     REPORTS_PER_LINE,
     WARN,
-    Rosout,
 )
 from pointit.bridges.ros2.outbound.values import MAX_TEXT
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
@@ -166,22 +163,6 @@ def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_o
         told += len(log.says(health(NO_MAP, instance="crash"), 2))
         log.end("crash")
     assert 0 < told <= MAX_AT_ONCE + 2 * lives // REPORTS_PER_LINE
-
-
-def test_services_are_bounded_gone_ones_too(monkeypatch: pytest.MonkeyPatch, log: Log) -> None:
-    assert MAX_SERVICES >= 1000
-    monkeypatch.setattr(rosout, "MAX_SERVICES", 3)
-    names = ["a", "b", "c", "d"]
-    assert [bool(log.says(health(NO_MAP, instance=name))) for name in names] == [True, True, True, False]
-    log.end("b")
-    assert log.says(health(NO_MAP, instance="d")) == [(WARN, NO_MAP)]
-    converter = log.row.by
-    assert isinstance(converter, Rosout)
-    for count in range(20):
-        log.end("d")
-        log.says(health(NO_MAP, instance=f"x{count}"))
-        log.end(f"x{count}")
-    assert (len(converter._services), len(converter._gone)) == (2, 3)
 
 
 def test_who_begins_to_read_hears_what_is_wrong_and_not_what_was(log: Log) -> None:

@@ -263,7 +263,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
             }
         },
         "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
-        "imu-bridge": {"simulated": SWEEP | {"seed": seed_of(choices.seed, f"imu-bridge.{user}")}},
+        "imu-bridge": {"simulated": SWEEP},
     }
     if device == "sim" and "user-sim" in scenario.user:
         usual["imu-bridge"] = {"source": "page"}  # it only waits for one

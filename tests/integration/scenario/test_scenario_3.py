@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pointit.launch.plan.launches import Choices, seed_of, site_launches, user_launches
-from pointit.launch.plan.plan import read_scenario
+from pointit.launch.plan.launches import Choices
 from tests.integration.scenario.play import USER, Outcome, play
 
 ALL_PASS = ("conveyor-sim.feeder.count=22",)
@@ -96,22 +95,3 @@ def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
 def test_a_seed_set_for_the_conveyor_alone_holds_whatever_the_run_has() -> None:
     chosen = ("conveyor-sim.seed=5",)
     assert packages(1, chosen) == packages(2, chosen, (USER,))
-
-
-@pytest.mark.parametrize("seed", [0, 7])
-def test_every_random_part_has_a_stream_of_its_own(seed: int) -> None:
-    scenario = read_scenario("scenario_4")
-    choices = Choices(seed=seed, imu=("simulated", "simulated"))
-    launches = [
-        *site_launches(scenario, choices),
-        *user_launches(scenario, choices, USER),
-        *user_launches(scenario, choices, "ben", 1),
-    ]
-    configs = {launch.instance: launch.config.model_dump() for launch in launches}
-    seeds = {
-        "conveyor-sim": configs["conveyor-sim"]["seed"],
-        f"imu-bridge.{USER}": configs[f"imu-bridge.{USER}"]["simulated"]["seed"],
-        "imu-bridge.ben": configs["imu-bridge.ben"]["simulated"]["seed"],
-    }
-    assert seeds == {part: seed_of(seed, part) for part in seeds}
-    assert len({*seeds.values()}) == len(seeds)

@@ -4,13 +4,13 @@ import asyncio
 import contextlib
 import ipaddress
 import socket
-import threading
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.threads import in_daemon_thread
 
 _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 """Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
@@ -78,37 +78,14 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
 async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
     """Return the addresses for datagrams that `resolve` finds.
 
-    The thread ends with the resolver's answer, or with the process: unlike a thread of the loop's own, it
-    delays no end of the loop.
+    A thread of the loop's own would delay the end of the loop until the resolver answers.
 
     Raises:
         OSError: If there is none.
     """
     with contextlib.suppress(ValueError):
         return [(socket.AF_INET, (str(ipaddress.IPv4Address(host)), port))]
-    loop = asyncio.get_running_loop()
-    answer: asyncio.Future[Sequence[Resolved]] = loop.create_future()
-
-    def settle(addresses: Sequence[Resolved], error: Exception | None) -> None:
-        if answer.done():  # cancelled
-            return
-        if error is None:
-            answer.set_result(addresses)
-        else:
-            answer.set_exception(error)
-
-    def ask() -> None:
-        addresses: Sequence[Resolved] = ()
-        error = None
-        try:
-            addresses = resolve(host, port, socket.SOCK_DGRAM)
-        except OSError as raised:
-            error = raised
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(settle, addresses, error)
-
-    threading.Thread(target=ask, name=f"look up {host}", daemon=True).start()
-    return await answer
+    return await in_daemon_thread(lambda: resolve(host, port, socket.SOCK_DGRAM), f"look up {host}")
 
 
 MAX_SERVICES = 256

@@ -153,14 +153,6 @@ def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
         assert (strange, asked) == ([mark], [])
 
 
-def test_sites_that_cannot_share_a_router_are_refused(tmp_path: Path) -> None:
-    a = make_site(tmp_path / "a", "a", names=FEW)
-    router = RouterProgram("--site-folder", str(a.path), "--site-folder", str(a.path))
-    code, said = router.ends()
-    assert code == 2
-    assert "site a is given twice" in said
-
-
 def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
     building = make_site(tmp_path / "lab")
     hall_port = free_port()

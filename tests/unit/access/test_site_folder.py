@@ -4,9 +4,7 @@ import datetime as dt
 import json
 import os
 import shutil
-import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -167,23 +165,6 @@ def test_two_at_once_are_one_after_the_other(tmp_path: Path) -> None:
     with locked(site.path), pytest.raises(ConfigError, match="another process is changing it"):
         site.renew(["anna"], NOW)
     site.renew(["anna"], NOW)
-
-
-def test_changes_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
-    site = site_of(tmp_path)
-
-    def renew(_number: int) -> None:
-        while True:
-            try:
-                SiteFolder(site.path).renew(["anna"], NOW)
-            except ConfigError:  # another one is changing it
-                time.sleep(0.01)
-            else:
-                return
-
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(renew, range(4)))
-    assert site.state().identities["anna"].generation == 5
 
 
 def test_no_certificate_outlives_its_authority() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from pointit.diagnosis.diagnose import diagnose, filter_findings
 from pointit.diagnosis.observation import Finding
-from pointit.schemas.problems import CLOCK, DENIED, LATE, REVOKED, TWICE, UNWRITABLE, Problem
+from pointit.schemas.problems import CLOCK, DENIED, LATE, REVOKED, UNWRITABLE, Problem
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, Topic
 from tests.unit.diagnosis.fault_sites import (
     DEPLOYMENTS,
@@ -43,26 +43,10 @@ def is_starved(site: Site) -> None:
         site.ages_s[reader, topic, "in"] = 1.2
 
 
-def runs_twice(site: Site) -> None:
-    first = site.processes[site.process_of("pui")]
-    site.processes["second"] = replace(first, pid=99)
-    for service in first.services:
-        sentence = f"{service} runs twice: here and as process 99 on desk; end one of the two"
-        site.warnings[service] = (Problem(code=TWICE, sentence=sentence, subject="process 99 on desk"),)
-    for reader in ("selector", "led-driver"):
-        site.warnings[reader] = (*site.warnings[reader], late(CURSOR))
-
-
 def has_wrong_rights(site: Site) -> None:
     sentence = "this identity (operator) may not write users/ben/ray: use credentials of ben"
     for name in (*SHARED, *services_of("user1")):
         change(site, name, warnings=(Problem(code=DENIED, sentence=sentence, subject="operator"),))
-
-
-def has_wrong_clock(site: Site) -> None:
-    change(site, "anna", ahead_s=-3.0)  # what pui says of late rays does not say whose they are
-    sentence = "9 IMU samples made no ray, the last is 3.0 s old: look for a slow link"
-    site.warnings["pointing.anna"] = (Problem(code=LATE, sentence=sentence),)
 
 
 def problems(findings: list[Finding]) -> list[Finding]:
@@ -74,9 +58,7 @@ def problems(findings: list[Finding]) -> list[Finding]:
     [
         (is_starved, one_process, "starved", "process 10 of machine desk"),
         (is_starved, router_with_people, "starved", "process 2 of machine desk"),
-        (runs_twice, router_with_people, "twice", "processes 2 on desk and 99 on desk"),
         (has_wrong_rights, processes, "denied", "may not write users/ben/ray"),
-        (has_wrong_clock, router_with_people, "clock", "machine laptop-anna"),
     ],
 )
 def test_fault_that_several_services_report_is_one_finding(

@@ -1,7 +1,5 @@
 """Each broken situation of the table is one finding, whose printed remedy mends it; the page is current."""
 
-from dataclasses import replace
-
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
@@ -46,11 +44,3 @@ def test_the_printed_remedy_mends_the_site_and_nothing_else_does(row: Situation)
 
 def test_the_page_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run python -m tests.unit.diagnosis.page"
-
-
-def test_a_wrong_cause_and_a_remedy_without_its_step_are_noticed() -> None:
-    row = replace(SITUATIONS[-1], code="absent")
-    with pytest.raises(StopIteration):
-        cause(row.findings(), row)
-    row = SITUATIONS[-1]
-    assert not ended_faults(replace(cause(row.findings(), row), remedy="look there"), row.faults, row.make())

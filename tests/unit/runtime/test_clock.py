@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.site_clock import SiteClock, publish_time
-from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, run_virtually, sleep, ticks
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, run_virtually, ticks
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -232,17 +232,6 @@ def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(
 
 class FastClock(ManualClock):
     speed = 50.0
-
-
-async def test_sleep_is_in_the_clocks_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    slept: list[float] = []
-
-    async def note(duration_s: float) -> None:
-        slept.append(duration_s)
-
-    monkeypatch.setattr(asyncio, "sleep", note)
-    await sleep(FastClock(), 5.0)
-    assert slept == [0.1]
 
 
 class StepLoop:

@@ -159,15 +159,6 @@ def test_all_durations_are_counted_and_quantiles_are_of_the_newest(count: int) -
         assert taken.p99_s == 0.03
 
 
-def test_the_higher_of_two_times_is_the_99th_percentile() -> None:
-    window = DurationWindow()
-    for value_s in (0.1, 0.3):
-        window.add(value_s)
-    taken = window.take()
-    assert taken is not None
-    assert (taken.p50_s, taken.p99_s) == (0.1, 0.3)
-
-
 async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> None:
     def fail(*_of: object) -> None:
         raise RuntimeError("broken")

@@ -12,17 +12,9 @@ from pointit.runtime.bus.instrumented import ServedPublisher
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import MAX_SLEW_S
 from pointit.runtime.config.config import Config, published_parameters
-from pointit.runtime.errors import BusClosedError, ConfigError, RefusedError
+from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.runtime.service import service as service_module
-from pointit.runtime.service.service import (
-    Context,
-    Launch,
-    Scope,
-    Service,
-    check_launches,
-    run_service,
-    run_services,
-)
+from pointit.runtime.service.service import Context, Launch, Scope, Service, run_service, run_services
 from pointit.schemas import (
     Configuration,
     Done,
@@ -246,18 +238,6 @@ async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> Non
         async with asyncio.timeout(20):
             await task
     assert caught.group_contains(BusClosedError)
-
-
-def test_configurations_are_looked_at_before_anything_starts() -> None:
-    class Picky(Worker):
-        @classmethod
-        def validate_config(cls, config: Config) -> None:
-            raise ConfigError(f"{type(config).__name__}: no map")
-
-    fine = Launch(service=Worker, config=Config(), user="anna")
-    check_launches([fine])
-    with pytest.raises(ConfigError, match=r"^worker\.ben: Config: no map$"):
-        check_launches([fine, Launch(service=Picky, config=Config(), user="ben")])
 
 
 class DimmerConfig(Config):

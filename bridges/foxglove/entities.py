@@ -36,6 +36,7 @@ from pointit.schemas.topics import POSE
 from pointit.sim.aim import Stance
 
 LIFETIME_S = 2.0
+"""Lifetime of an entity, s, for viewers that missed its deletion."""
 NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one."""
 
@@ -361,8 +362,6 @@ def bays(
         entities.append(shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label]))
     return entities
 
-
-"""Lifetime of an entity, s, for viewers that missed its deletion."""
 
 # As in `web/client/src/geometry/appearance.ts`: messages have lengths only.
 PACKAGE_WIDE = (0.75, 0.1, 0.34)

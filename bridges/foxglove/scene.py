@@ -23,6 +23,7 @@ from foxglove.messages import (
 from pointit.bridges.foxglove import entities as people
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.entities import (
+    LIFETIME_S,
     NO_PROFILE,
     DrawnPerson,
     Lines,
@@ -57,9 +58,6 @@ from pointit.schemas import (
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import Topic
 from pointit.site.site_state import M
-
-LIFETIME_S = 2.0
-"""Lifetime of an entity, s, for viewers that missed its deletion."""
 
 FREE: Rgb = (150, 160, 172)
 """Colour of a robot that nobody steers, as in the page (`scene/robots.ts`)."""

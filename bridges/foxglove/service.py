@@ -37,9 +37,6 @@ log = logging.getLogger(__name__)
 LAYOUT = Path(__file__).with_name("layout.json")
 """Initial panels, for both viewers."""
 
-MAX_CHANNELS = 2000
-"""Maximum number of mirrored keys; the number of names is unbounded."""
-
 FAST = tuple(topic for topic in SHOWN if topic.delivery is Delivery.LATEST and topic is not HEALTH)
 """Topics that cost time to decode. They are subscribed to only while a viewer is connected."""
 
@@ -143,9 +140,6 @@ class Foxglove(Service[FoxgloveConfig]):
         key = topic.at(name)
         mirrored = self._mirrored.get(key)
         if mirrored is None:
-            if len(self._mirrored) >= MAX_CHANNELS:
-                self.bus.warn("keys", f"only {MAX_CHANNELS} keys are shown; end their writers")
-                return
             json_channel = self._plains[topic.key]
             channel = self._server.channel(channel_name(key), json_channel.schema)
             mirrored = _Mirrored(channel, json_channel, topic, name, message)

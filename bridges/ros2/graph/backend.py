@@ -10,9 +10,6 @@ from typing import Literal, Protocol
 
 from pointit.runtime.errors import ConfigError
 
-CDR = b"\x00\x01\x00\x00"
-"""First bytes of every message we send: little endian, plain CDR. ROS nodes crash on other bytes."""
-
 Server = Callable[[bytes], Awaitable[bytes]]
 """Takes a request's CDR, returns the response's. The text of a `RefusedError` goes to the caller where the
 middleware has a place for it (DDS has none: the response is empty); it raises nothing else."""
@@ -158,18 +155,6 @@ class Backend(Protocol):
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
-
-
-def check_cdr(cdr: bytes) -> None:
-    """Check that `cdr` begins like CDR; ROS nodes would crash otherwise.
-
-    Raises:
-        ValueError: If it does not.
-    """
-    if len(cdr) <= len(CDR) or not cdr.startswith(CDR):
-        raise ValueError(
-            f"CDR begins with 00 01 00 00 and has a body, this is {cdr[:8].hex(' ') or 'nothing'}"
-        )
 
 
 ENDPOINT = re.compile(r"(?P<protocol>\w+)/(?P<host>\[[^]]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#].*)?")

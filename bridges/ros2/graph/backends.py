@@ -88,9 +88,6 @@ async def opened(
             enclave=BRIDGE if is_bridge else ENCLAVE,
         )
         return ZenohBackend(session, rmw, warnings, config, now_ns)
-    except ValueError as error:
-        await session.close()
-        raise ConfigError(f"node: {error}") from error
     except BaseException:
         await session.close()
         raise

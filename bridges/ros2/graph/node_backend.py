@@ -10,7 +10,7 @@ from collections.abc import Callable, Coroutine, Hashable, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server
 from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
 from pointit.bridges.ros2.types.types import MAX_BYTES
 from pointit.runtime.bus.contract import Declaration
@@ -224,9 +224,7 @@ class RosServiceServer(RosEndpoint[C]):
             RefusedError: If it refuses, or has failed: its client must not wait for ever.
         """
         try:
-            response = await self._server(request)
-            check_cdr(response)
-            return decode(response)
+            return decode(await self._server(request))
         except RefusedError:
             raise
         except Exception as error:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer, check_cdr
+from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
 from pointit.bridges.ros2.graph.node_backend import MessageQueue, NodeBackend, RosEndpoint
 from pointit.bridges.ros2.over_rclpy.endpoints import (
     DdsClient,
@@ -56,10 +56,8 @@ class DdsWriter(RosEndpoint[DdsContext]):
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: If `cdr` is not CDR.
             BusClosedError: If this writer or its backend is closed.
         """
-        check_cdr(cdr)
         if self.is_closed or self._context.is_closed:
             raise BusClosedError("the writer was closed")
         # DDS stamps messages with the operating system's clock, not with the site's.
@@ -205,10 +203,8 @@ class RclpyBackend(NodeBackend[DdsContext]):
 
     @property
     def problem(self) -> str:
-        """Return an error message if the connection itself fails, else `""`."""
-        if self._context.is_closed or self._joined.context.ok():
-            return ""
-        return "rclpy was shut down elsewhere in this process; start the bridge again"
+        """Return `""`: there is no connection that fails, all nodes are peers."""
+        return ""
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, RosType, Server
 from pointit.bridges.ros2.graph.node_backend import NodeContext, RosEndpoint, RosServiceServer
 from pointit.bridges.ros2.over_rclpy.rclpy_library import (
     EndInfo,
@@ -372,14 +372,9 @@ class DdsClient(RosEndpoint[DdsContext]):
         """Return the response's CDR.
 
         Raises:
-            ValueError: If `request` is not CDR.
             TimeoutError: If there is no server, or no answer of it in time.
         """
-        check_cdr(request)
-        try:
-            value = self._context.rclpy.deserialize(request, self._types.Request)
-        except Exception as error:  # any error of the installed version
-            raise ValueError(f"{self.name}: this ROS cannot read the request ({error})") from error
+        value = self._context.rclpy.deserialize(request, self._types.Request)
         lacking = "no node serves it"
         reply: Reply | None = None
         try:

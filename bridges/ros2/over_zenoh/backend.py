@@ -9,7 +9,7 @@ from dataclasses import replace
 import xxhash
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import SERVICE, EndpointKind, Qos, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend import SERVICE, EndpointKind, Qos, RosType, Server
 from pointit.bridges.ros2.graph.node_backend import (
     MessageQueue,
     NodeBackend,
@@ -113,10 +113,8 @@ class ZenohWriter(RosEndpoint[EndpointContext]):
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: If `cdr` is not CDR.
             BusClosedError: If this writer or its backend is closed.
         """
-        check_cdr(cdr)
         self._writer.put(cdr, packed(self._token.next()))
 
     def _undeclare(self) -> None:
@@ -240,7 +238,6 @@ class ZenohServiceClient(RosEndpoint[EndpointContext]):
         Raises:
             TimeoutError: If there is no server, or no answer of it in time.
         """
-        check_cdr(request)
         loop = self._context.loop
         refusals: list[str] = []
         lacking = "no node serves it"

@@ -73,12 +73,8 @@ HASH = re.compile(r"\w+", re.ASCII)
 
 
 def data_key(domain: int, name: str, kind: RosType) -> str:
-    """Return the key of topic or service `name` (resolved: `/user1/pointing_ray`) in `domain`.
-
-    Raises:
-        ValueError: If `name` is not a resolved ROS name.
-    """
-    return f"{domain}/{resolved(name)[1:]}/{kind.dds_name}/{kind.hash}"
+    """Return the key of topic or service `name` (resolved: `/user1/pointing_ray`) in `domain`."""
+    return f"{domain}/{name[1:]}/{kind.dds_name}/{kind.hash}"
 
 
 def resolved(name: str) -> str:
@@ -211,15 +207,11 @@ class NodeToken:
 
     @property
     def text(self) -> str:
-        """Return the token.
-
-        Raises:
-            ValueError: If the name is no full ROS name.
-        """
+        """Return the token."""
         return self._chunks(self.node_id, NODE)
 
     def _chunks(self, entity_id: str, code: str) -> str:
-        namespace, _, name = resolved(self.node).rpartition("/")
+        namespace, _, name = self.node.rpartition("/")
         ids = f"{PRESENCE}/{self.domain}/{self.session}/{self.node_id}/{entity_id}"
         return f"{ids}/{code}/{mangled(self.enclave)}/{mangled(namespace)}/{name}"
 
@@ -237,13 +229,9 @@ class EndpointToken(NodeToken):
 
     @property
     def text(self) -> str:
-        """Return the token.
-
-        Raises:
-            ValueError: If a name is no full ROS name.
-        """
+        """Return the token."""
         node = self._chunks(self.endpoint_id, CODES[self.kind])
-        name = mangled(resolved(self.name))
+        name = mangled(self.name)
         return f"{node}/{name}/{self.type.dds_name}/{self.type.hash}/{qos_text(self.qos)}"
 
 
@@ -387,7 +375,7 @@ class RmwZenoh:
         self._domain = domain
         self._ids = itertools.count()
         self._own = NodeToken(
-            domain=domain, session=session, node_id=str(next(self._ids)), node=resolved(node), enclave=enclave
+            domain=domain, session=session, node_id=str(next(self._ids)), node=node, enclave=enclave
         )
 
     def key(self, name: str, kind: RosType) -> str:

@@ -9,9 +9,7 @@ from pointit.bridges.ros2.routing.names import frame_name
 from pointit.bridges.ros2.sightings import AT_ORIGIN, READERS, Sighting, TransformBuffer, compose, yaw
 from pointit.bridges.ros2.trackers import FrameLookup, Motion, captured, stated_velocity
 from pointit.bridges.ros2.types.types import Types
-from pointit.geometry import vector
 from pointit.plugins import NS_PER_S, RobotReport
-from pointit.schemas import FARTHEST
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 SOONEST_NS = NS_PER_S // 50
@@ -76,8 +74,6 @@ class PoseReader:
         problems = (*seen.notes, velocity_mps) if isinstance(velocity_mps, str) else seen.notes
         if velocity_mps is None or isinstance(velocity_mps, str):
             velocity_mps = self._motion.velocity_mps("", pose.position_m, stamp_ns)
-        if max(vector.norm(pose.position_m), vector.norm(velocity_mps)) > FARTHEST:
-            return "the robot's pose is outside any room, or it is faster than anything: send metres and m/s"
         self._last_ns = stamp_ns
         self.problem = "; ".join(problems)
         if seen.has_heading or self._yaw_rad is None:

@@ -87,9 +87,6 @@ async def test_a_failing_server_is_an_answer_at_once(
     async def fail(_request: bytes) -> bytes:
         raise RuntimeError("oh no")
 
-    async def garbage(_request: bytes) -> bytes:
-        return b"garbage"
-
     async def refuse(_request: bytes) -> bytes:
         raise RefusedError("a speed of nan m/s was asked for")
 
@@ -98,11 +95,9 @@ async def test_a_failing_server_is_an_answer_at_once(
         await b.backend.call("/refuse", ADD, cdr_of(1), timeout_s=30)
     assert not caplog.records
     a.backend.serve("/fail", ADD, fail)
-    a.backend.serve("/garbage", ADD, garbage)
-    for service, why in (("/fail", "RuntimeError: oh no"), ("/garbage", "CDR begins with")):
-        with pytest.raises(TimeoutError, match=why):
-            await b.backend.call(service, ADD, cdr_of(1), timeout_s=30)
-    assert len([record for record in caplog.records if "could not be answered" in record.message]) == 2
+    with pytest.raises(TimeoutError, match="RuntimeError: oh no"):
+        await b.backend.call("/fail", ADD, cdr_of(1), timeout_s=30)
+    assert len([record for record in caplog.records if "could not be answered" in record.message]) == 1
 
 
 async def test_too_many_requests_at_once_are_refused_and_the_rest_answered(a: Node, b: Node) -> None:

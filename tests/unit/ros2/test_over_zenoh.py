@@ -16,13 +16,11 @@ from pointit.bridges.ros2.over_zenoh.rmw_zenoh import (
     data_key,
     dds_type,
     gid,
-    mangled,
     packed,
     parsed,
     qos_of,
     qos_text,
     resolved,
-    unmangled,
     unpacked,
 )
 from tests.unit.ros2.values import golden
@@ -71,8 +69,6 @@ NO_NAMES = [
 def test_what_would_become_another_key_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="not a full ROS name"):
         resolved(name)
-    with pytest.raises(ValueError, match="not a full ROS name"):
-        data_key(0, name, RosType(name="std_msgs/msg/Bool", hash="RIHS01_0"))
     for good in ("/a", "/_a/b_1", "/user1/metawear_ros/rotation", "/a/_action/get_result"):
         assert resolved(good) == good
 
@@ -163,18 +159,6 @@ NAMES = st.lists(st.from_regex(r"[A-Za-z_][A-Za-z0-9_]*", fullmatch=True), min_s
 KINDS: list[EndpointKind] = ["publisher", "subscriber", "server", "client"]
 
 
-def test_tokens_and_gids_of_a_running_node() -> None:
-    assert len(TOKENS) == 27
-    for text, expected in TOKENS:
-        assert gid(text).hex() == expected
-        assert parsed(text).text == text
-    found = {parsed(text) for text, _ in TOKENS}
-    assert NODE in found
-    assert RAY in found
-    ours = {gid(token.text).hex() for token in found if isinstance(token, EndpointToken)}
-    assert len(ours & {expected for _, expected in TOKENS}) == 26, "all but the node's"
-
-
 @pytest.mark.parametrize(
     ("written", "instead", "changes"),
     [
@@ -188,14 +172,6 @@ def test_tokens_of_others_are_read_as_written(written: str, instead: str, change
     text = RAY.text.replace(written, instead)
     assert parsed(text) == replace(RAY, **changes)
     assert parsed(text).text == text
-
-
-def test_a_node_at_the_root() -> None:
-    root = replace(NODE, node="/belt")
-    assert root.text.endswith("/0/0/NN/%/%/belt")
-    assert parsed(root.text) == root
-    assert mangled("") == mangled("/") == "%"
-    assert unmangled("%user1%x") == "/user1/x"
 
 
 @pytest.mark.parametrize("more", ["/backends:cpu:;", "/backends:cuda%3A0:a%2Fb;", "/one/more"])
@@ -228,17 +204,6 @@ def test_tokens_survive_a_round_trip(token: EndpointToken) -> None:
     assert parsed(token.text) == token
     assert token.text.count("/") == 12
     assert len(gid(token.text)) == 16
-
-
-@pytest.mark.parametrize("bad", ["belt", "/", "/a/b c", "/**", "/a//b", "/9", ""])
-def test_no_token_of_ours_has_a_name_that_is_none(bad: str) -> None:
-    for made in (
-        lambda: replace(NODE, node=bad).text,
-        lambda: replace(RAY, name=bad).text,
-        lambda: RmwZenoh(session=SESSION, node=bad, domain=0),
-    ):
-        with pytest.raises(ValueError, match="not a full ROS name"):
-            made()
 
 
 CHUNKS = RAY.text.split("/")
@@ -282,7 +247,9 @@ SESSION = "fd857cb30ca6267672bad8919c98b29f"
 
 def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
     """The fixture is one node with 26 endpoints, numbered as it declared them."""
-    genuine = {int(text.split("/")[4]): (text, identity) for text, identity in golden("wire")["tokens"]}
+    genuine = {int(text.split("/")[4]): (text, identity) for text, identity in TOKENS}
+    assert len(genuine) == 27
+    assert {parsed(text) for text, _ in TOKENS} >= {NODE, RAY}
     ours = RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
     assert ours.node_token() == genuine[0][0]
     for number in range(1, len(genuine)):

@@ -383,8 +383,6 @@ class Web(Service[WebConfig]):
             self._pages.notify_pages()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")
-            self._listener.cut_lingering()
-            self._lan.close_idle()
             self._pages.measure()
             self._pages.tell_status()
 

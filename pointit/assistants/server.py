@@ -129,8 +129,6 @@ SESSION_IDLE_S = 300.0
 """Time after which a session without a request or an open stream ends, s."""
 MAX_REQUESTS = 128
 """Limit of simultaneous requests of each token: for each session its stream, and three calls."""
-TICK_S = 1.0
-"""Interval of checks for idle connections, s."""
 NEEDS_TOKEN = "a token of the page is needed: Authorization: Bearer ...; see docs/how-to/assistants.md\n"  # noqa: S105
 
 
@@ -263,6 +261,4 @@ class HttpServer:
             for manager in self._managers:
                 await stack.enter_async_context(manager.run())
             await self._listener.start()
-            while True:
-                await asyncio.sleep(TICK_S)
-                self._listener.cut_lingering()
+            await asyncio.Event().wait()

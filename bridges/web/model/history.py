@@ -40,7 +40,6 @@ class EventHistory:
         self._is_wanted.set()
         self.is_asked = asyncio.Event()
         """Set once the first reply has come or failed."""
-        self._has_warned = False
 
     def add(self, event: SelectionEvent) -> None:
         """Store an event that the cache has."""
@@ -67,9 +66,7 @@ class EventHistory:
         except NoAnswerError:
             return  # it is queried when it starts
         except PointItError as error:
-            if not self._has_warned:
-                log.info("pages do not show what happened before they came: %s", error)
-            self._has_warned = True
+            log.info("pages do not show what happened before they came: %s", error)
             return
         finally:
             self.is_asked.set()

@@ -42,9 +42,6 @@ CANNOT_BE_CHANGED = "what has happened cannot be changed: this page shows the pa
 JUST_S = 15.0
 """Distance of the first position from the end, s."""
 
-TICK_S = 1.0
-"""Interval of checks for idle connections."""
-
 
 class PastPage:
     """Serves one page until it leaves."""
@@ -221,9 +218,7 @@ class RecordingServer:
         """Read the recording and serve pages until cancelled."""
         try:
             await self._past.read()
-            while True:
-                await asyncio.sleep(TICK_S)
-                self._listener.cut_lingering()
+            await asyncio.Event().wait()
         finally:
             await self._listener.close()
 

@@ -127,11 +127,6 @@ class Lan:
             )
             return self.url
 
-    def close_idle(self) -> None:
-        """See `Listener.cut_lingering`."""
-        if self._listener is not None:
-            self._listener.cut_lingering()
-
     async def close(self) -> None:
         """Close the listener and its connections."""
         async with self._opening:

@@ -56,6 +56,8 @@ ARRIVING_S = 10.0
 QUIET_S = 10.0
 """A connection without a request, or without reading its response, for this long (s) is cut."""
 
+CUT_PERIOD_S = 1.0
+
 REST_S = 0.5
 """Pause (s) in accepting when the system cannot take another connection."""
 
@@ -158,7 +160,8 @@ class Listener:
         self._unserved: set[socket.socket] = set()
         """They have sent something, but have no protocol yet."""
         self._lingering: set[Any] = set()
-        self._accepting: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        """Tasks of the listener itself, once it has started."""
 
     def connections(self) -> int:
         """Return the number of connections, websockets included."""
@@ -167,10 +170,18 @@ class Listener:
     async def start(self) -> None:
         """Start to accept connections."""
         self._socket.listen(BACKLOG)
-        self._accepting = asyncio.create_task(self._accept(), name=f"port {self.port} accepts")
+        self._tasks = [
+            asyncio.create_task(self._accept(), name=f"port {self.port} accepts"),
+            asyncio.create_task(self._cut_periodically(), name=f"port {self.port} cuts idle connections"),
+        ]
+
+    async def _cut_periodically(self) -> None:
+        while True:
+            await asyncio.sleep(CUT_PERIOD_S)
+            self.cut_lingering()
 
     def cut_lingering(self) -> None:
-        """Cut idle connections; to be called about once a second.
+        """Cut idle connections. Called once a second.
 
         Those were to be closed by the last call and do not read, or were quiet for `QUIET_S`.
         """
@@ -193,23 +204,18 @@ class Listener:
 
     async def close(self) -> None:
         """Stop accepting, and close or cut every connection."""
-        accepting, self._accepting = self._accepting, None
-        if accepting is None:
-            self._socket.close()
-            return
-        arriving = list(self._arriving)
-        for task in (accepting, *arriving):
+        tasks = [*self._tasks, *self._arriving]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(accepting, *arriving, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         for client in [*self._silent, *self._unserved]:
             self._hang_up(client)
         self._socket.close()
         state = self._state
         for connection in list(state.connections):
             connection.shutdown()
-        tasks = set(state.tasks)
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
+        if state.tasks:
+            await asyncio.wait(set(state.tasks), timeout=CLOSE_S)
         for connection in list(state.connections):
             _cut(connection)
         for task in state.tasks:

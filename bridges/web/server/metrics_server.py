@@ -28,8 +28,6 @@ NEEDS_TOKEN = (
 CACHE_S = 1.0
 """Time for which metrics are computed once for all who read them, s."""
 MAX_MEDIA_TYPES = 8
-TICK_S = 1.0
-"""Interval of checks for idle connections."""
 
 
 def exposition(metrics: SiteMetrics, accept: str) -> tuple[bytes, str]:
@@ -102,8 +100,6 @@ class MetricsServer:
         """Serve until cancelled."""
         try:
             await self._listener.start()
-            while True:
-                await asyncio.sleep(TICK_S)
-                self._listener.cut_lingering()
+            await asyncio.Event().wait()
         finally:
             await self._listener.close()

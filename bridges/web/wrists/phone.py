@@ -166,13 +166,6 @@ class PhoneConnection:
         return sample
 
     async def _ask(self, ask: Ask) -> None:
-        hello = self._host.greeting
-        if (ask.key not in hello.requests) if ask.deed is None else (ask.deed not in hello.deeds):
-            self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
-            return
-        if ask.deed == "centre" and self._host.wrists.holder(self.phone.user)[0] != self.phone.page:
-            self.put(Answer(id=ask.id, error="this phone does not move the arm: take it first"))
-            return
         own = ask.model_copy(update={"name": self.phone.user})
         self.put(await self._host.answer(self.phone.page, own))
 

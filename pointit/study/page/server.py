@@ -49,21 +49,13 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
         if lan:
             network = Lan(WebConfig(), "study", app)
             stack.push_async_callback(network.close)
-            base, tidy = await network.open(), network.close_idle
+            base = await network.open()
             access.know_hosts([network.address])
         else:
             listener = Listener(app, bind(HOST, 0, "--page"))
             stack.push_async_callback(listener.close)
             await listener.start()
-            base, tidy = url("http", HOST, listener.port), listener.cut_lingering
-
-        async def tidies() -> None:
-            while True:
-                await asyncio.sleep(1.0)
-                tidy()
-
-        task = asyncio.create_task(tidies(), name="pages of the study")
-        stack.callback(task.cancel)
+            base = url("http", HOST, listener.port)
         yield f"{base}/{tokens['participant']}/", f"{base}/{tokens['experimenter']}/"
         if view.is_over:
             with contextlib.suppress(TimeoutError):

@@ -177,6 +177,7 @@ async def test_who_is_quiet_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes)
 
 
 async def test_who_asks_again_and_again_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "CUT_PERIOD_S", 60.0)
     monkeypatch.setattr(serving, "QUIET_S", 0.0)  # a connection without a request since the last call is cut
     async with listening() as listener, talking(listener) as (reader, writer):
         for _ in range(10):

@@ -116,22 +116,8 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
     assert asked == [("anna", "press"), ("anna", localize)]
 
 
-async def test_a_phone_may_not_control_the_site(bench: PhoneBench, phone: AsyncClient) -> None:
-    wishes = [{"deed": deed} for deed in ("pair", "open_lan", "find_devices", "connect_device", "tremor")]
-    wishes += [{"key": key} for key in ("conveyor/set_speed", "")]
-    answers = await posted(phone, *({"kind": "ask", "id": n, **wish} for n, wish in enumerate(wishes)))
-    assert ["a phone cannot ask for" in answer["error"] for answer in answers] == [True] * len(wishes)
-    assert bench.asked == []
-
-
-async def test_only_a_phone_that_moves_the_arm_says_what_is_ahead(
-    bench: PhoneBench, phone: AsyncClient
-) -> None:
-    centre = {"kind": "ask", "id": 1, "deed": "centre"}
-    (answer,) = await posted(phone, centre)
-    assert "take it first" in answer["error"]
-    (answer,) = await posted(phone, TURN, centre)
-    assert answer["error"] == ""
+async def test_a_phone_is_told_that_its_direction_was_set(bench: PhoneBench, phone: AsyncClient) -> None:
+    await posted(phone)
     bench.phones.centred("anna")
     (cue,) = await posted(phone, TURN)
     assert "ahead" in cue["text"]

@@ -11,9 +11,7 @@ from websockets.typing import Origin
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server import access
 from pointit.bridges.web.service import Web
-from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.schemas.topics import STOP_ROBOT
 from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, serve, serving
 from tests.support.bench import Bench, memory_bench
 from tests.support.links import link_in
@@ -61,16 +59,6 @@ async def test_who_comes_from_another_site_is_led_on_without_a_redirection(serve
         assert "set-cookie" in link.headers
 
 
-async def test_who_guesses_waits_and_who_has_the_link_does_not(client: httpx.AsyncClient) -> None:
-    codes = [
-        (await client.get("/", params={"token": f"guess {guess}"})).status_code
-        for guess in range(access.MAX_GUESSES + 1)
-    ]
-    assert codes[0] == 403
-    assert codes[-1] == 429
-    assert (await client.get("/", params={"token": OPERATOR})).status_code == 303
-
-
 async def test_everything_has_the_headers(server: Server, client: httpx.AsyncClient) -> None:
     wanted = access.headers(access.RequestInfo(scheme="http", host=server.host, address=""))
     for path in ("/", f"/?token={OPERATOR}", "/static/app.js", "/phone", "/no", "/recording.mcap"):
@@ -108,18 +96,6 @@ async def test_nothing_long_is_posted_and_nothing_from_elsewhere(
         assert "only a page of this server" in answer.text
     answer = await client.post("/wrist", content=b"x" * 1_000_000, headers={"Origin": server.url})
     assert answer.status_code == 413
-
-
-async def test_the_hello_says_what_one_may(server: Server) -> None:
-    roles: tuple[tuple[str, Role], ...] = ((OPERATOR, "operator"), (VIEWER, "viewer"))
-    for token, role in roles:
-        async with server.page(token) as page:
-            assert page.hello is not None
-            assert page.hello["role"] == role
-            assert STOP_ROBOT.key in page.hello["requests"]
-            assert (len(page.hello["requests"]) > 1) == (role == "operator")
-            assert (page.hello["deeds"] == ["told_apart"]) == (role == "viewer")
-            assert page.hello["site"] == "memory"
 
 
 async def test_files_are_sent_once_and_compressed(client: httpx.AsyncClient) -> None:

@@ -40,15 +40,27 @@ OBJECT = "object"
 """Place of a thing that is the tracked object of its name."""
 
 
+def _as(convert: Callable[[Any], Any], wanted: str) -> Callable[[object], Any]:
+    """Return a function that converts a value, or raises `WANTED, not VALUE` if `convert` fails."""
+
+    def check(value: object) -> Any:
+        try:
+            return convert(value)
+        except (KeyError, TypeError, ValueError):
+            raise ValueError(f"{wanted}, not {format_value(value)}") from None
+
+    return check
+
+
 def _if(is_valid: Callable[[Any], bool], wanted: str) -> BeforeValidator:
     """Return a validator that raises `write WANTED, not VALUE` unless `is_valid` of the value."""
 
     def check(value: object) -> object:
         if not is_valid(value):
-            raise ValueError(f"write {wanted}, not {format_value(value)}")
+            raise ValueError
         return value
 
-    return BeforeValidator(check)
+    return BeforeValidator(_as(check, f"write {wanted}"))
 
 
 def _number(value: object) -> float:
@@ -59,33 +71,44 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def _point(value: object) -> Vec3:
-    try:
-        x, y, z = (_number(number) for number in cast("list[object]", value))
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"a point is three numbers [x, y, z] in metres, up to {FARTHEST:g}, not {format_value(value)}"
-        ) from None
-    return (x, y, z)
+def _above_zero(value: object) -> float:
+    if (number := _number(value)) <= 0:
+        raise ValueError
+    return number
 
 
-def _origin(value: object) -> Vec3:
-    try:
-        x, y, z = (float(cast("float", number)) for number in cast("list[object]", value))
-    except (TypeError, ValueError):
-        x = y = z = math.inf
-    if not max(abs(x), abs(y), abs(z)) <= MAX_ORIGIN:
-        raise ValueError(f"write a point of the file, [x, y, z] in its unit, not {format_value(value)}")
-    return (x, y, z)
+def _several(count: int, convert: Callable[[Any], float] = _number) -> Callable[[Any], tuple[float, ...]]:
+    """Return a function that converts a list of `count` numbers."""
+
+    def converted(value: Any) -> tuple[float, ...]:
+        numbers = tuple(map(convert, value))
+        if len(numbers) != count:
+            raise ValueError
+        return numbers
+
+    return converted
 
 
-def _length_m(value: object) -> float:
-    try:
-        return size_of_unit(str(value), LENGTHS_M)
-    except ValueError:
-        raise ValueError(
-            f"write one of {join_names(LENGTHS_M)}, or a number of metres, not {format_value(value)}"
-        ) from None
+def _coordinate(value: Any) -> float:
+    """Return a coordinate of a survey."""
+    if not abs(number := float(value)) <= MAX_ORIGIN:
+        raise ValueError
+    return number
+
+
+def _sizes(count: int) -> BeforeValidator:
+    wanted = f"write {count} sizes in metres, all above 0"
+    return BeforeValidator(_as(_several(count, _above_zero), wanted))
+
+
+def _finite(unit: str) -> BeforeValidator:
+    return BeforeValidator(_as(_number, f"write a number of {unit}"))
+
+
+_point = _as(_several(3), f"a point is three numbers [x, y, z] in metres, up to {FARTHEST:g}")
+_corners = _as(
+    lambda value: tuple(map(_several(2), value)), "an outline is a list of corners [x, y] in metres"
+)
 
 
 def _line(value: object) -> tuple[Vec3, ...]:
@@ -107,15 +130,7 @@ def _line(value: object) -> tuple[Vec3, ...]:
 
 
 def _outline(value: object) -> tuple[Vec2, ...]:
-    corners: list[Vec2] = []
-    try:
-        for corner in cast("list[object]", value):
-            x, y = (_number(number) for number in cast("list[object]", corner))
-            corners.append((x, y))
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"an outline is a list of corners [x, y] in metres, not {format_value(value)}"
-        ) from None
+    corners = _corners(value)
     if len(corners) < 3:
         raise ValueError(f"an outline needs at least three corners [x, y], not {len(corners)}")
     outline = Polygon(corners)
@@ -126,27 +141,7 @@ def _outline(value: object) -> tuple[Vec2, ...]:
         )
     if outline.area_m2 < MIN_AREA_M2:
         raise ValueError("the outline has no area inside; give its corners in metres")
-    return tuple(corners)
-
-
-def _above_zero(value: object) -> float:
-    try:
-        number = _number(value)
-    except ValueError:
-        number = 0.0
-    if number <= 0:
-        raise ValueError(f"write a number of metres above 0, not {format_value(value)}")
-    return number
-
-
-def _sizes(value: object, count: int) -> tuple[float, ...]:
-    try:
-        sizes = tuple(_number(number) for number in cast("list[object]", value))
-    except (TypeError, ValueError):
-        sizes = ()
-    if len(sizes) != count or min(sizes) <= 0:
-        raise ValueError(f"write {count} sizes in metres, all above 0, not {format_value(value)}")
-    return sizes
+    return corners
 
 
 def _normal(value: object) -> Vec3:
@@ -156,27 +151,9 @@ def _normal(value: object) -> Vec3:
     return normalized(normal)
 
 
-def _rotation(value: object) -> Quaternion:
-    try:
-        x, y, z, w = (_number(number) for number in cast("list[object]", value))
-        return normalized_quaternion((x, y, z, w))
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"a rotation is a quaternion [x, y, z, w] that is not zero, not {format_value(value)}"
-        ) from None
-
-
-def _finite(value: object, unit: str) -> float:
-    try:
-        return _number(value)
-    except ValueError:
-        raise ValueError(f"write a number of {unit}, not {format_value(value)}") from None
-
-
-def _name(value: object) -> str:
-    name = written_text(value)
-    if not isinstance(name, str):
-        raise ValueError(f"write the name of a belt, not {format_value(value)}")  # noqa: TRY004 - pydantic's
+def _text(value: object) -> str:
+    if not isinstance(name := written_text(value), str):
+        raise TypeError
     return name
 
 
@@ -210,30 +187,41 @@ class LinePart(NamedTuple):
     end: float
 
 
-def _part(value: object, kind: str, name: str, *, is_name: bool) -> str | LinePart:
-    """Return a part of a line of `kind`, or what `name` describes, if `is_name`."""
-    part = value
-    try:
-        if not isinstance(part, dict) and is_name:
-            return _name(value)
-        part = cast("dict[str, object]", part)
-        if len(part) == 3:
-            return LinePart(_name(part[kind]), _number(part["from"]), _number(part["to"]))
-    except (KeyError, TypeError, ValueError):
-        pass
-    raise ValueError(
-        f"write {name}, or a part of a {kind} as {{{kind}: NAME, from: METRES, to: METRES}}, "
-        f"not {format_value(value)}"
-    )
+def _part(kind: str, name: str, is_name: Callable[[object], bool]) -> BeforeValidator:
+    """Return a validator of a part of a line of `kind`, or what `name` describes, if `is_name`."""
+
+    def convert(value: Any) -> str | LinePart:
+        if not isinstance(value, dict) and is_name(value):
+            return _text(value)
+        part = cast("dict[str, object]", value)
+        if len(part) != 3:
+            raise ValueError
+        return LinePart(_text(part[kind]), _number(part["from"]), _number(part["to"]))
+
+    wanted = f"write {name}, or a part of a {kind} as {{{kind}: NAME, from: METRES, to: METRES}}"
+    return BeforeValidator(_as(convert, wanted))
 
 
 _Point = Annotated[Vec3, BeforeValidator(_point)]
 _Line = Annotated[tuple[Vec3, ...], BeforeValidator(_line)]
-_Metres = Annotated[float, BeforeValidator(_above_zero)]
-_Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres along the belt"))]
-_Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
-_Height = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres above the floor"))]
-_Name = Annotated[str, BeforeValidator(_name)]
+_Metres = Annotated[float, BeforeValidator(_as(_above_zero, "write a number of metres above 0"))]
+_Along = Annotated[float, _finite("metres along the belt")]
+_Degrees = Annotated[float, _finite("degrees")]
+_Height = Annotated[float, _finite("metres above the floor")]
+_Name = Annotated[str, BeforeValidator(_as(_text, "write the name of a belt"))]
+_ROTATION = BeforeValidator(
+    _as(
+        lambda value: normalized_quaternion(cast("Quaternion", _several(4)(value))),
+        "a rotation is a quaternion [x, y, z, w] that is not zero",
+    )
+)
+_UNIT = BeforeValidator(
+    _as(
+        lambda value: size_of_unit(str(value), LENGTHS_M),
+        f"write one of {join_names(LENGTHS_M)}, or a number of metres",
+    )
+)
+_ORIGIN = BeforeValidator(_as(_several(3, _coordinate), "write a point of the file, [x, y, z] in its unit"))
 _TEXT = BeforeValidator(written_text)
 _KIND = _if(
     lambda value: value in ("keep_in", "keep_out"),
@@ -265,10 +253,8 @@ _DIRECTION = _if(
     "1, or -1 where pixel 0 sits at the line's last point",
 )
 _MODE = _if(lambda value: value in get_args(ThingMode), "claim, button or switch")
-_LIGHT = BeforeValidator(lambda value: _part(value, "strip", "the name of a lamp", is_name=True))
-_AT = BeforeValidator(
-    lambda value: _part(value, "belt", "object, for the tracked object of that name", is_name=value == OBJECT)
-)
+_LIGHT = _part("strip", "the name of a lamp", lambda _: True)
+_AT = _part("belt", "object, for the tracked object of that name", lambda value: value == OBJECT)
 _FLAG = _if(lambda value: isinstance(value, bool | str) and str(value).lower() in FLAGS, "true or false")
 _DWELL = _if(
     lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0.1 <= value <= 10,
@@ -322,7 +308,7 @@ class FrameEntry(_Entry):
 
     position: _Point = (0.0, 0.0, 0.0)
     yaw_deg: _Degrees | None = None
-    orientation: Annotated[Quaternion, BeforeValidator(_rotation)] | None = None
+    orientation: Annotated[Quaternion, _ROTATION] | None = None
 
     @model_validator(mode="after")
     def _is_turned_once(self) -> Self:
@@ -340,7 +326,7 @@ class BoxEntry(_Entry):
     """An upright box. `size` along its own x, y, z."""
 
     center: _Point
-    size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))]
+    size: Annotated[Vec3, _sizes(3)]
     yaw_deg: _Degrees = 0.0
 
     @property
@@ -354,7 +340,7 @@ class PlaneEntry(_Entry):
 
     center: _Point
     normal: Annotated[Vec3, BeforeValidator(_normal)]
-    size: Annotated[tuple[float, float], BeforeValidator(lambda value: _sizes(value, 2))] | None = None
+    size: Annotated[tuple[float, float], _sizes(2)] | None = None
 
 
 class CylinderEntry(_Entry):
@@ -377,9 +363,9 @@ class CloudEntry(_Entry):
 
     file: Annotated[str, _FILE]
     columns: Annotated[dict[str, str | int], _COLUMNS] = {"x": "x", "y": "y", "z": "z"}
-    unit: Annotated[float, BeforeValidator(_length_m)] = 1.0
+    unit: Annotated[float, _UNIT] = 1.0
     up: Annotated[str, _UP] = "z"
-    origin: Annotated[Vec3, BeforeValidator(_origin)] = (0.0, 0.0, 0.0)
+    origin: Annotated[Vec3, _ORIGIN] = (0.0, 0.0, 0.0)
     yaw_deg: _Degrees = 0.0
     position: _Point = (0.0, 0.0, 0.0)
 
@@ -388,7 +374,7 @@ class ThingEntry(_Entry):
     """Something that reacts when people point at it. Without `center` and `at` it is where its light is."""
 
     center: _Point | None = None
-    size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))] | None = None
+    size: Annotated[Vec3, _sizes(3)] | None = None
     yaw_deg: _Degrees = 0.0
     light: Annotated[str | LinePart, _LIGHT] | None = None
     mode: Annotated[ThingMode, _MODE] = "button"

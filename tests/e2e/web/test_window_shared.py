@@ -3,12 +3,9 @@
 import asyncio
 import time
 
-import msgpack
-import psutil
 import pytest
 from playwright.async_api import Browser, expect
 
-from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import ConveyorState, SelectionEvent, SetSpeed
 from pointit.schemas.topics import CONVEYOR_STATE, SELECTION_EVENTS, SET_SPEED
 from tests.e2e.web.site import SitePage
@@ -179,41 +176,3 @@ async def test_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, s
         await until(lambda: bool(selected()), 40, "the simulated person goes on selecting")
     assert window.faults == []
     assert await window.violations() == []
-
-
-STUCK_MS = 5000
-STUCK = (
-    "(() => { const [began, since] = [Date.now(), performance.now()]; "
-    f"while (performance.now() - since < {STUCK_MS}); return began; }})()"
-)
-"""Does nothing for this long. Returns its start, Unix ms."""
-MOST_GROWN_BYTES = 12e6
-
-
-async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(
-    browser: Browser, shared_site: SitePage
-) -> None:
-    window = await Window.open(browser, shared_site.url)
-    await window.is_shown()
-    await window.page.wait_for_timeout(2000)
-    server = psutil.Process(shared_site.command.process.pid)
-    grown_bytes = -server.memory_info().rss
-    window.keeps_batches = True
-    stuck_ns = await window.page.evaluate(STUCK) * 1e6
-    free_ns = time.time_ns()
-    grown_bytes += server.memory_info().rss
-    patience = Patience(30)
-    while True:
-        sent_ns = [msgpack.unpackb(batch)[1] for batch in window.batches]
-        if sent_ns and sent_ns[-1] >= free_ns:
-            break
-        assert not patience.is_over(), "nothing new after it was stuck"
-        await asyncio.sleep(0.01)
-    came_s = (time.time_ns() - free_ns) / 1e9
-    # sent in the midst of it; a batch's own time may pass at either end
-    stale = [at_ns for at_ns in sent_ns if stuck_ns <= at_ns < free_ns - 300e6]
-    assert len(stale) <= IN_FLIGHT, [(at_ns - free_ns) / 1e9 for at_ns in stale]
-    assert within(came_s, 3.0)
-    assert grown_bytes < MOST_GROWN_BYTES
-    assert await window.page.evaluate("window.pointit.site.traffic.dropped") == 0
-    assert window.faults == []

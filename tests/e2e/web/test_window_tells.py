@@ -1,6 +1,5 @@
 """Messages of the page: a wrong package, a service that hangs, past events; the plan; at 200 % zoom."""
 
-import asyncio
 import os
 import re
 import signal
@@ -18,7 +17,6 @@ from tests.e2e.web.window import NO_WEBGL, TOLD, USUAL_MPS, Theme, Window
 from tests.support.bench import until
 from tests.support.buses import is_listening
 from tests.support.commands import onlooker
-from tests.support.pace import Patience
 
 pytestmark = pytest.mark.slow
 
@@ -211,32 +209,4 @@ async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, share
     await expect(summary).to_have_text(re.compile(r"As a list: 1 person, \d+ objects?, 3 lamps"))
     await summary.click()
     assert await violations(page) == []
-    assert window.faults == []
-
-
-async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, shared_site: SitePage) -> None:
-    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
-    page = window.page
-    await expect(page.locator("svg.plan-map")).to_be_visible(timeout=60_000)
-    # the plan is there before anything is known of the site, even the people
-    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=60_000)
-    events: list[SelectionEvent] = []
-    async with onlooker(shared_site.endpoint) as seen:
-        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
-        await page.keyboard.press("m")
-        await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
-        await page.locator(".plan-list summary").focus()
-        await page.keyboard.press("Enter")
-        blue = page.get_by_role("button", name=re.compile("^Point at blue package"))
-        chosen = page.get_by_role("button", name=re.compile("^Point at blue package"), pressed=True)
-        await expect(blue.first).to_be_visible(timeout=60_000)
-        events.clear()
-        patience = Patience(30.0)
-        # only a person who chose it from the list wants a blue one; one that leaves is followed by the next
-        while not any(event.event == "selected" and event.kind == "blue" for event in events):
-            assert not patience.is_over(), "no blue package was selected"
-            if not await chosen.count():
-                await blue.first.focus()
-                await page.keyboard.press("Enter")
-            await asyncio.sleep(0.5)
     assert window.faults == []

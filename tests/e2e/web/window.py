@@ -98,9 +98,6 @@ class Window:
     """Messages of the page to its server, oldest first, without its acknowledgements."""
     latencies_ms: list[float] = field(default_factory=list[float])
     """From capture to frame, as its acknowledgements have it."""
-    batches: list[bytes] = field(default_factory=list[bytes])
-    """Kept while `keeps_batches`."""
-    keeps_batches: bool = False
 
     @classmethod
     async def open(
@@ -145,7 +142,6 @@ class Window:
     def _overhear(self, socket: WebSocket, host: str) -> None:
         self._judge(socket.url, host)
         socket.on("framesent", self._on_sent)
-        socket.on("framereceived", self._on_received)
 
     def _on_sent(self, text: str | bytes) -> None:
         part = json.loads(text)
@@ -153,10 +149,6 @@ class Window:
             self.sent.append(part)
         elif part["latency_ms"] is not None:
             self.latencies_ms.append(part["latency_ms"])
-
-    def _on_received(self, message: str | bytes) -> None:
-        if self.keeps_batches and isinstance(message, bytes):
-            self.batches.append(message)
 
     async def is_shown(self, patience_s: float = PATIENCE_S) -> None:
         await self.until(SHOWN, "the site is shown", patience_s)

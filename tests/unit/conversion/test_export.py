@@ -152,16 +152,6 @@ def test_tables_are_not_overwritten_unless_told_and_then_no_old_one_stays(tmp_pa
     }
 
 
-def test_nothing_stays_of_an_export_that_fails(tmp_path: Path) -> None:
-    def broken() -> Iterator[Entry]:
-        yield session()[1]
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
-        export_csv(broken(), BEGAN_NS, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_nothing_stays_of_an_export_whose_last_bytes_find_the_disk_full(tmp_path: Path) -> None:
     (tmp_path / "imu.csv.part").symlink_to("/dev/full")
     with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):

@@ -69,15 +69,8 @@ class NamedFeederConfig(Config):
 
 
 class TrackingConfig(Config):
-    """Faults of a simulated tracker; the defaults have none."""
+    """Faults of a simulated tracker; the default has none."""
 
-    noise_m: float = Field(
-        default=0.0, ge=0, le=1, description="standard deviation of reported positions along the belt, m"
-    )
-    missed_share: float = Field(
-        default=0.0, ge=0, lt=1, description="share of the packages missing in a report, independently"
-    )
-    dropout_share: float = Field(default=0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
     latency_s: float = Field(
         default=0.0, ge=0, le=5, description="age of a report's content and stamp when it is published, s"
     )
@@ -123,12 +116,6 @@ class ConveyorSimConfig(Config):
         default={}, description="belts of a schedule's feeders; default: the feeder's name, or belt_, part_"
     )
     tracking: TrackingConfig = Field(default=TrackingConfig(), description="faults of the tracker")
-    resume_within_s: float = Field(
-        default=60.0,
-        ge=0,
-        le=86400,
-        description="longest pause after which a restart restores the packages, s; 0: never",
-    )
 
     @property
     def longest_fed_m(self) -> float:

@@ -31,6 +31,8 @@ LAYOUT = StoreLayout(
 )
 PERIOD_NS = NS_PER_S // 2
 """Longest time between saves."""
+RESUME_WITHIN_S = 60.0
+"""Longest pause after which a restart restores the packages, s."""
 BACK_S = 5.0
 """Clock steps back beyond this mean that the stored state is from another run."""
 
@@ -72,12 +74,11 @@ class PlantPersistence:
 
         `speed`: seconds of the clock per second of wall time.
         """
-        config = self._config
-        saved = self._store.open(now_ns, read) if config.resume_within_s else None
+        saved = self._store.open(now_ns, read)
         if saved is None or saved.fingerprint != mark:
             return ()
         age_s = (now_ns - saved.stamp_ns) / NS_PER_S / speed
-        if not -BACK_S <= age_s <= config.resume_within_s:
+        if not -BACK_S <= age_s <= RESUME_WITHIN_S:
             return ()
         try:
             plant.restore(saved.snapshot)
@@ -156,7 +157,7 @@ def discard(folder: Path, now_ns: int) -> None:
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
     """Return a hash of all that determines the packages' motion: version, parts of the map, configuration."""
     parts = environment.model_dump(include={"belts", "strips", "links", "bays"}, mode="json")
-    settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s"}, mode="json")
+    settings = config.model_dump(exclude={"rate_hz", "tracking"}, mode="json")
     text = json.dumps([pointit_version(), parts, settings], sort_keys=True)
     if config.schedule:
         with contextlib.suppress(OSError):

@@ -163,7 +163,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             return
         self.bus.clear("map")
         self._plant, self._mark, self._stepped_ns = plant, mark, now_ns
-        self._tracker = PackageTracker(self.config.tracking, plant.network.lines, seed=self.config.seed)
+        self._tracker = PackageTracker(self.config.tracking)
         if before is not None:
             plant.set_speed(before.state(now_ns).speed_mps)
         if self._owners is not None:

@@ -1,79 +1,29 @@
-"""Packages as a perfect tracker reports them, and as one does with noise, misses, lost reports, latency."""
+"""Packages as a perfect tracker reports them, and as one with latency does."""
 
-import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from pointit.geometry.polyline import Polyline
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.services.conveyor_sim.config import TrackingConfig
 from pointit.services.conveyor_sim.traffic import Package, Traffic
 
-DROPOUT_S = 0.4
-"""Mean length of a burst of lost reports, s."""
-
 
 class PackageTracker:
-    """Adds the configured faults to exact reports, reproducibly by a seed."""
+    """Delays exact reports as configured."""
 
-    def __init__(self, config: TrackingConfig, lines: Mapping[str, Polyline], *, seed: int) -> None:
-        """Create a tracker of objects on `lines`, which are named by `surface_id`."""
-        self._config = config
-        self._lines = lines
-        self._random = np.random.default_rng([seed, 0x7261C])
+    def __init__(self, config: TrackingConfig) -> None:
+        self._latency_ns = config.latency_s * NS_PER_S
         self._late: deque[TrackedObjects] = deque()
-        self._is_lost = False
-        self._seen_ns: int | None = None
 
     def report(self, exact: TrackedObjects) -> TrackedObjects | None:
-        """Return the tracker's report for the exact one, with its stamp, or None if there is none."""
-        config = self._config
-        report: TrackedObjects | None = exact
-        if config.latency_s:
-            self._late.append(exact)
-            report = None
-            while self._late and self._late[0].stamp_ns <= exact.stamp_ns - config.latency_s * NS_PER_S:
-                report = self._late.popleft()
-        if config.dropout_share and self._loses(exact.stamp_ns):
-            return None
-        if report is None or not (config.noise_m or config.missed_share):
-            return report
-        seen = self._random.random(len(report.objects)) >= config.missed_share
-        errors_m = self._random.normal(0.0, config.noise_m, len(report.objects)).tolist()
-        objects = tuple(
-            self._displaced(tracked, error_m) if config.noise_m else tracked
-            for tracked, is_seen, error_m in zip(report.objects, seen, errors_m, strict=True)
-            if is_seen
-        )
-        return report.model_copy(update={"objects": objects})
-
-    def _loses(self, now_ns: int) -> bool:
-        """Return True if this report is lost; bursts begin and end at random with the configured share."""
-        config = self._config
-        chance = self._random.random()
-        if self._seen_ns is None:
-            self._is_lost = chance < config.dropout_share
-        else:
-            elapsed_s = max(0, now_ns - self._seen_ns) / NS_PER_S
-            mixed = -math.expm1(-elapsed_s / (DROPOUT_S * (1.0 - config.dropout_share)))
-            stays = self._is_lost and chance >= mixed
-            self._is_lost = stays or (
-                self._random.random() < config.dropout_share if chance < mixed else self._is_lost
-            )
-        self._seen_ns = now_ns
-        return self._is_lost
-
-    def _displaced(self, tracked: TrackedObject, error_m: float) -> TrackedObject:
-        line = self._lines.get(tracked.surface_id)
-        if line is None:
-            return tracked
-        along = line.tangent_at(min(max(tracked.surface_position_m, 0.0), line.length_m))
-        x, y, z = (p + error_m * direction for p, direction in zip(tracked.position_m, along, strict=True))
-        return tracked.model_copy(
-            update={"position_m": (x, y, z), "surface_position_m": tracked.surface_position_m + error_m}
-        )
+        """Return the tracker's report when `exact` is the truth, with its stamp, or None if there is none."""
+        self._late.append(exact)
+        report: TrackedObjects | None = None
+        while self._late and self._late[0].stamp_ns <= exact.stamp_ns - self._latency_ns:
+            report = self._late.popleft()
+        return report
 
 
 def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | None]) -> list[TrackedObject]:

@@ -138,13 +138,7 @@ SESSIONS: dict[str, Session] = {
     "belts": Session(
         scenario="scenario_4",
         duration_s=34.0,
-        choices=choices(
-            "conveyor-sim.tracking.noise_m=0.02",
-            "conveyor-sim.tracking.missed_share=0.1",
-            "conveyor-sim.tracking.dropout_share=0.05",
-            "conveyor-sim.tracking.latency_s=0.1",
-            "selector.method=hold",
-        ),
+        choices=choices("conveyor-sim.tracking.latency_s=0.1", "selector.method=hold"),
         script=scripts.runs_belts,
         happens=("selection/events=dispatched", "conveyor/state"),
     ),

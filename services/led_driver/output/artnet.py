@@ -166,21 +166,18 @@ class ArtnetConfig(UdpOutputConfig):
         le=MAX_PORT_ADDRESS,
         description="first port address (net · 256 + sub-net · 16 + universe): 170 RGB or 128 RGBW pixels",
     )
-    sync: bool = Field(default=True, description="show several universes at once, by ArtSync")
 
 
 class ArtnetStream:
     """Packets to one node, or to all of a network."""
 
-    def __init__(self, host: str, port: int, *, sync: bool = True) -> None:
-        """Prepare. `sync`: let several universes be shown at once."""
+    def __init__(self, host: str, port: int) -> None:
         self.destination = Destination(host=host, port=port, is_broadcast=True)
-        self._sync = sync
 
     def frame(self, universes: Sequence[Universe], number: int) -> list[Datagram]:
-        """Return the packets that set `universes`."""
+        """Return the packets that set `universes`; several are shown at once, by ArtSync."""
         packets = [Datagram(dmx_packet(universe, number, slots)) for universe, slots in universes]
-        if self._sync and len(packets) > 1:
+        if len(packets) > 1:
             packets.append(Datagram(sync_packet()))
         return packets
 
@@ -191,7 +188,7 @@ class ArtnetStream:
 
 def make_artnet(config: ArtnetConfig, surroundings: Surroundings) -> DmxOutput:
     """Return the output; nothing is opened yet."""
-    stream = ArtnetStream(config.host, config.port, sync=config.sync)
+    stream = ArtnetStream(config.host, config.port)
     return DmxOutput(config, surroundings, stream, config.universe)
 
 

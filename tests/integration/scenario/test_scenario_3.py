@@ -57,17 +57,6 @@ def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
 
 
 @pytest.mark.slow
-def test_a_person_of_unknown_place_is_localized_by_the_lamps_and_then_selects() -> None:
-    outcome = play("scenario_3", Choices(seed=1, localize=True))
-    assert outcome.states[0] == "idle"
-    assert "localizing" in outcome.states
-    assert outcome.states[-1] == "pointing"
-    selected, _, wrong = outcome.final("red")
-    assert selected >= 3
-    assert wrong == 0
-
-
-@pytest.mark.slow
 def test_scenario_2_leads_the_cursor_along_both_strips_from_end_to_end() -> None:
     outcome = play("scenario_2", Choices(seed=1))
     for strip in ("0", "1"):

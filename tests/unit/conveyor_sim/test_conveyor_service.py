@@ -3,7 +3,6 @@
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pointit.runtime.bus.service_bus import ServiceBus
@@ -20,16 +19,13 @@ from pointit.schemas import (
     SetFeeding,
     SetSpeed,
     Strip,
-    TrackedObjects,
     topics,
 )
-from pointit.services.conveyor_sim.config import ConveyorSimConfig, TrackingConfig
-from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
-from pointit.services.conveyor_sim.tracking import PackageTracker
 from pointit.services.registry import process
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.conveyor_sim.rooms import FORK, S, lanes, plant
+from tests.unit.conveyor_sim.rooms import FORK
 from tests.unit.conveyor_sim.shift import shift
 
 LAB = Environment(
@@ -168,7 +164,7 @@ async def test_selected_packages_go_to_their_bay_and_an_act_on_what_is_too_late_
         assert things[-1].things == ()
 
 
-async def test_reports_have_the_configured_faults() -> None:
+async def test_reports_are_as_late_as_configured() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
         ages_s: list[float] = []
@@ -179,6 +175,7 @@ async def test_reports_have_the_configured_faults() -> None:
         bench.put(topics.MAP, FORK)
         await until(lambda: len(ages_s) >= 5)
         assert min(ages_s) >= 0.3
+        assert max(ages_s) < 0.3 + 2 / 25
 
 
 async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_path: Path) -> None:
@@ -237,34 +234,3 @@ async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
         await until(lambda: one.lists[-1].stamp_ns == one.clock.now_ns())
         assert one.lists[-1].objects[0].surface_position_m == 0.0
         assert one.events == []
-
-
-PERIOD_NS = S // 25
-
-
-def pairs(
-    seconds: float, **faults: float
-) -> tuple[Plant, list[tuple[TrackedObjects, TrackedObjects | None]]]:
-    belts = plant(lanes(20.0), feeder={"interval_s": 1.0})
-    tracker = PackageTracker(TrackingConfig(**faults), belts.network.lines, seed=1)
-    belts.step(30 * S)
-    seen: list[tuple[TrackedObjects, TrackedObjects | None]] = []
-    for step in range(round(seconds * 25)):
-        now_ns = 30 * S + step * PERIOD_NS
-        belts.step(now_ns)
-        exact = belts.tracked(now_ns)
-        seen.append((exact, tracker.report(exact)))
-    return belts, seen
-
-
-def test_noise_is_along_the_belt_and_as_large_as_asked_for() -> None:
-    _, seen = pairs(20.0, noise_m=0.05)
-    errors_m: list[float] = []
-    for exact, report in seen:
-        assert report is not None
-        for a, b in zip(exact.objects, report.objects, strict=True):
-            errors_m.append(b.surface_position_m - a.surface_position_m)
-            assert b.position_m[0] - a.position_m[0] == pytest.approx(errors_m[-1])
-            assert b.position_m[1:] == a.position_m[1:]
-    assert np.std(errors_m) == pytest.approx(0.05, rel=0.05)
-    assert np.mean(errors_m) == pytest.approx(0.0, abs=0.005)

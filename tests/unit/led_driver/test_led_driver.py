@@ -231,19 +231,6 @@ async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None
         assert not frames
 
 
-async def test_many_messages_make_few_frames_and_the_newest_wins() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench, FAST.model_copy(update={"max_rate_hz": 50.0}))
-        loop = asyncio.get_running_loop()
-        began_s = loop.time()
-        for sent in range(1, 400):
-            bench.put(at.CURSOR, cursor(clock, sent % 20 / 10 + 0.05), "anna")
-            await bench.settle(2)
-        await until(lambda: 399 % 20 in pixels(frames[-1], "a"), what="the newest")
-        assert len(frames) <= (loop.time() - began_s) * 50 + 3
-
-
 @pytest.mark.parametrize("value", [FARTHEST, -FARTHEST, 5e-324])
 async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> None:
     clock = ManualClock()

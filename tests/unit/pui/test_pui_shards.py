@@ -5,8 +5,8 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Cloud, Environment, Health, SetTolerance, SetWorkspace, Sphere
-from pointit.schemas.topics import HEALTH, MAP, SET_TOLERANCE, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
+from pointit.schemas import Cloud, Environment, Health, Sphere
+from pointit.schemas.topics import HEALTH, MAP, SHARD_ALIVE, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
@@ -55,24 +55,6 @@ def on_sphere(*, clouds: tuple[Cloud, ...] = ()) -> Environment:
 
 
 @in_virtual_time
-async def test_a_shard_publishes_the_cursors_of_its_people_and_the_default_all_others() -> None:
-    async with sharing() as room:
-        bench = room.bench
-        bench.start(Pui)
-        await room.pose("anna")
-        await room.pose("ben")
-        maps = bench.collect(MAP)
-        await room.start(workspace="horizontal")  # by which its cursors are told from the default's
-        await room.both_point()
-        assert [cursor.surface for cursor in room.cursors] == ["strip", "strip"]  # it is not ready yet
-        await room.until_served()
-        await room.both_point()
-        assert [cursor.surface_id for cursor in room.of["anna"][1:]] == ["workspace/horizontal"]
-        assert [cursor.surface for cursor in room.of["ben"][1:]] == ["strip"]
-        assert len(maps) == 1
-
-
-@in_virtual_time
 async def test_when_a_shard_ends_its_people_go_on_where_they_stand() -> None:
     async with sharing() as room:
         bench = room.bench
@@ -85,23 +67,6 @@ async def test_when_a_shard_ends_its_people_go_on_where_they_stand() -> None:
         await room.until_served(by_shard=False)
         await room.both_point()
         assert [cursor.surface_id for cursor in room.of["anna"]] == ["workspace/horizontal", LAB.strips[0].id]
-
-
-@in_virtual_time
-async def test_requests_for_a_person_are_answered_by_who_serves_them() -> None:
-    async with sharing() as room:
-        bench = room.bench
-        bench.start(Pui)
-        await room.start(map="lab")
-        await room.until_served()
-        await room.pose("anna")
-        await room.pose("ben")
-        await room.both_point()
-        for user in ("anna", "ben"):
-            await bench.bus.call(SET_WORKSPACE, SetWorkspace(kind="sphere"), user)
-        await bench.bus.call(SET_TOLERANCE, SetTolerance(tolerance_rad=0.01))
-        await room.both_point()
-        assert room.of["anna"][-1].surface_id == room.of["ben"][-1].surface_id == "workspace/sphere"
 
 
 @in_virtual_time

@@ -43,14 +43,11 @@ class Resting:
         return REST
 
 
-STRIP_SPEED_MPS = 0.5
-"""Speed of the cursor along the strips, m/s."""
-
-
 class AlongStrips:
     """Moves the cursor along all strips there and back, or along belts if there are no strips."""
 
-    def __init__(self) -> None:
+    def __init__(self, speed_mps: float) -> None:
+        self._speed_mps = speed_mps
         self._start_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
@@ -66,7 +63,7 @@ class AlongStrips:
         if self._start_ns is None:
             self._start_ns = now_ns
         total_m = math.fsum(line.length_m for line in lines)
-        at_m = (now_ns - self._start_ns) / NS_PER_S * STRIP_SPEED_MPS % (2.0 * total_m)
+        at_m = (now_ns - self._start_ns) / NS_PER_S * self._speed_mps % (2.0 * total_m)
         sign = 1.0 if at_m <= total_m else -1.0
         at_m = min(at_m, 2.0 * total_m - at_m)
         stretch = 0
@@ -80,7 +77,7 @@ class AlongStrips:
         return PersonGoal(
             key=f"{kind}s {stretch}",
             point_m=last.point_at(at_m),
-            velocity_mps=vector.scale(last.tangent_at(at_m), sign * STRIP_SPEED_MPS),
+            velocity_mps=vector.scale(last.tangent_at(at_m), sign * self._speed_mps),
             stamp_ns=now_ns,
             closed_loop=True,
             kind=kind,
@@ -147,7 +144,7 @@ def make_behaviour(
         case "lamps":
             return SequentialTargets(next_lamp, config.lamp_hold_s, times)
         case "strips":
-            return AlongStrips()
+            return AlongStrips(config.strip_speed_mps)
         case "send":
             return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, times)
         case "fly":

@@ -205,7 +205,16 @@ class UserSimConfig(Config):
     lamp_hold_s: float = Field(
         default=2.0, gt=0, le=600, description="mean time on a lamp (behaviour lamps) or place (send), s"
     )
+    deadline: dict[str, float] = Field(
+        default={},
+        description="by belt: arc length, m, from which it is too late to select a package; if empty, where "
+        "it passes the first bay of the map, or else where the belt ends",
+    )
+    strip_speed_mps: float = Field(
+        default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"
+    )
     give_up_s: float = Field(default=5.0, gt=0, le=60, description="maximum time spent on one object, s")
+    retry_s: float = Field(default=2.0, ge=0, le=60, description="time until an object is tried again, s")
     rest_elevation_deg: float = Field(
         default=-75.0, ge=-90, le=0, description="elevation of the resting arm, deg"
     )

@@ -1,6 +1,7 @@
 """All signals that the simulated person has seen and heard, delayed by perception."""
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -135,9 +136,10 @@ class SeenObject:
 class Sight:
     """The person's senses, limited to the topics of the process table."""
 
-    def __init__(self, delay_s: float) -> None:
-        """Create with a delay."""
+    def __init__(self, delay_s: float, deadlines_m: Mapping[str, float] | None = None) -> None:
+        """Create with a delay. `deadlines_m`: by belt, arc length from which it is too late for a package."""
         self.delay_ns = round(delay_s * NS_PER_S)
+        self._deadlines_m = dict(deadlines_m or {})
         self._delayed: deque[tuple[int, Message, str]] = deque()
         self._robots: dict[str, RobotState] = {}
         self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
@@ -285,7 +287,9 @@ class Sight:
         return total_m
 
     def _deadline_m(self, belt: str) -> float | None:
-        """Return the arc length from which it is too late on a belt: that of its first bay."""
+        """Return the arc length from which it is too late on a belt: configured, or else of its first bay."""
+        if self._deadlines_m:
+            return self._deadlines_m.get(belt)
         leaves_m = [
             link.source_position_m
             for link in self._links.get(belt, ())

@@ -54,7 +54,7 @@ class SimulatedPerson:
         self._azimuth_rad = yaw_rad
         self._error = OpenLoopError(config.aim, skill, eye_rng)
         self._correction = Correction(config.aim, self._stance, hand_rng)
-        self._sight = Sight(config.aim.visual_delay_s)
+        self._sight = Sight(config.aim.visual_delay_s, config.deadline)
         self._perception = Perception(self._sight, self._correction)
         times = DecisionTimes(config, skill, decision_rng)
         self._new_behaviour = lambda: (

@@ -49,8 +49,6 @@ class DecisionTimes:
         return float(self._rng.uniform(minimum, maximum))
 
 
-RETRY_NS = 2 * NS_PER_S
-"""Time until an object is tried again, ns."""
 DWELL_S = 0.8
 """Time on a thing until it is selected, as people learn it, s."""
 LEAVE_S = (1.0, 1.5)
@@ -74,6 +72,7 @@ class Selecting:
         self._things = things
         self._pace = times
         self._give_up_ns = round(config.give_up_s * NS_PER_S)
+        self._retry_ns = round(config.retry_s * NS_PER_S)
         arm = config.arm
         # a common reach with the times of reaction and selection; objects with less time left are skipped
         self._needed_s = config.aim.reaction_s + arm.reach_base_s + 3.0 * arm.reach_per_bit_s + DWELL_S
@@ -136,7 +135,7 @@ class Selecting:
             self._things.believe(self._current, "mine", now_ns)
             self._end(now_ns)
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
-            self._pause_until_ns[self._current] = now_ns + RETRY_NS
+            self._pause_until_ns[self._current] = now_ns + self._retry_ns
             self._end(now_ns)
         elif (asked_ns := self._asked_ns(seen, now_ns, sight)) not in (0, self._confirmed_ns):
             self._confirmed_ns = asked_ns
@@ -214,7 +213,7 @@ class Selecting:
         if switched_ns is not None and 0 <= now_ns - switched_ns < SWITCH_S * NS_PER_S:
             return False
         until_ns = self._pause_until_ns.get(seen.thing.id, 0)
-        is_paused = 0 < until_ns - now_ns <= RETRY_NS
+        is_paused = 0 < until_ns - now_ns <= self._retry_ns
         return not is_paused and sight.time_left_s(seen, now_ns) >= self._needed_s
 
     def _last(self, seen: SeenObject) -> tuple[int, float]:

@@ -144,16 +144,21 @@ def on_belt(belt: str, along_m: float) -> SeenObject:
 
 
 @pytest.mark.parametrize(
-    ("belt", "along_m", "left_s"),
+    ("deadlines", "belt", "along_m", "left_s"),
     [
-        ("in", 1.0, (3.0 + 2.0) / 0.5),
-        ("on", 1.0, 1.0 / 0.5),
-        ("on", 3.0, -1.0 / 0.5),
-        ("off", 0.5, 1.5 / 0.5),
+        ({}, "in", 1.0, (3.0 + 2.0) / 0.5),
+        ({}, "on", 1.0, 1.0 / 0.5),
+        ({}, "on", 3.0, -1.0 / 0.5),
+        ({}, "off", 0.5, 1.5 / 0.5),
+        ({"on": 1.2}, "in", 1.0, (3.0 + 1.2) / 0.5),
+        ({"in": 3.0}, "in", 1.0, 2.0 / 0.5),
+        ({"in": 3.0}, "on", 1.0, 5.0 / 0.5),
     ],
 )
-def test_time_is_left_until_the_point_of_no_return(belt: str, along_m: float, left_s: float) -> None:
-    sight = Sight(0.0)
+def test_time_is_left_until_the_point_of_no_return(
+    deadlines: dict[str, float], belt: str, along_m: float, left_s: float
+) -> None:
+    sight = Sight(0.0, deadlines)
     sight.show(0, HALL)
     sight.look(0)
     seen = on_belt(belt, along_m)

@@ -121,10 +121,10 @@ def _reserved_port(kind: socket.SocketKind) -> int:
             return port
 
 
-def is_listening(port: int) -> bool:
-    """Return True if something listens at `port` of 127.0.0.1."""
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+def is_listening(port: int, host: str = "127.0.0.1") -> bool:
+    """Return True if something listens at `port` of an address of this machine."""
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        return probe.connect_ex((host, port)) == 0
 
 
 class RouterProcess:

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import socket
 import ssl
 import time
 from collections.abc import AsyncIterator
@@ -20,11 +19,11 @@ from pointit.bridges.foxglove.service import FAST, SERVICE
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service import service
-from pointit.schemas import Belt, Environment, topics
+from pointit.schemas import topics
 from pointit.schemas.environment import StripFrame
 from tests.integration.foxglove.viewer import SDK, viewer
 from tests.support.bench import Bench, until
-from tests.support.buses import free_port
+from tests.support.buses import free_port, is_listening
 from tests.support.pace import within
 
 MAP_MESSAGE = models.Environment(
@@ -44,14 +43,10 @@ class Site:
         self.port = free_port()
         self.address = f"ws://127.0.0.1:{self.port}"
 
-    async def start(self, **changes: float) -> None:
-        self.bench.start(SERVICE, FoxgloveConfig.model_validate({"port": self.port, **changes}))
-        await until(lambda: not is_free(self.port), what="the bridge listens")
-
-
-def is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) != 0
+    async def start(self, host: str = "127.0.0.1", **changes: float) -> None:
+        config = FoxgloveConfig.model_validate({"host": host, "port": self.port, **changes})
+        self.bench.start(SERVICE, config)
+        await until(lambda: is_listening(self.port, host), what="the bridge listens")
 
 
 @pytest_asyncio.fixture
@@ -234,43 +229,21 @@ async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() ->
         await until(lambda: "belt b" in one.entities("room"))
         began_s = time.monotonic()
         await site.bench.stop()
-        await until(lambda: is_free(site.port), what="the port to be free")
+        await until(lambda: not is_listening(site.port), what="the port to be free")
         assert within(time.monotonic() - began_s, 4.0)
     await site.bus.close()
 
 
 WEBSOCKET = "foxglove.websocket.v1"
-MAP = Environment(stamp_ns=1, name="lab", belts=(Belt(id="b", line_m=((0, 0, 1), (4, 0, 1))),))
-
-
-async def listens(host: str, port: int) -> None:
-    """Wait until something listens."""
-    while True:
-        try:
-            _, writer = await asyncio.open_connection(host, port)
-        except OSError:
-            await asyncio.sleep(0.05)
-        else:
-            writer.close()
-            return
 
 
 @pytest_asyncio.fixture
-async def address(request: pytest.FixtureRequest) -> AsyncIterator[str]:
-    """A bridge that has a map."""
+async def address(site: Site, request: pytest.FixtureRequest) -> str:
+    """Start the bridge, which has a map."""
     host: str = getattr(request, "param", "127.0.0.1")
-    port = free_port()
-    bus = MemoryBus(LocalBroker())
-    bench = Bench(bus, WallClock())
-    bench.put(topics.MAP, MAP)
-    bench.start(SERVICE, FoxgloveConfig.model_validate({"host": host, "port": port}))
-    try:
-        async with asyncio.timeout(60.0):
-            await listens(host, port)
-        yield f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-    finally:
-        await bench.stop()
-        await bus.close()
+    site.bench.put(topics.MAP, MAP_MESSAGE)
+    await site.start(host=host)
+    return f"[{host}]:{site.port}" if ":" in host else f"{host}:{site.port}"
 
 
 @pytest.mark.parametrize(

@@ -264,21 +264,3 @@ async def test_a_subscriber_without_a_token_gets_live_data(at: Graphs, mode: str
     assert samples[0].attachment is not None
     subscriber.undeclare()
     outbox.close()
-
-
-async def test_nodes_with_tokens_are_not_reported(at: Graphs) -> None:
-    node, robot = await at.node("/pointit", "router"), await at.node("/robot")
-    writer = node.backend.advertise("/ray", POSE, SENSOR)
-    back = robot.backend.advertise("/back", POSE, SENSOR)
-    to_robot, to_node = robot.hears("/ray", POSE, SENSOR), node.hears("/back", POSE, SENSOR)
-
-    async def both_ways(count: int) -> None:
-        await arrives(lambda: writer.put(cdr_of(len(to_robot))), to_robot, count)
-        await arrives(lambda: back.put(cdr_of(len(to_node))), to_node, count)
-
-    await both_ways(1)  # a node of another domain is named as long as there is none of this one
-    elsewhere = await at.node("/elsewhere", domain_id=DOMAIN + 1)
-    elsewhere.hears("/ray", POSE, SENSOR)
-    for count in range(2, 5):
-        await both_ways(count)
-    assert not node.shown.ever

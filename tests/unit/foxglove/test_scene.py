@@ -8,7 +8,7 @@ import pytest
 import pointit.schemas as models
 from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.geometry import vector
-from pointit.schemas.environment import Bay, BayCount, StripFrame
+from pointit.schemas.environment import Bay, BayCount
 from pointit.schemas.selection import ReservedObject, SelectedObject
 from tests.integration.foxglove.protobuf import read
 from tests.unit.foxglove.site_scene import SiteScene
@@ -146,18 +146,6 @@ def test_silence_takes_away_rays_and_objects() -> None:
     assert shown(made, "people") == shown(made, "objects") == {}
 
 
-def test_a_person_who_leaves_is_taken_away_and_others_stay() -> None:
-    made = scene(
-        *[(models.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
-    )
-    made.draw("people", 5)
-    made.site.set_person("anna", False)
-    update = read(made.draw("people", 6))
-    assert [deletion["id"] for deletion in update["deletions"]] == ["person anna"]
-    assert [entity["id"] for entity in update["entities"]] == ["person bert"]
-    assert len(read(made.draw("frames", 6))["transforms"]) == 1
-
-
 def test_a_new_map_replaces_the_old_one() -> None:
     made = scene((objects(PACKAGE), "plant"))
     for part in PARTS:
@@ -181,15 +169,6 @@ def test_lamps_show_their_colour_and_their_name() -> None:
     made.take(models.LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
     assert made.changed >= {"lamps"}
     assert shown(made, "lamps")["lamp 1"]["spheres"][0]["color"]["r"] == 1.0
-
-
-def test_pixels_show_the_newest_frame() -> None:
-    made = scene()
-    for value in (200, 100):
-        frame = models.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
-        made.take(frame, "", 0.0)
-        assert made.changed >= {"pixels"}
-        assert bytes((value, value, value, 255)) in read(made.draw("pixels", 6))["data"]
 
 
 def test_bays_tell_what_came_out() -> None:

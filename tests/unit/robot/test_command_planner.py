@@ -111,21 +111,6 @@ def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) 
     assert desk.pilot.user == ("" if change == "release" else user)
 
 
-def test_a_goal_is_carried_out_with_its_way_points_and_its_way_gets_shorter() -> None:
-    desk = desk_of()
-    goal = desk.send("anna", THERE, (0.0, 1.0, 0.0), robot=ROBOT)
-    order = desk.step()
-    assert isinstance(order, FollowPath)
-    assert order.points_m == ((0.0, 1.0, 0.0), THERE)
-    assert desk.pilot.phase == "moving"
-    assert desk.pilot.goal_ns == goal.stamp_ns
-    desk.report((0.0, 0.95, 0.0))
-    assert desk.pilot.way_m == ((0.0, 0.95, 0.0), THERE)
-    desk.pilot.on_item(OrderStatus(order.order, "done"), desk.now_ns)
-    assert {desk.pilot.phase} == {"idle"}
-    assert (len(desk.pilot.way_m), desk.pilot.goal_ns) == (0, 0)
-
-
 def test_a_robot_that_stands_on_its_way_is_said_until_it_goes_on() -> None:
     desk = desk_of()
     desk.send("anna", THERE, robot=ROBOT)

@@ -71,8 +71,10 @@ async def test_a_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilo
     pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
     moving = await pilotage.until(lambda state: state.phase == "moving")
     assert moving.target_m == (0.5, 1.0, 0.0)
+    assert moving.goal_ns > 0
     await asyncio.sleep(0.3)
     assert pilotage.plans[-1].line_m[1:] == ((-0.5, 1.0, 0.0), (0.5, 1.0, 0.0))
+    await pilotage.until(lambda _state: pilotage.plans[-1].line_m[1:] == ((0.5, 1.0, 0.0),))
     there = await pilotage.until(lambda state: state.phase == "idle")
     assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
     assert (there.user, there.goal_ns) == ("anna", 0)

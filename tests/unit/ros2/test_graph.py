@@ -195,18 +195,6 @@ def test_a_roster_knows_who_came_and_went() -> None:
     assert roster.graph() == Graph(nodes=frozenset(), endpoints=frozenset())
 
 
-def test_a_roster_knows_what_messages_of_bridges_carry_while_they_are_there() -> None:
-    seen = {
-        "/a": Seen(node="/a", domain=7, bridge_gid=b"a"),
-        "/b": Seen(node="/b", domain=0, bridge_gid=b"b"),
-    }
-    roster = LivelinessDirectory(seen.__getitem__, 7, lambda: None)
-    roster.change({"/a": True, "/b": True})
-    assert roster.bridged == {b"a", b"b"}
-    roster.change({"/a": False})
-    assert roster.bridged == {b"b"}
-
-
 def test_our_own_tokens_stay_whatever_others_say() -> None:
     roster, changes = rostered([])
     roster.announce("/a@7")

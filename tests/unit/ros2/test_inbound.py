@@ -126,13 +126,6 @@ def test_a_rotation_that_is_none_is_refused(q: Quaternion) -> None:
     assert "norm 1" in warned(taken(into("mocap_pose"), place(q=q)))
 
 
-def test_an_imu_without_orientation_is_refused() -> None:
-    row = into("imu_in")
-    assert said(taken(row, make(row.type, header=stamped(), orientation=quaternion(LEVEL)))).seq == 1
-    none = make(row.type, header=stamped(), orientation_covariance=[-1.0, *[0.0] * 8])
-    assert "no orientation" in warned(taken(row, none))
-
-
 @pytest.mark.parametrize(
     ("stamp_ns", "is_kept"),
     [

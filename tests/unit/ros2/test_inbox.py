@@ -379,14 +379,6 @@ async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(
     assert sum(read) <= 5 * MOST
 
 
-async def test_whose_name_only_ends_as_anothers_displaces_nothing_of_theirs(bridge: Bench) -> None:
-    seen = placed(bridge, "anna", "joanna")
-    flood = frames(bridge, "joanna", x=1.0, size=MOST - 200)
-    for cdr in (flood, flood, frames(bridge, "anna", x=7.0), flood):
-        bridge.backend.readers["/tf"](cdr)
-    await until(lambda: seen["anna"] == [7.0] and bool(seen["joanna"]))
-
-
 def test_people_are_found_in_either_order_of_bytes() -> None:
     scene = ConversionState(jazzy())
     for user in ("anna", "joanna", "ann"):

@@ -227,16 +227,6 @@ async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on(eager: Bench) ->
     assert not eager.warnings(), "what was about her"
 
 
-def test_without_a_rate_nothing_waits_and_with_one_the_rest_of_the_period() -> None:
-    pace = RateLimiter(None)
-    for now_s in (0.0, 0.0, 1.0):
-        assert pace.wait_s(now_s) == 0.0
-        pace.sent(now_s)
-    pace = RateLimiter(10.0)
-    pace.sent(5.0)
-    assert 0.06 < pace.wait_s(5.01) < 0.09
-
-
 def test_a_source_of_the_same_rate_is_never_held_up() -> None:
     pace = RateLimiter(50.0)
     for count in range(1000):

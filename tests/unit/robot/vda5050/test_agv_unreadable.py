@@ -73,12 +73,6 @@ def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
     assert "x is '?'" in bench.health.warnings["message state"]
 
 
-def test_an_agv_that_loses_its_position_and_states_none_is_not_where_it_was(bench: AgvBench) -> None:
-    bench.change(agvPosition={"x": None, "y": None, "theta": None, "positionInitialized": False})
-    bench.hear("state", bench.virtual.state())
-    assert bench.lost[-1].startswith("the AGV does not know where it is")
-
-
 def test_an_agv_that_states_no_map_is_told_so_if_one_is_wanted() -> None:
     bench = AgvBench(map_id="hall")
     bench.change(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": None})

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.robot.goal_book import GRACE_NS, RESULT_NS, RETRY_NS, GoalBook, GoalStatus
+from pointit.bridges.ros2.robot.goal_book import RESULT_NS, RETRY_NS, GoalBook, GoalStatus
 from pointit.schemas import NS_PER_S
 
 A, B = b"a" * 16, b"b" * 16
@@ -49,16 +49,6 @@ def test_a_goal_that_no_server_answered_is_cancelled_should_it_turn_up() -> None
     assert not book.has_unwanted
     assert book.on_status([(A, GoalStatus.EXECUTING)], 2 * LATER_NS) == []
     assert book.to_cancel(2 * LATER_NS) == [A]
-
-
-def test_a_new_goal_leaves_the_end_of_the_old_one_to_the_server_for_a_while() -> None:
-    book = accepted()
-    book.begin(B)
-    assert book.to_cancel(2 * LATER_NS) == []  # the server has not answered
-    assert book.on_response(B, accepted=True, now_ns=2 * LATER_NS) == "accepted"
-    assert book.to_cancel(2 * LATER_NS + GRACE_NS - 1) == []
-    assert book.to_cancel(2 * LATER_NS + GRACE_NS) == [A]
-    assert book.on_end(A, GoalStatus.ABORTED) is None
 
 
 def test_the_status_topic_tells_an_end_whose_result_does_not_come_and_of_others_that_do_not_matter() -> None:

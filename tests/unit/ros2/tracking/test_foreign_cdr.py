@@ -1,4 +1,4 @@
-"""Poses, arms and objects as drivers of others write them, in CDR by the serializer of rosbags."""
+"""Poses, arms and objects as drivers of others write them."""
 
 import math
 from collections.abc import Sequence
@@ -14,25 +14,65 @@ from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning
 from pointit.bridges.ros2.sightings import AT_ORIGIN, TransformBuffer
 from pointit.bridges.ros2.trackers import tracker_routes
+from pointit.geometry.rotation import Quaternion
 from pointit.plugins import NS_PER_S, RobotReport
 from pointit.schemas import TrackedObject, TrackedObjects, UserPose, WristSample
 from pointit.schemas.environment import Frame
-from tests.unit.ros2.scenes import NOW_NS, ROOM, into, jazzy
-from tests.unit.ros2.tracking.rosbags_values import (
-    BACKWARDS,
-    LEFT,
-    NAN,
-    STORE,
-    Quaternion,
-    decoded,
-    header,
-    matrix,
-    message,
-    odometry,
-    posed,
-    transforms,
-    vector,
-)
+from tests.unit.ros2.scenes import NOW_NS, ROOM, into, jazzy, pose_at, quaternion, stamped, transform, triple
+
+NAN = math.nan
+QUARTER = math.sqrt(0.5)
+UP, BACKWARDS, LEFT = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, QUARTER, QUARTER)
+"""Orientations of a robot that faces x, -x, and y."""
+POSE, DETECTIONS = "geometry_msgs/msg/PoseStamped", "vision_msgs/msg/Detection3DArray"
+TF, IMU = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu"
+
+make = jazzy().make
+
+
+def decoded(name: str, **fields: Any) -> Any:
+    """Return a value after its way through CDR."""
+    return jazzy().decode(name, jazzy().encode(name, make(name, **fields)))
+
+
+def posed(x: float, turned: Quaternion = UP) -> Any:
+    return pose_at((x, 2.0, 0.0), turned)
+
+
+def matrix(*diagonal: float, rest: float = 0.0) -> Any:
+    values = np.full((6, 6), rest)
+    np.fill_diagonal(values, (*diagonal, *(0.0,) * (6 - len(diagonal))))
+    return values.reshape(36)
+
+
+UNKNOWN = matrix()
+
+
+def odometry(
+    *,
+    frame: str = "map",
+    child: str = "base_link",
+    turned: Quaternion = BACKWARDS,
+    forward_mps: float = 0.5,
+    covariance: Any = UNKNOWN,
+    twist_covariance: Any = UNKNOWN,
+    x: float = 1.0,
+    stamp_ns: int = NOW_NS,
+) -> Any:
+    twist = make("geometry_msgs/msg/Twist", linear=triple("Vector3", (forward_mps, 0.0, 0.0)))
+    return decoded(
+        "nav_msgs/msg/Odometry",
+        header=stamped(stamp_ns, frame),
+        child_frame_id=child,
+        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=posed(x, turned), covariance=covariance),
+        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=twist_covariance),
+    )
+
+
+def transforms(*links: tuple[str, str, float], turned: Quaternion = UP, stamp_ns: int = NOW_NS) -> bytes:
+    """Return a message of transforms along x, encoded."""
+    made = [transform(parent, child, (x, 0.0, 0.0), turned, stamp_ns) for parent, child, x in links]
+    return jazzy().encode(TF, make(TF, transforms=made))
 
 
 def reader(frame: str = "map") -> PoseReader:
@@ -67,7 +107,7 @@ def test_a_twist_is_in_the_frame_that_the_message_names(
 @pytest.mark.parametrize("frame", ["agv1/odom", "map"])
 def test_a_twist_in_a_fixed_frame_that_is_turned_in_the_room_is_turned(frame: str) -> None:
     robot = reader()
-    still = decoded("tf2_msgs/msg/TFMessage", transforms(("map", "agv1/odom", 3.0), turned=LEFT))
+    still = jazzy().decode(TF, transforms(("map", "agv1/odom", 3.0), turned=LEFT))
     assert robot.transforms(still, NOW_NS, is_static=True) == ""
     found = report(odometry(frame=frame, child="agv1/odom", turned=BACKWARDS), robot)
     assert found.velocity_mps == pytest.approx((0.0, 0.5, 0.0))
@@ -180,17 +220,16 @@ def test_a_frame_of_another_namespace_is_another_one() -> None:
 @pytest.mark.parametrize("name", ["agv1/base_link", "/agv1/base_link"])
 def test_transforms_with_slashes_are_heard_and_chained(name: str) -> None:
     robot = PoseReader(PoseSource(type="tf", frame=name), "/map")
-    sent = transforms(("/map", "/agv1/odom", 1.0), ("agv1/odom", "/agv1/base_link", 2.0))
-    cdr = bytes(STORE.serialize_cdr(sent, "tf2_msgs/msg/TFMessage"))
+    cdr = transforms(("/map", "/agv1/odom", 1.0), ("agv1/odom", "/agv1/base_link", 2.0))
     assert robot.is_wanted(cdr)
-    found = robot.transforms(jazzy().decode("tf2_msgs/msg/TFMessage", cdr), NOW_NS, is_static=False)
+    found = robot.transforms(jazzy().decode(TF, cdr), NOW_NS, is_static=False)
     assert isinstance(found, RobotReport)
     assert found.position_m == pytest.approx((3.0, 0.0, 0.0))
 
 
 def test_a_moving_transform_without_a_stamp_is_as_old_as_its_arrival() -> None:
     buffer = TransformBuffer()
-    value = decoded("tf2_msgs/msg/TFMessage", transforms(("map", "base_link", 1.0), stamp_ns=0))
+    value = jazzy().decode(TF, transforms(("map", "base_link", 1.0), stamp_ns=0))
     assert list(buffer.take(value, is_static=False, now_ns=NOW_NS)) == []
     placed = buffer.placed("base_link", {"map": AT_ORIGIN}, NOW_NS, 1.0)
     assert not isinstance(placed, str)
@@ -227,32 +266,30 @@ def test_a_tracker_reads_odometry_as_a_robots_driver_does() -> None:
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, 0.0, 0.0, 1.0)])
 def test_an_object_whose_orientation_is_not_set_is_where_it_is_without_a_heading(turned: Quaternion) -> None:
-    name = "geometry_msgs/msg/PoseStamped"
-    value = decoded(name, message(name, header("/map"), posed(1.0, turned)))
+    value = decoded(POSE, header=stamped(frame="/map"), pose=posed(1.0, turned))
     ((item,), warnings) = tracked("geometry_msgs/PoseStamped", value)
     assert (item.position_m, item.yaw_rad) == ((1.0, 2.0, 0.0), None)
     assert ["is not a rotation" in each for each in warnings] == [True]
 
 
 def test_a_detection_whose_size_or_covariance_is_unknown_is_where_it_is() -> None:
-    name = "vision_msgs/msg/Detection3DArray"
-    result = message(
+    result = make(
         "vision_msgs/msg/ObjectHypothesisWithPose",
-        message("vision_msgs/msg/ObjectHypothesis", "cup", 0.9),
-        message("geometry_msgs/msg/PoseWithCovariance", posed(0.0), matrix(NAN, rest=NAN)),
+        hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id="cup", score=0.9),
+        pose=make("geometry_msgs/msg/PoseWithCovariance", covariance=matrix(NAN, rest=NAN)),
     )
-    boxes = (vector(NAN, NAN, NAN), vector(-1.0, 0.2, 0.2), vector(0.1, 0.3, 0.2))
-    found = [
-        message(
-            "vision_msgs/msg/Detection3D",
-            header("/map"),
-            [result],
-            message("vision_msgs/msg/BoundingBox3D", posed(float(number)), size),
-            str(number),
+    found: list[Any] = []
+    for number, size_m in enumerate(((NAN, NAN, NAN), (-1.0, 0.2, 0.2), (0.1, 0.3, 0.2))):
+        box = make(
+            "vision_msgs/msg/BoundingBox3D", center=posed(float(number)), size=triple("Vector3", size_m)
         )
-        for number, size in enumerate(boxes)
-    ]
-    items, warnings = tracked("vision_msgs/Detection3DArray", decoded(name, message(name, header(""), found)))
+        header = stamped(frame="/map")
+        found.append(
+            make("vision_msgs/msg/Detection3D", header=header, results=[result], bbox=box, id=f"{number}")
+        )
+    items, warnings = tracked(
+        "vision_msgs/Detection3DArray", decoded(DETECTIONS, header=stamped(), detections=found)
+    )
     assert [(each.position_m[0], each.length_m) for each in items] == [(0.0, 0.0), (1.0, 0.0), (2.0, 0.3)]
     assert [each.partition(" is ")[0] for each in warnings] == [
         "the size of detection '0'",
@@ -278,14 +315,13 @@ def outputs_of(route: str, value: Any, *, user: str = "", scene: ConversionState
 )
 def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str) -> None:
     scene = scene_of("anna")
-    sent = transforms((parent, child, 4.0))
-    cdr = bytes(STORE.serialize_cdr(sent, "tf2_msgs/msg/TFMessage"))
+    cdr = transforms((parent, child, 4.0))
     assert people_in(cdr, scene) == ("anna",)
-    (pose,) = outputs_of("tf_in", jazzy().decode("tf2_msgs/msg/TFMessage", cdr), scene=scene)
+    (pose,) = outputs_of("tf_in", jazzy().decode(TF, cdr), scene=scene)
     assert isinstance(pose, UserPose)
     assert pose.position_m == (4.0, 0.0, 0.0)
-    name = "geometry_msgs/msg/PoseStamped"
-    (pose,) = outputs_of("mocap_pose", decoded(name, message(name, header(parent), posed(5.0))), user="anna")
+    value = decoded(POSE, header=stamped(frame=parent), pose=posed(5.0))
+    (pose,) = outputs_of("mocap_pose", value, user="anna")
     assert pose.position_m == (5.0, 2.0, 0.0)
 
 
@@ -303,17 +339,24 @@ def test_an_imu_is_read_by_what_it_says_of_its_orientation(
     variance: float,
     is_read: bool,  # noqa: FBT001 - a row of the table
 ) -> None:
-    name = "sensor_msgs/msg/Imu"
-    three = np.array([variance, *(0.0,) * 8])
-    value = message(
-        name,
-        header("/imu_link"),
-        message("geometry_msgs/msg/Quaternion", *turned),
-        three,
-        *(vector(NAN), np.full(9, NAN), vector(NAN), np.full(9, NAN)),
+    value = imu("/imu_link", turned, variance, linear_acceleration_covariance=[NAN] * 9)
+    (one,) = into("imu_in").convert(value, "anna", scene_of("anna"), now_ns=NOW_NS, wall_ns=NOW_NS)
+    if is_read:
+        assert isinstance(one, BusOutput)
+        assert isinstance(one.what, WristSample)
+    else:
+        assert isinstance(one, ConversionWarning)
+
+
+def imu(frame: str, turned: Quaternion, variance: float = 0.0, stamp_ns: int = NOW_NS, **fields: Any) -> Any:
+    covariance = [variance, *(0.0,) * 8]
+    return decoded(
+        IMU,
+        header=stamped(stamp_ns, frame),
+        orientation=quaternion(turned),
+        orientation_covariance=covariance,
+        **fields,
     )
-    found = outputs_of("imu_in", decoded(name, value), user="anna")
-    assert [type(each) for each in found] == ([WristSample] if is_read else [])
 
 
 def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first() -> None:
@@ -322,10 +365,7 @@ def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first()
     warnings: set[str] = set()
 
     def send(frame: str, turned: Quaternion, now_ns: int) -> None:
-        three = (np.zeros(9), vector(0.0), np.zeros(9), vector(0.0), np.zeros(9))
-        quaternion = message("geometry_msgs/msg/Quaternion", *turned)
-        name = "sensor_msgs/msg/Imu"
-        value = decoded(name, message(name, header(frame, stamp_ns=now_ns), quaternion, *three))
+        value = imu(frame, turned, stamp_ns=now_ns)
         for each in route.convert(value, "anna", scene, now_ns=now_ns, wall_ns=now_ns):
             if isinstance(each, ConversionWarning):
                 warnings.add(each.sentence)

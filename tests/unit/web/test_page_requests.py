@@ -65,6 +65,9 @@ def deeds(role: Role) -> tuple[str, ...]:
     return hello_of(role, version="1", site="lab").deeds
 
 
+WRIST_DEEDS = ("press", "step", "take", "give", "centre", "report_voice", "speak")
+
+
 def test_everybody_who_sees_a_robot_may_stop_it() -> None:
     for role in ("operator", "viewer"):
         call = parse_request(ask(topics.STOP_ROBOT.key, name="quad", reason="too near"), role)
@@ -96,16 +99,29 @@ async def test_a_fault_is_an_answer(fault: Exception, told: str, caplog: pytest.
     caplog.clear()
 
 
-def test_a_viewer_may_do_nothing_else_but_look() -> None:
-    assert (REQUESTS["viewer"], deeds("viewer")) == ((topics.STOP_ROBOT,), ("told_apart",))
-    rows = [row for row in OPERATORS if row is not topics.STOP_ROBOT]
-    requests = [ask(row.key, name="anna" if row.placeholder else "") for row in rows]
+@pytest.mark.parametrize(
+    ("role", "requests", "allowed_deeds", "sentence"),
+    [
+        ("viewer", (topics.STOP_ROBOT,), ("told_apart",), "only looks on"),
+        (
+            "wrist",
+            (topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION),
+            WRIST_DEEDS,
+            "a phone cannot ask for",
+        ),
+    ],
+)
+def test_viewers_and_phones_may_do_nothing_else(
+    role: Role, requests: tuple[Any, ...], allowed_deeds: tuple[str, ...], sentence: str
+) -> None:
+    assert (REQUESTS[role], deeds(role)) == (requests, allowed_deeds)
+    rows = [row for row in OPERATORS if row not in requests]
     for wish in (
-        *requests,
-        *(ask(deed=deed, name="anna") for deed in deeds("operator") if deed != "told_apart"),
+        *(ask(row.key, name="anna" if row.placeholder else "") for row in rows),
+        *(ask(deed=deed, name="anna") for deed in deeds("operator") if deed not in allowed_deeds),
     ):
-        with pytest.raises(RefusedError, match="only looks on"):
-            parse_request(wish, "viewer")
+        with pytest.raises(RefusedError, match=sentence):
+            parse_request(wish, role)
 
 
 @pytest.mark.parametrize(

@@ -83,13 +83,7 @@ class Feeder:
         self.due_s = max(0.0, self.due_s - elapsed_s)
 
     def take(self) -> str:
-        """Return the next package's kind and start the interval to the one after it.
-
-        Raises:
-            ValueError: If there is nothing more to feed.
-        """
-        if self.is_done:
-            raise ValueError("there is nothing more to feed")
+        """Return the next package's kind and start the interval to the one after it, unless it `is_done`."""
         supply = self.supply
         if supply.probabilities:
             kinds = list(supply.probabilities)

@@ -130,14 +130,12 @@ def named_components(fields: Mapping[str, Any]) -> list[Any] | None:
     return fours[0] if len(fours) == 1 else None
 
 
-def quaternion_in(content: Any, order: Order) -> Quaternion:
-    """Return the quaternion of parsed JSON: fields w, x, y and z, or a list in `order` or its own one.
+def quaternion_in(content: Mapping[str, Any], order: Order) -> Quaternion:
+    """Return the quaternion of an object of JSON: fields w, x, y and z, or a list in `order` or its own one.
 
     Raises:
         ContentError: If it has none or several, or its norm is wrong.
     """
-    if not is_object(content):
-        raise ContentError("is no object of JSON")
     four, fields = named_components(content), [key for key in content if key.casefold() in _LISTS]
     if (four is not None) + len(fields) != 1:
         raise ContentError("has several quaternions" if fields else "has no quaternion")

@@ -16,11 +16,10 @@ import pointit
 from pointit.api.site import Site
 from pointit.plugins import FoundDevice, Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.schemas.topics import HEALTH
 from pointit.services.led_driver.output.ddp import find_wled, read_info
 from pointit.services.led_driver.output.e131 import E131Config, make_e131
 from pointit.services.led_driver.outputs import GuardedOutput
-from pointit.testing import PtyDevice, UdpDevice
+from pointit.testing import UdpDevice
 from tests.support.bench import background, until
 from tests.support.buses import free_udp_port
 from tests.support.hostile_server import Chunks, forever, hostile_server
@@ -256,37 +255,3 @@ async def test_controller_in_the_network_is_found_beside_others_that_answer_nons
     kitchen = found["Kitchen, 120 pixels, WLED 0.15.1"]
     assert kitchen.address in ("127.0.0.1", "wled-test.local")
     assert kitchen.details == {"pixels": 120, "version": "0.15.1"}
-
-
-async def test_outputs_that_block_or_cannot_be_found_cost_another_no_frame(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    published, device, stuck = Published(monkeypatch), Controller(), PtyDevice()
-    await device.plug()
-    await stuck.plug()
-    stuck.stall()
-    outputs: list[dict[str, object]] = [
-        {"kind": "adalight", "port": str(stuck.path), "baud": 4_000_000},
-        {"kind": "ddp", "host": "no-such-light.invalid"},
-        {"kind": "adalight", "port": "/dev/no-such-port"},
-        {"kind": "ddp", "host": "127.0.0.1", "port": device.port},
-    ]
-    warnings = set[str]()
-
-    def is_enough() -> bool:
-        named = ("no-such-light.invalid: its name is not known", "/dev/no-such-port is not there")
-        return (
-            all(any(text in warning for warning in warnings) for text in named)
-            and len(set(device.frames())) > FRAMES
-        )
-
-    async with scenario_3(outputs, is_enough) as site:
-        site._bus.subscribe(HEALTH, lambda health, _name: warnings.update(health.warnings))
-    await until(lambda: not any(device.frames()[-1]))
-    everything = [b"".join(map(bytes, [*strips["0"], *strips["1"]])) for strips in published]
-    require_shown(device.frames(), everything)
-    assert len(set(device.frames())) > 0.5 * len(set(everything))
-    await device.unplug()
-    await stuck.unplug()
-    for each in (device, stuck):
-        each.close()

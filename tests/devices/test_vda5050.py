@@ -34,15 +34,14 @@ from pointit.services.robot.robot_driver import (
     ReportItem,
     RobotDriver,
     RobotReport,
-    Stop,
 )
 from pointit.services.robot.service import Robot
 from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import memory_bench, until
-from tests.support.buses import free_port, is_listening
+from tests.support.buses import is_listening
 from tests.support.environments import fetched
-from tests.support.mqtt import broker, overheard
+from tests.support.mqtt import overheard
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
 from tests.unit.robot.vda5050 import agv_bench
 
@@ -143,41 +142,6 @@ async def test_an_agv_drives_along_a_path_and_reports_it(
         assert steered.away_m((1.5, 2.8)) < 0.01
         places = [each.position_m for each in steered.of(RobotReport)]
         assert min(math.dist(place[:2], (1.5, 2.0)) for place in places) < 0.3, "it drove round the corner"
-
-
-async def test_an_agv_follows_the_newest_place_with_few_orders(port: int, node: tuple[str, Path]) -> None:
-    async with (
-        agv_on(port, node),
-        steering(port) as steered,
-        overheard(port, f"{TOPICS}/order", json.loads) as orders,
-    ):
-        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-        loop = asyncio.get_running_loop()
-        began_s = loop.time()
-        for number in range(100):
-            steered.tell(Follow, (1.0 + 0.01 * number, 2.0, 0.0))
-            await asyncio.sleep(0.01)
-        steered.tell(Follow, (1.8, 3.0, 0.0))
-        await until(lambda: steered.away_m((1.8, 3.0)) < 0.01, PATIENCE_S, "its arrival")
-        assert len(orders) <= 2.0 * (loop.time() - began_s) + 1
-        assert {each["nodes"][-1]["released"] for _, each in orders} == {True}
-
-
-async def test_a_stop_cancels_the_order_and_the_next_path_is_driven(
-    port: int, node: tuple[str, Path]
-) -> None:
-    async with agv_on(port, node, speed=0.5), steering(port) as steered:
-        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-        path = steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
-        await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
-        stop = steered.tell(Stop)
-        await until(lambda: steered.outcomes(stop) == [("done", "")], PATIENCE_S, "its stop")
-        assert steered.place is not None
-        assert steered.place[0] < 8.5, "on the way"
-        assert ("done", "") not in steered.outcomes(path)
-        back = steered.tell(FollowPath, ((*START, 0.0),))
-        await until(lambda: ("done", "") in steered.outcomes(back), PATIENCE_S, "its way back")
-        assert steered.away_m(START) < 0.01
 
 
 async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
@@ -290,30 +254,6 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
         assert kinds == {"stateRequest"}
 
 
-async def test_a_restarted_broker_leaves_nothing_that_moves(tmp_path: Path, node: tuple[str, Path]) -> None:
-    port = free_port()
-    async with contextlib.AsyncExitStack() as stack:
-        with broker(tmp_path, port):
-            await stack.enter_async_context(agv_on(port, node, speed=0.5))
-            driver = await stack.enter_async_context(contextlib.AsyncExitStack())
-            steered = await driver.enter_async_context(steering(port))
-            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-            order = steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
-            await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
-        await until(lambda: "cannot be reached" in str(steered.lost), PATIENCE_S, "the sentence")
-        assert [state for state, _ in steered.outcomes(order)] == ["accepted", "failed"]
-        with broker(tmp_path, port):
-            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-            async with overheard(port, f"{TOPICS}/state", json.loads) as states:
-                await until(lambda: bool(states) and not states[-1][1]["nodeStates"], PATIENCE_S, "its stop")
-            assert steered.place is not None
-            there = steered.place
-            assert there[0] < START[0] + 2.0, "it drove no farther than what was released"
-            again = steered.tell(FollowPath, ((there[0] - 0.4, START[1], 0.0),))
-            await until(lambda: ("done", "") in steered.outcomes(again), PATIENCE_S, "a new path")
-            await driver.aclose()
-
-
 async def test_an_agv_that_is_switched_off_or_in_manual_mode_refuses_with_a_sentence(
     port: int, node: tuple[str, Path]
 ) -> None:
@@ -355,43 +295,3 @@ async def test_an_agv_that_others_steer_is_a_tracked_object(port: int, node: tup
 
 PREFIX = "/plant/uagv/2.0"
 """Topics of an AGV that keeps VDA 5050 only partly, as a client of Go writes them."""
-
-
-async def test_an_agv_with_other_topics_and_null_fields_is_shown_and_connected(port: int) -> None:
-    nothing = ("nodeStates", "edgeStates", "actionStates", "errors", "information", "loads", "velocity")
-    where = {"theta": 0.0, "mapId": "hall", "positionInitialized": True, "deviationRange": -1}
-    state: dict[str, Any] = {
-        **dict.fromkeys(nothing),
-        "headerId": 0,
-        "version": "2.0",
-        "manufacturer": "acme",
-        "serialNumber": "7",
-        "orderId": "",
-        "driving": True,
-        "operatingMode": "automatic",
-        "safetyState": {"eStop": "none"},
-        "batteryState": {"batteryCharge": -1, "charging": False},
-    }
-
-    async def report(client: aiomqtt.Client) -> None:
-        for step in itertools.count():
-            position = {"x": 0.1 * step, "y": 1.0, **where}
-            message = json.dumps({**state, "agvPosition": position})
-            await client.publish(f"{PREFIX}/acme/7/state", message)
-            await asyncio.sleep(0.1)
-
-    await until(lambda: is_listening(port), what="the broker")
-    launch = Launch(
-        service=AgvTracker, config=AgvTrackerConfig(broker=f"127.0.0.1:{port}", topic_prefix=PREFIX)
-    )
-    async with (
-        aiomqtt.Client("127.0.0.1", port) as client,
-        memory_bench(WallClock()) as bench,
-        running(report(client)),
-        running(run_service(launch, bench.bus, bench.clock)),
-        steering(port, topic_prefix=PREFIX) as steered,
-    ):
-        seen = bench.collect(OBJECTS, "agvs")
-        assert not await find_agvs_on("127.0.0.1", port, 1.0), "its topics are not those of the standard"
-        await until(lambda: bool(seen) and seen[-1].objects[0].position_m[0] > 1.5, PATIENCE_S, "its way")
-        await until(lambda: steered.place is not None and steered.place[0] > 1.5, PATIENCE_S, "its reports")

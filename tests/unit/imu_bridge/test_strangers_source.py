@@ -40,7 +40,6 @@ class Mortal:
         raise OSError("the battery is empty")
 
 MORTAL = ImuSource(summary="dies soon", config=Config, make=Mortal)
-UNMADE = ImuSource(summary="", config=Config, make=lambda config, surroundings: 1 // 0)
 UNCHECKED = ImuSource(summary="", config=Config, make=Mortal, check=lambda config: 1 // 0)
 """
 LABEL = "IMU source 'mortal' of strangers-parts"
@@ -49,7 +48,7 @@ LABEL = "IMU source 'mortal' of strangers-parts"
 @pytest.fixture(autouse=True)
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
-    names = ("mortal", "unmade", "unchecked")
+    names = ("mortal", "unchecked")
     entries = "\n".join(f"{name} = strangers_sources:{name.upper()}" for name in names)
     with strangers.installed(tmp_path, "strangers_sources", MODULE, imu_sources=entries):
         yield
@@ -74,15 +73,6 @@ async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it
             return found == warned
 
         await until(lambda: any(map(names_both, health)))
-
-
-async def test_source_that_cannot_be_made_stops_the_start_with_a_sentence() -> None:
-    async with memory_bench() as bench:
-        launch = bench.start(ImuBridge, ImuBridgeConfig(source="unmade"), "anna")
-        await until(launch.done)
-        with pytest.raises(ConfigError, match=r"'unmade' of strangers-parts cannot be started \(ZeroDiv"):
-            launch.result()
-        await bench.end(launch)
 
 
 def test_source_that_cannot_check_its_parameters_is_refused_in_one_sentence() -> None:

@@ -245,4 +245,4 @@ def declared() -> Iterator[DeclaredCommand]:
     for entry in entry_points(group=GROUP):
         head = None if entry.dist is None else entry.dist.metadata
         if head is not None and "Name" in head:
-            yield DeclaredCommand(entry.name, head["Name"], head["Summary"] if "Summary" in head else "")
+            yield DeclaredCommand(entry.name, head["Name"], head.get("Summary", ""))

@@ -115,13 +115,6 @@ async def test_misspelt_thing_is_refused_when_the_map_has_come() -> None:
 
 
 @in_virtual_time
-async def test_map_that_does_not_come_is_named() -> None:
-    async with shop(has_map=False) as (site, _bench):
-        with pytest.raises(NoMessageError, match="nothing came on map within 2 s"):
-            await anext(site.pointed("screws"))
-
-
-@in_virtual_time
 async def test_slow_function_delays_no_other_and_leaves_out_what_exceeds_eight_calls(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

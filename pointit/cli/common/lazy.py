@@ -245,4 +245,4 @@ def declared() -> Iterator[DeclaredCommand]:
     for entry in entry_points(group=GROUP):
         head = None if entry.dist is None else entry.dist.metadata
         if head is not None and "Name" in head:
-            yield DeclaredCommand(entry.name, head["Name"], head.get("Summary", ""))
+            yield DeclaredCommand(entry.name, head["Name"], (head.get_all("Summary") or [""])[0])

@@ -57,7 +57,6 @@ class Tracker:
         self._motion = Motion()
         self._stamp_ns = 0
         """Stamp of the last message of ours."""
-        self._count = 0
         if config.type == TF:
             buffer.want(config.frame)
 
@@ -95,12 +94,8 @@ class Tracker:
             return problems
         self._motion.keep(objects)
         self._stamp_ns = stamp_ns
-        self._count += 1
         message = TrackedObjects(
-            stamp_ns=stamp_ns,
-            seq=self._count,
-            objects=tuple(objects.values()),
-            latency_sigma_s=self._config.latency_sigma_s,
+            stamp_ns=stamp_ns, objects=tuple(objects.values()), latency_sigma_s=self._config.latency_sigma_s
         )
         return (BusOutput(OBJECTS, self._name, message), *problems)
 

@@ -54,7 +54,6 @@ class Wrist:
     """A person's arm from QuaternionStamped or Imu."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
         self._frames: dict[str, tuple[str, int]] = {}
         """Frame of the sensor in use of each person, and the time of its newest message, ns."""
 
@@ -75,9 +74,7 @@ class Wrist:
         if isinstance(turned, str) or problem:
             return (ConversionWarning(problem),)
         stamp_ns, problem = checks.stamp(value.header.stamp, context, _arm(context))
-        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
-        sample = WristSample(stamp_ns=stamp_ns, seq=count, orientation_xyzw=turned)
-        output = BusOutput(WRIST, context.name, sample)
+        output = BusOutput(WRIST, context.name, WristSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
         return (output, ConversionWarning(problem)) if problem else (output,)
 
     def _rival(self, frame: str, context: ConversionContext) -> str:
@@ -97,7 +94,6 @@ class Button:
 
     def __init__(self) -> None:
         self._down: dict[str, bool] = {}
-        self._counts: dict[str, int] = {}
 
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a std_msgs/Bool."""
@@ -105,10 +101,7 @@ class Button:
         self._down[context.name] = bool(value.data)
         if was_down or not value.data:
             return ()
-        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
-        return (
-            BusOutput(BUTTON, context.name, ButtonEvent(stamp_ns=context.stamp_ns, seq=count, source=SOURCE)),
-        )
+        return (BusOutput(BUTTON, context.name, ButtonEvent(stamp_ns=context.stamp_ns, source=SOURCE)),)
 
     def forget(self, user: str) -> None:
         """Reset the button of `user`: after leaving with it down they may press when they return."""
@@ -119,7 +112,6 @@ class Poses:
     """Poses of people from motion capture and other ROS nodes: {H} in {W}."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
         self._sent_ns: dict[str, int] = {}
         self._static: dict[str, Any] = {}
         """Static transforms in {W} by frame, also of people who may come later."""
@@ -218,10 +210,8 @@ class Poses:
         if isinstance(placed, str):
             return (ConversionWarning(placed),)
         position_m, yaw_rad = placed
-        count = self._counts[user] = self._counts.get(user, 0) + 1
         pose = UserPose(
             stamp_ns=stamp_ns,
-            seq=count,
             position_m=position_m,
             yaw_rad=yaw_rad,
             covariance=covariance,
@@ -287,50 +277,39 @@ class _Look(NamedTuple):
     width_m: float
 
 
-class Rays:
-    """Guests' rays."""
+def ray(value: Any, context: ConversionContext) -> Taken:
+    """Convert a geometry_msgs/PoseStamped of a guest. The first ones only make the person present.
 
-    def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
-
-    def __call__(self, value: Any, context: ConversionContext) -> Taken:
-        """Convert a geometry_msgs/PoseStamped. The first ones only make the person present.
-
-        A ray published before the subscription is known would give them a cursor.
-        """
-        ros_user = context.state.ros_users.get(context.name)
-        if ros_user is None:
-            return ()
-        what = f"the ray of {context.name}"
-        frame = frame_name(value.header.frame_id)
-        if frame not in ("", frame_name(context.frame)):
-            return (
-                ConversionWarning(
-                    f"{what} is in the frame {checks.named(frame)}: send it in {context.frame!r}"
-                ),
-            )
-        origin_m = checks.place(value.pose.position, what)
-        if isinstance(origin_m, str):
-            return (ConversionWarning(origin_m),)
-        turned = checks.quaternion(value.pose.orientation, what)
-        if isinstance(turned, str):
-            return (ConversionWarning(turned),)
-        ros_user.has_new_input = True
-        if not ros_user.is_here:
-            return ()
-        stamp_ns, problem = checks.stamp(value.header.stamp, context, what)
-        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
-        way = vector.normalized(rotation.rotate(turned, AHEAD))
-        ray = PointingRay(stamp_ns=stamp_ns, seq=count, origin_m=origin_m, direction=way)
-        output = BusOutput(RAY, context.name, ray)
-        return (output, ConversionWarning(problem)) if problem else (output,)
+    A ray published before the subscription is known would give them a cursor.
+    """
+    ros_user = context.state.ros_users.get(context.name)
+    if ros_user is None:
+        return ()
+    what = f"the ray of {context.name}"
+    frame = frame_name(value.header.frame_id)
+    if frame not in ("", frame_name(context.frame)):
+        return (
+            ConversionWarning(f"{what} is in the frame {checks.named(frame)}: send it in {context.frame!r}"),
+        )
+    origin_m = checks.place(value.pose.position, what)
+    if isinstance(origin_m, str):
+        return (ConversionWarning(origin_m),)
+    turned = checks.quaternion(value.pose.orientation, what)
+    if isinstance(turned, str):
+        return (ConversionWarning(turned),)
+    ros_user.has_new_input = True
+    if not ros_user.is_here:
+        return ()
+    stamp_ns, problem = checks.stamp(value.header.stamp, context, what)
+    way = vector.normalized(rotation.rotate(turned, AHEAD))
+    output = BusOutput(RAY, context.name, PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way))
+    return (output, ConversionWarning(problem)) if problem else (output,)
 
 
 class Subscriptions:
     """Guests' cursor subscriptions."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
         self._looks: dict[str, _Look] = {}
 
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
@@ -352,31 +331,23 @@ class Subscriptions:
             taken.append(ConversionWarning(look))
         elif not was or look != self._looks.get(user):
             self._looks[user] = look
-            taken.append(self._profile(user, look, context))
+            profile = UserProfile(
+                stamp_ns=context.stamp_ns,
+                cursor_color=look.color,
+                cursor_colormap=look.colormap,
+                cursor_width_m=look.width_m,
+            )
+            taken.append(BusOutput(PROFILE, user, profile))
         if not was:
             taken.append(interaction(state, user, context.stamp_ns, "they want a cursor"))
         return tuple(taken)
 
-    def _profile(self, user: str, look: _Look, context: ConversionContext) -> BusOutput:
-        count = self._counts[user] = self._counts.get(user, 0) + 1
-        profile = UserProfile(
-            stamp_ns=context.stamp_ns,
-            seq=count,
-            cursor_color=look.color,
-            cursor_colormap=look.colormap,
-            cursor_width_m=look.width_m,
-        )
-        return BusOutput(PROFILE, user, profile)
-
 
 def interaction(state: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
     """Return the state of the interaction of the ROS-only user `user`, as far as known."""
-    ros_user = state.ros_users[user]
-    ros_user.steps += 1
     message = Interaction(
         stamp_ns=stamp_ns,
-        seq=ros_user.steps,
-        state="pointing" if ros_user.is_subscribed else "idle",
+        state="pointing" if state.ros_users[user].is_subscribed else "idle",
         reason=f"in ROS: {reason}",
     )
     return BusOutput(INTERACTION, user, message)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.inbound import conveyor
-from pointit.bridges.ros2.inbound.person import Button, Poses, Rays, Subscriptions, Wrist, people_in
+from pointit.bridges.ros2.inbound.person import Button, Poses, Subscriptions, Wrist, people_in, ray
 from pointit.bridges.ros2.routing.names import PERSON
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
@@ -97,7 +97,7 @@ def inward() -> tuple[InboundRoute, ...]:
         ),
         InboundRoute(
             *("pointing_ray_in", "/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped"),
-            *(SENSOR, (topics.RAY,), Rays()),
+            *(SENSOR, (topics.RAY,), ray),
             rate_hz=200.0,
             frame=PERSON,
             of_ros_users=True,
@@ -175,7 +175,6 @@ class SimTimeInput:
         self._last_sample = _Sample(0, 0)
         self._speed = 1.0
         self._wait_ns = FIRST_NS
-        self._count = 0
 
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a rosgraph_msgs/Clock."""
@@ -199,8 +198,7 @@ class SimTimeInput:
 
     def _tick(self, sample: _Sample) -> Taken:
         self._last_sample = sample
-        self._count += 1
-        tick = ClockTick(stamp_ns=sample.wall_ns, seq=self._count, sim_ns=sample.sim_ns, speed=self._speed)
+        tick = ClockTick(stamp_ns=sample.wall_ns, sim_ns=sample.sim_ns, speed=self._speed)
         return (BusOutput(CLOCK, "", tick),)
 
 

@@ -115,8 +115,6 @@ class RosUser:
     """They want a cursor."""
     is_here: bool = False
     """The site knows of them."""
-    steps: int = 0
-    """Number of published states of the interaction."""
 
 
 class ConversionState:

@@ -2,6 +2,7 @@
 
 import asyncio
 import functools
+from collections import Counter
 from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
@@ -124,6 +125,8 @@ class Inbox:
         """Routes left to others, as `_ends`, and the timer to reclaim them once they are free."""
         self._publishers: dict[str, tuple[str, Publisher[Any]]] = {}
         """Our publishers by key, with the name they are about."""
+        self._counts: Counter[str] = Counter()
+        """Numbers of our last messages, by key."""
         self._asked: set[asyncio.Task[None]] = set()
         self._open = 0
         """Number of open requests."""
@@ -169,9 +172,12 @@ class Inbox:
         self._site.bus.clear("message", _subject(route, self._site.state, name))
 
     def publish(self, output: BusOutput) -> None:
-        """Publish on our bus."""
+        """Publish on our bus, numbered."""
         if not isinstance(output.at, Request) and isinstance(output.what, Message):
-            self._publisher(output.at, output.name).put(output.what)
+            key = output.at.at(output.name)
+            self._counts[key] += 1
+            numbered = output.what.model_copy(update={"seq": self._counts[key]})
+            self._publisher(output.at, output.name).put(numbered)
 
     def on_graph(self, graph: Graph) -> None:
         """Leave services to other nodes that offer them."""

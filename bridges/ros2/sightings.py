@@ -20,7 +20,7 @@ from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.text import round_beyond
 
 MAX_TRANSFORMS = 1000
-"""Maximum number of transforms read from one message, and of frames stored."""
+"""Maximum number of stored frames."""
 MAX_CHAIN = 32
 """Maximum number of transforms between a frame and the room."""
 
@@ -80,7 +80,7 @@ class TransformBuffer:
             is_static: it is one of /tf_static.
             now_ns: the time of moving transforms without a stamp, Unix ns.
         """
-        for each in value.transforms[:MAX_TRANSFORMS]:
+        for each in value.transforms:
             problem = self._store(each, None if is_static else now_ns)
             if problem:
                 yield problem
@@ -156,8 +156,6 @@ def yaw(turned: Quaternion) -> float:
 
 
 PACKAGES = "conveyor_msgs/PackageList"
-MAX_OBJECTS = 500
-"""Maximum number of objects of one message; others are left out."""
 MAX_ID = 64
 UNMEASURED = 1e3
 """A variance from which drivers mean that they do not measure the coordinate, m² or (m/s)²."""
@@ -224,7 +222,7 @@ def detections(value: Any) -> Seen:
 
 def packages(value: Any, state: ConversionState) -> Seen:
     """Return the objects of a conveyor_msgs/PackageList, which are on belts and strips of the map."""
-    return value.header.stamp, [_package(each, state) for each in value.packages[:MAX_OBJECTS]]
+    return value.header.stamp, [_package(each, state) for each in value.packages]
 
 
 READERS: dict[str, Reader] = {
@@ -313,7 +311,7 @@ def _package(value: Any, state: ConversionState) -> Sighting | str:
 
 
 def _detections(value: Any) -> Iterator[Sighting | str]:
-    for count, each in enumerate(value.detections[:MAX_OBJECTS]):
+    for count, each in enumerate(value.detections):
         what = f"detection {checks.named(each.id or str(count))}"
         best = max(each.results, key=_score, default=None)
         found = _posed(

@@ -60,8 +60,6 @@ LAND_BEFORE_S = (0.6, 0.1)
 """Part of the past before a press whose mean cursor is the landing place: pressing moves the arm."""
 MAX_WAYPOINTS = 32
 """Largest number of way-points of one path."""
-MAX_ROBOTS = 64
-"""Largest number of robots that are considered."""
 
 
 class RobotCue(NamedTuple):
@@ -233,8 +231,6 @@ class RobotSteering:
 
     def on_robot(self, name: str, state: RobotState, now_ns: int) -> list[Output]:
         """Process the state of a robot."""
-        if name not in self._robots and len(self._robots) >= MAX_ROBOTS:
-            return []
         self._robots[name] = (state, now_ns)
         self._choice.on_robot(name, state)
         is_new = abs(now_ns - self._pointing_since_ns) <= DECIDED_NS  # its reason is that of before

@@ -47,7 +47,7 @@ REPLACED_NS = 10 * NS_PER_S
 FOR_EVER_NS = 2**63 - 1
 
 MAX_TRANSFORMS = 1000
-"""Maximum number of transforms read from one message."""
+"""Maximum number of stored static transforms."""
 
 
 class Wrist:
@@ -145,7 +145,7 @@ class Poses:
 
     def tf_static(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
-        for each in value.transforms[:MAX_TRANSFORMS]:
+        for each in value.transforms:
             if _is_in_room(each, context):
                 if len(self._static) >= MAX_TRANSFORMS:
                     del self._static[next(iter(self._static))]
@@ -230,7 +230,7 @@ def _of_people(value: Any, context: ConversionContext) -> Iterator[tuple[Any, st
     """Yield the transforms to a known person's {H}, and the person."""
     state = context.state
     frames = {frame_name(state.frames.person(user)): user for user in state.people}
-    for each in value.transforms[:MAX_TRANSFORMS]:
+    for each in value.transforms:
         user = frames.get(frame_name(each.child_frame_id))
         if user is not None:
             yield each, user

@@ -1,7 +1,7 @@
 """Markers for RViz and Foxglove: the static room once per map, and everything that moves."""
 
 from collections.abc import Iterable, Iterator
-from itertools import islice, pairwise
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -99,11 +99,6 @@ class MarkerBuilder:
         return self._types.make("visualization_msgs/msg/MarkerArray", markers=markers)
 
 
-MAX_MARKERS = 2000
-"""Maximum number of markers of a map; a label says that there are more."""
-MAX_VERTICES = 200
-"""Maximum number of vertices of a line; longer ones are sampled evenly."""
-
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
 STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
@@ -121,12 +116,7 @@ GLASS = 0.35
 def map_markers(room: Environment, context: ConversionContext) -> Converted:
     """Return the map's markers, after one that deletes the previous map's."""
     markers = MarkerBuilder(context)
-    drawn = _room(markers, context.state, room)
-    made = [markers.blank(), *islice(drawn, MAX_MARKERS)]
-    if next(drawn, None) is not None:
-        words = f"the map has more than the {MAX_MARKERS} things that are drawn"
-        made.append(markers.label(words, "more", 0, (0.0, 0.0, 2.8), 0.3))
-    return (markers.array(made),)
+    return (markers.array([markers.blank(), *_room(markers, context.state, room)]),)
 
 
 def _room(markers: MarkerBuilder, state: ConversionState, room: Environment) -> Iterator[Any]:
@@ -225,9 +215,7 @@ def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
 
 
 def _vertices(line: Polyline) -> list[Vec3]:
-    count = len(line.vertices_m)
-    kept = np.unique(np.linspace(0, count - 1, min(count, MAX_VERTICES)).round().astype(int))
-    return [(x, y, z) for x, y, z in line.vertices_m[kept].tolist()]
+    return [(x, y, z) for x, y, z in line.vertices_m.tolist()]
 
 
 def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
@@ -244,8 +232,6 @@ LIFETIME_S = 2.0
 
 MAX_OBJECTS = 500
 """Maximum number of drawn objects; a label gives the number of others."""
-
-MAX_PEOPLE = 64
 
 FREE_RAY_M = 4.0
 """Drawn length of a ray that meets nothing."""
@@ -295,8 +281,7 @@ class Markers:
         """Return the scene's markers."""
         markers = MarkerBuilder(context, LIFETIME_S)
         state = context.state
-        people = sorted(state.people)[:MAX_PEOPLE]
-        made = [marker for user in people for marker in _person(markers, state, user)]
+        made = [marker for user in sorted(state.people) for marker in _person(markers, state, user)]
         made += _objects(markers, state)
         made += robots(markers, state)
         now = {(marker.ns, marker.id): None for marker in made}

@@ -153,8 +153,6 @@ class SimulatedQuadrotor:
         """Carry out `command` instead of the one before. Return why it is refused, or `""`."""
         if not self.is_flying and isinstance(command, (Follow, FollowPath)):
             return "it stands on the ground: let it take off first"
-        if isinstance(command, TakeOff) and command.height_m <= 0.0:
-            return f"it cannot take off to {command.height_m:g} m: the height must be above 0"
         here, was_descending = self._motion.lead_m, self._is_descending
         self._command, self._route, self._is_descending = command, None, False
         match command:

@@ -220,9 +220,6 @@ class OrderedRobot:
 
 def _problem(command: Command) -> str:
     """Return an error message if a number of `command` cannot be used, else `""`."""
-    speed_mps = ordered_speed(command)
-    if not speed_mps > 0.0:
-        return f"its speed is limited to {speed_mps:g} m/s: the limit must be above 0"
     match command:
         case Follow(position_m=position_m, yaw_rad=yaw_rad):
             numbers = [*position_m, yaw_rad or 0.0]

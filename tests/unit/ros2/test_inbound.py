@@ -396,4 +396,4 @@ def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they
     for count in range(MAX_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
     kept = row.on_presence(ConversionContext(scene, "anna", NOW_NS))
-    assert kept == (), "as many are kept as one message may have"
+    assert kept == (), "the number of those that are kept is bounded"

@@ -15,7 +15,6 @@ from pointit.bridges.ros2.outbound.markers import (
     DELETE,
     DELETE_ALL,
     HALTED,
-    MAX_MARKERS,
     MAX_OBJECTS,
     ellipse,
     ribbon,
@@ -372,10 +371,6 @@ def test_markers_are_bounded_and_say_so(table: Routes) -> None:
     (value,) = sent(out(table, "markers"), many, scene, "conveyor")
     assert len(value.markers) == MAX_OBJECTS + 1
     assert value.markers[-1].text.startswith("3 more")
-    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MAX_MARKERS))
-    (value,) = sent(out(table, "map_markers"), ROOM.model_copy(update={"lamps": lamps}), furnished(), "")
-    assert len(value.markers) == MAX_MARKERS + 2
-    assert str(MAX_MARKERS) in value.markers[-1].text
 
 
 def test_the_ellipse_has_the_axes_of_the_covariance() -> None:

@@ -319,7 +319,7 @@ class SerialSource:
                     self._watch_bad(framer, now_s)
                 change = watch.step(data, now_s, detection)
                 if change is not None:
-                    self._thread.post(self._on_silence, change)
+                    self._thread.post(self._health.warn, "silent", change)
                     if change and watch.received_bytes:
                         detection.forget()
         finally:
@@ -354,9 +354,6 @@ class SerialSource:
         self._awake = False  # first: later items wake the loop again
         while self._ready:
             self._deliver(self._ready.popleft())
-
-    def _on_silence(self, message: str) -> None:
-        self._health.warn("silent", message)
 
     def _watch_bad(self, framer: SerialFramer, now_s: float) -> None:
         if self._sensors.warning != self._others:

@@ -23,7 +23,6 @@ from tests.unit.localizer.person import (
     angles,
     biases,
     coordinates,
-    far,
     pointings,
     position_error_m,
     solved,
@@ -41,18 +40,6 @@ def test_exact_rays_give_the_exact_pose(x: float, y: float, yaw_rad: float, bias
     assert abs(yaw_difference(solution.yaw_rad, yaw_rad)) < 1e-3
     assert abs(solution.bias_rad - bias_rad) < 2e-3
     assert solution.residual_rad < 1e-3
-
-
-@given(coordinates, coordinates, angles, st.tuples(far, far, st.floats(-20, 20)))
-def test_the_world_origin_does_not_matter(x: float, y: float, yaw_rad: float, shift: Vec3) -> None:
-    east, north, up = shift
-    here = pointings(Person(x, y, yaw_rad), CORNERS, each=10, noise_rad=0.03)
-    there = dataclasses.replace(here, targets_m=here.targets_m + np.array(shift))
-    a, b = solved(here, LAX), solved(there, LAX, floor_m=up)
-    assert b.x_m - a.x_m == pytest.approx(east, abs=1e-6)
-    assert b.y_m - a.y_m == pytest.approx(north, abs=1e-6)
-    assert abs(yaw_difference(a.yaw_rad, b.yaw_rad)) < 1e-6
-    assert np.allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-9)
 
 
 @given(st.integers(0, 1000))

@@ -11,8 +11,7 @@ from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import Clock, VirtualClock, sleep
-from pointit.runtime.config.config import Layers
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     CancelLocalization,
     Environment,
@@ -321,18 +320,6 @@ async def test_a_sensor_that_is_worn_otherwise_begins_a_new_memory() -> None:
         remembered = (await localize_by_robot(room, mounting="phone")).remembered_bias
         assert remembered is not None
         assert (remembered.localizations, remembered.mounting) == (1, "phone")
-
-
-def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
-    layers = Layers()
-    layers.add({"trust": {"max_yaw_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
-    config = layers.build(LocalizerConfig)
-    assert config.lamps == ("a", "b")
-    assert config.believed().max_yaw_sigma_rad == pytest.approx(math.radians(3.0))
-    assert config.hold_s == 4.0
-    layers.add({"metod": "fixed"}, "file")
-    with pytest.raises(ConfigError, match="metod"):
-        layers.build(LocalizerConfig)
 
 
 def test_defaults_of_configuration_and_cores_are_equal() -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import bisect
-import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -72,8 +71,6 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """States in Home Assistant of the entities that are used, by entity."""
         self._names: Collection[str] = ()
         """Names of all entities, when they were read."""
-        self._new_names: dict[str, str] = {}
-        """New names of entities that were renamed."""
         self._hints: dict[str, str] = {}
         """Names that are similar to one that is not there."""
         self._should_read = False
@@ -160,8 +157,6 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
             await connection.subscribe("state_changed", self._on_state_changed)
-            with contextlib.suppress(RefusedError):  # of an old version
-                await connection.subscribe("entity_registry_updated", self._on_registry)
             await self._read_states(connection)
         finally:
             silence.cancel()
@@ -299,19 +294,11 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             return
         self._announce_change()
 
-    def _on_registry(self, data: Mapping[str, Any]) -> None:
-        before, after = data.get("old_entity_id"), data.get("entity_id")
-        if isinstance(before, str) and isinstance(after, str) and before in self._entities:
-            self._new_names[before] = after
-            self._announce_change()
-
     async def _hint(self, entity: str) -> str:
-        """Return the new name of an entity that is not there, or similar names, or `""`.
+        """Return names that are similar to that of an entity that is not there, or `""`.
 
         Everybody on the site can read it, so it lists no other entities of the home.
         """
-        if entity in self._new_names:
-            return f"now {self._new_names[entity]}"
         if entity not in self._hints:
             self._hints[entity] = await asyncio.to_thread(_similar_names, entity, self._names)
         return self._hints[entity]

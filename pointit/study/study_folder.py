@@ -5,14 +5,14 @@ import datetime as dt
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import BeforeValidator, Field, StrictBool
+from pydantic import Field, StrictBool
 
 from pointit.errors import ConfigError
 from pointit.maps.edit import dump_yaml
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.yaml_file import FLAGS, parse_yaml, read_yaml
+from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.host.state_file import write_atomically
 from pointit.study.append_only_csv import AppendOnlyCsv, free_path
 from pointit.study.model import Study, read_study
@@ -40,21 +40,13 @@ def no_note(_: str) -> None:
     """Ignore a sentence."""
 
 
-def _flag(value: object) -> object:
-    """Return `value` if it is true or false, also in a word of YAML 1.1. A number is neither."""
-    return FLAGS[value.lower()] == "true" if isinstance(value, str) and value.lower() in FLAGS else value
-
-
-Flag = Annotated[StrictBool, BeforeValidator(_flag)]
-
-
 class ParticipantRecord(Config):
     """The keys of `participant.yaml` that are read. It has more, and people may add their own."""
 
     pseudonym: str | int = ""
-    simulated: Flag = False
+    simulated: StrictBool = False
     order: tuple[str, ...] = ()
-    consented: Flag = False
+    consented: StrictBool = False
     begun: str | dt.datetime = ""
     ended: str | dt.datetime = ""
     clock_apart_s: float = Field(default=0.0, ge=0)
@@ -176,8 +168,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     about = read_yaml(path)
     layers = Layers()
     layers.add({name: about[name] for name in ParticipantRecord.model_fields if name in about}, str(path))
-    record = layers.build(ParticipantRecord)
-    return {**about, **{flag: getattr(record, flag) for flag in ("simulated", "consented") if flag in about}}
+    layers.build(ParticipantRecord)
+    return about
 
 
 def check_begun(folder: Path) -> None:

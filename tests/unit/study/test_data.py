@@ -219,25 +219,6 @@ def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("word", "value"),
-    [
-        ("yes", True),
-        ("On", True),
-        ("True", True),
-        ("y", True),
-        ("no", False),
-        ("'no'", False),
-        ("OFF", False),
-    ],
-)
-def test_consent_may_be_written_as_in_yaml_1_1(tmp_path: Path, word: str, value: object) -> None:
-    measured(tmp_path, {})
-    with (tmp_path / "data/01/participant.yaml").open("a") as file:
-        file.write(f"consented: {word}\n")
-    assert study_folder(tmp_path).about("01")["consented"] is value
-
-
-@pytest.mark.parametrize(
     ("line", "sentence"),
     [
         ("consented: maybe", "consented: write true or false"),

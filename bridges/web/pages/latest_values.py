@@ -87,9 +87,6 @@ MAX_EVENTS = 1024
 HISTORY = 200
 """Number of past events that a new page gets, for its messages."""
 
-MAX_GONE = 256
-"""Deleted keys kept for pages that have not been notified; beyond it those that all know are removed."""
-
 Change = tuple[str, str, bytes | None]
 """Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
@@ -133,7 +130,6 @@ class LatestValueCache:
         """Events that were not received here, see `recall`."""
         self._event_count = 0
         """Number of events so far, including those dropped from the ring."""
-        self._gone = 0
         self._feeds: set[PageFeed] = set()
 
     def has_room(self, topic: Topic[Any], name: str) -> bool:
@@ -171,15 +167,11 @@ class LatestValueCache:
         happened.sort(key=lambda event: event[0])
         return [change for _, change in happened[-HISTORY:]]
 
-    def forget(self, topic: Topic[Any], name: str) -> bool:
-        """Mark a key's message as no longer valid. Return True if there was one."""
+    def forget(self, topic: Topic[Any], name: str) -> None:
+        """Mark a key's message as no longer valid, if there is one."""
         entry = self._entries.get((topic.key, name))
-        if entry is None or entry.change[2] is None:
-            return False
-        self._set((topic.key, name, None))
-        if self._gone > MAX_GONE or not self._feeds:
-            self._drop_gone()
-        return True
+        if entry is not None and entry.change[2] is not None:
+            self._set((topic.key, name, None))
 
     def become(self, other: "LatestValueCache") -> None:
         """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
@@ -241,15 +233,12 @@ class LatestValueCache:
 
     def _set(self, change: Change) -> None:
         key = (change[0], change[1])
-        before = self._entries.pop(key, None)
-        if before is not None and before.change[2] is None:
-            self._gone -= 1
-        if change[2] is None:
-            self._gone += 1
+        self._entries.pop(key, None)
         self._version += 1
         self._entries[key] = _Entry(self._version, change)
 
     def _drop_gone(self) -> None:
+        """Remove what is no longer valid, as all pages know."""
         sent_version = min((feed.version for feed in self._feeds), default=self._version)
         gone = [
             key
@@ -258,7 +247,6 @@ class LatestValueCache:
         ]
         for key in gone:
             del self._entries[key]
-        self._gone -= len(gone)
 
 
 class PageFeed:

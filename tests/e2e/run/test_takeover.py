@@ -14,16 +14,8 @@ import pytest
 from pointit.schemas import SelectionEvent, SetTolerance
 from pointit.schemas.topics import CURSOR, HOVER, RAY, SELECTION_EVENTS, SET_TOLERANCE, Topic
 from tests.support.bench import until
-from tests.support.commands import (
-    Command,
-    Commands,
-    Ended,
-    Onlooker,
-    doctor_is_content,
-    onlooker,
-    start_delay_s,
-)
-from tests.support.pace import Patience, within
+from tests.support.commands import Command, Commands, Onlooker, doctor_is_content, onlooker
+from tests.support.pace import Patience
 
 TAKEN_OVER_S = 20.0
 """Lease and listening are 5 s; the rest is a busy machine."""
@@ -194,36 +186,6 @@ async def test_when_only_shards_fail_the_site_serves_the_person(commands: Comman
         await selects(seen)
         os.kill(stopped, signal.SIGCONT)
         await is_served_by(seen, "pui", "selector.anna")
-
-
-SERVICES = (
-    *("pui", "selector", "led-driver", "conveyor-sim", "pointing.user1", "localizer.user1"),
-    *("supervisor.user1", "user-sim.user1"),
-)
-NOTICED_S = 5.0
-
-
-def reported(ended: Ended) -> dict[str, Any]:
-    report: dict[str, Any] = json.loads(ended.out)
-    return report
-
-
-async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_3", "--processes", "--no-view", "--duration", "600", "--listen", endpoint)
-    async with onlooker(endpoint) as seen:
-        await until(lambda: set(SERVICES) <= set(seen.health), 30, "health of all")
-        pid = seen.health["pui"].pid
-        delay_s = await start_delay_s(commands.pointit)
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
-            assert within(ended.took_s, NOTICED_S + delay_s)
-        finally:
-            os.kill(pid, signal.SIGCONT)
-        assert ended.code == 1
-        (finding,) = (item for item in reported(ended)["findings"] if item["service"] == "pui")
-        assert finding["code"] == "stopped"
-        await doctor_is_content(commands, endpoint)
 
 
 async def test_a_run_that_is_killed_while_it_starts_leaves_no_orphan(

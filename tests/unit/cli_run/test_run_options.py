@@ -155,7 +155,9 @@ def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
     services = person(choices)
     assert services["user-sim"]["position_m"] == (1.0, 2.0, 0.0)
     assert services["user-sim"]["yaw_deg"] is None
+    assert services["localizer"]["method"] == "static_targets"
     assert services["localizer"]["position_m"] != (1.0, 2.0, 0.0)
+    assert services["supervisor"]["localize"] is True
     given = Choices(localize=True, poses=(FloorPose(x_m=1.0, y_m=2.0, yaw_deg=40.0),))
     assert person(given)["user-sim"]["yaw_deg"] == 40.0
     with pytest.raises(ConfigError, match=r"--pose 1,2: --localize finds the pose"):

@@ -109,15 +109,6 @@ def test_vanished_deployment_is_retained_for_a_day() -> None:
     assert held(kept, topics.DEPLOYMENT) == {}
 
 
-def test_deployment_ended_on_purpose_is_dropped() -> None:
-    kept = shelf()
-    for name in ("anna", "ben"):
-        kept.take(topics.DEPLOYMENT, name, deployment(name), NOW_NS)
-    kept.take(topics.DEPLOYMENT, "anna", deployment("anna", is_over=True), NOW_NS)
-    assert set(held(kept, topics.DEPLOYMENT)) == {"ben"}
-    assert len(kept) == 1
-
-
 def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -> None:
     kept = shelf()
     for name, scenario in (("run.scenario_4", "scenario_4"), ("anna", ""), ("run.scenario_2", "scenario_2")):
@@ -154,6 +145,7 @@ def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
             Localization(stamp_ns=1, phase="solved"),
             Localization(stamp_ns=1, phase="sampling"),
         ),
+        (topics.DEPLOYMENT, deployment("anna"), deployment("anna", is_over=True)),
     ],
 )
 def test_misleading_state_drops_the_one_before(

@@ -91,16 +91,6 @@ def test_people_get_places_and_seeds_of_their_own() -> None:
     assert people[3][0].config == people[0][0].config
 
 
-def test_localize_tells_nobody_where_people_stand() -> None:
-    launches = person(localize=True)
-    localizer, plain = config_of(launches, "localizer"), config_of(person(), "localizer")
-    assert (localizer["method"], plain["method"]) == ("static_targets", "fixed")
-    assert localizer["position_m"] != plain["position_m"]
-    assert config_of(launches, "supervisor")["localize"] is True
-    assert config_of(launches, "user-sim")["yaw_deg"] is None
-    assert config_of(launches, "user-sim")["position_m"] == plain["position_m"]
-
-
 @pytest.mark.parametrize(
     ("device", "source", "section", "field"),
     [

@@ -56,9 +56,6 @@ class OpenLoopError:
 BOOT_SPAN_S = 3600.0
 """Maximum time since the band was switched on, at the start, s."""
 
-MAX_RUNNING_S = 9e9
-"""Limit of the band's clock, s (285 years)."""
-
 
 class Wristband:
     """Measures the arm's orientation in {H} with typical errors."""
@@ -84,8 +81,7 @@ class Wristband:
         """Return the sample at `now_ns`, or None if the radio loses it."""
         passed_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
-        # clamped before it exceeds the message's range
-        self._running_s = min(self._running_s + passed_s * self._pace, MAX_RUNNING_S)
+        self._running_s += passed_s * self._pace
         self._drift(passed_s)
         half_rad = 0.5 * math.radians(self._config.noise_sd_deg)
         x, y, z = self._rng.standard_normal(3).tolist()

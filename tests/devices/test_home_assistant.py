@@ -443,20 +443,15 @@ def test_file_without_a_token_is_named_and_not_quoted(content: bytes, sentence: 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="rights of files")
-def test_token_that_others_can_read_is_refused(tmp_path: Path) -> None:
-    config = config_of(tmp_path, 1)
-    Path(config.token_file).chmod(0o640)
-    with pytest.raises(ConfigError, match=r"token: others can read it; make it yours alone with `chmod 600"):
-        config.read_token()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="rights of files")
-def test_token_of_another_owner_may_be_for_a_group_and_those_of_a_read_only_mount_have_any_rights(
+def test_own_token_is_for_nobody_else_that_of_another_owner_for_a_group_that_of_a_read_only_mount_for_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As systemd (`LoadCredential`, 0440 of root), and a container's engine (secrets, 0444) give them."""
     config = config_of(tmp_path, 1)
     path, me = Path(config.token_file), os.geteuid()
+    path.chmod(0o640)
+    with pytest.raises(ConfigError, match=r"token: others can read it; make it yours alone with `chmod 600"):
+        config.read_token()
     path.chmod(0o440)
     monkeypatch.setattr(os, "geteuid", lambda: me + 1)
     assert config.read_token()

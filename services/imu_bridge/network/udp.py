@@ -15,7 +15,7 @@ from pointit.services.imu_bridge.network.datagram_source import (
     Decoder,
     vector,
 )
-from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineParser, compile_line
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineParser, validated_form
 from pointit.services.imu_bridge.sources import ImuSource, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.streams import (
     ContentError,
@@ -53,12 +53,7 @@ class UdpConfig(DatagramConfig):
         default="", description="form of a line of text, or of JSON as a line of text, as of `serial.line`"
     )
 
-    @field_validator("line")
-    @classmethod
-    def _form(cls, line: str) -> str:
-        if line:
-            compile_line(line)
-        return line
+    _form = field_validator("line")(validated_form)
 
 
 class UdpDecoder(Decoder):

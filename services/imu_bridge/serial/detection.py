@@ -17,7 +17,7 @@ from pointit.services.imu_bridge.serial.framers import (
     WitMotionFramer,
     Ximu3Framer,
 )
-from pointit.services.imu_bridge.serial.line_parser import compile_line
+from pointit.services.imu_bridge.serial.line_parser import validated_form
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.sources import Item, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.streams import Order, SensorChoice
@@ -66,12 +66,7 @@ class SerialConfig(Config):
         description="time without readable data after which a connected device is a warning, s",
     )
 
-    @field_validator("line")
-    @classmethod
-    def _form(cls, line: str) -> str:
-        if line:
-            compile_line(line)
-        return line
+    _form = field_validator("line")(validated_form)
 
 
 TRY_S = 1.0

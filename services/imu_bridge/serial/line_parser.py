@@ -104,6 +104,13 @@ def compile_line(line: str) -> re.Pattern[str]:
     return re.compile(expression)
 
 
+def validated_form(line: str) -> str:
+    """Return `line`, which is empty or a form of a line. Raises ValueError like `compile_line` otherwise."""
+    if line:
+        compile_line(line)
+    return line
+
+
 def suggested_line(text: str) -> str:
     """Return the form of the line `text` in which each number is `{_}`, to be filled in by a person."""
     number = _COMMA if "." not in text and _DECIMAL_COMMA.search(text) else _POINT

@@ -25,6 +25,8 @@ from pydantic import (
 from pydantic.alias_generators import to_camel
 from pydantic_core import from_json
 
+from pointit.schemas.text import one_line
+
 KINDS = ("connection", "state", "visualization")
 STANDARD_PREFIX = re.compile(r"[^/]+/v\d")
 """Levels before the manufacturer by the standard: interface and major version."""
@@ -217,7 +219,7 @@ def _remove(
             path, value = path[:-1], "missing"
             problems.setdefault(name, "is missing")
         elif value is not None:
-            problems.setdefault(name, f"is {_shorten(repr(value))}")
+            problems.setdefault(name, f"is {one_line(repr(value), MAX_SHOWN)}")
         if not path:
             return False
         paths.add(path)
@@ -230,10 +232,6 @@ def _remove(
         else:
             del part[path[-1]]
     return True
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
 
 
 class TimestampCheck:

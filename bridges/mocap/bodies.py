@@ -132,8 +132,6 @@ class _Track:
     @property
     def velocity_mps(self) -> Vec3:
         """Return the mean velocity in `poses`, which is 0 if they are too few."""
-        if not self.poses:
-            return (0.0, 0.0, 0.0)
         first, last = self.poses[0], self.poses[-1]
         since_ns = last.stamp_ns - first.stamp_ns
         if since_ns <= VELOCITY_NS / 2:
@@ -162,7 +160,7 @@ class Bodies:
         poses: list[tuple[_Track, BodyPose]] = []
         head_tracks: list[_Track] = []
         is_y_up, scale = (self._config.up or timed.up) == "y", 0.001 if self._config.unit == "mm" else 1.0
-        for name, body in timed.bodies[:MAX_BODIES]:
+        for name, body in timed.bodies:
             track = self._tracks.setdefault(name, _Track())
             track.streamed_ns, track.fault = timed.stamp_ns, _fault(name, body, counts[name])
             if track.fault:

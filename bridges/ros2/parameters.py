@@ -19,12 +19,13 @@ from typing import Any, cast
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.message_format import MAX_NAME, listed, shown
+from pointit.bridges.ros2.message_format import MAX_NAME, listed
 from pointit.bridges.ros2.over_zenoh.backend import NEEDS
 from pointit.bridges.ros2.types.types import NO_HASH, Types
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.service.plugin_guard import NullHealth
+from pointit.schemas.text import one_line
 
 Value = bool | int | float | str | list[Any]
 """A list holds values of one of the other types: ROS has no lists of lists."""
@@ -179,7 +180,7 @@ class NodeParameters:
         if not names:
             why = self._backend.problem or self._needs
             return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
-        there_are = listed((shown(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
+        there_are = listed((one_line(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
         return f"there is no node {self._node} in domain {self._domain}; there are {there_are}"
 
     async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
@@ -435,11 +436,11 @@ def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
         return parse_yaml(text.encode(), where)  # unstripped: all its lines may be indented
     path = Path(word)
     if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
-        say(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too")
+        say(f"{where} is the path {one_line(word, MAX_PATH)}, of a file that is here too")
         return read_yaml(path)
     raise ConfigError(
-        f"{where} is a path, {shown(word, MAX_PATH)!r}, of a file on that node's machine; copy the file to "
-        "this one, and give it as it is: --set pui.map=FILE"
+        f"{where} is a path, {one_line(word, MAX_PATH)!r}, of a file on that node's machine; copy the file "
+        "to this one, and give it as it is: --set pui.map=FILE"
     )
 
 

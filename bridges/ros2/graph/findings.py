@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos
-from pointit.bridges.ros2.message_format import listed, nodes, short, short_hash
+from pointit.bridges.ros2.message_format import MAX_NAME, listed, nodes
 from pointit.bridges.ros2.types.types import NO_HASH
+from pointit.schemas.text import one_line
 
 COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "publisher": "subscriber",
@@ -16,6 +17,8 @@ COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "client": "server",
 }
 
+MAX_HASH = 21
+"""Maximum characters of a type's hash in a message."""
 
 Matching = Literal["definition", "type"]
 """Condition for messages to pass between endpoints of the same name: equal type and definition, or equal type
@@ -75,7 +78,7 @@ def findings(
 
 
 def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
-    names = sorted({short(each.node) for each in others if each.is_bridge})
+    names = sorted({one_line(each.node, MAX_NAME) for each in others if each.is_bridge})
     if not names:
         return []
     return [
@@ -114,8 +117,8 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
             Finding(
                 about=f"type of {mine.name}",
                 sentence=f"ROS {nodes(mismatched, 'uses', 'use')} {mine.name} as "
-                f"{short(mismatched[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one of "
-                "the two",
+                f"{one_line(mismatched[0].type.name, MAX_NAME)}, we as {mine.type.name}: nothing arrives; "
+                "rename one of the two",
             )
         )
     rebuilt = [
@@ -132,9 +135,9 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
             Finding(
                 about=f"definition of {mine.name}",
                 sentence=f"ROS {nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
-                f"on {mine.name} expected {short_hash(mine.type.hash)}, saw "
-                f"{short_hash(rebuilt[0].type.hash)}, and {what}; rebuild {package} there from PointIt's "
-                "folder interfaces, or from a distribution whose definition is the same",
+                f"on {mine.name} expected {one_line(mine.type.hash, MAX_HASH)}, saw "
+                f"{one_line(rebuilt[0].type.hash, MAX_HASH)}, and {what}; rebuild {package} there from "
+                "PointIt's folder interfaces, or from a distribution whose definition is the same",
             )
         )
     return found

@@ -10,6 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import NORM_TOLERANCE
+from pointit.schemas.text import one_line
 
 LATE_NS = 10 * NS_PER_S
 """Stamps further in the past belong to another clock."""
@@ -77,5 +78,4 @@ def stamp(value: Any, context: ConversionContext, label: str) -> tuple[int, str]
 
 def named(name: str) -> str:
     """Return a foreign name for messages."""
-    shown = repr(name)
-    return shown if len(shown) <= MAX_NAME else f"{shown[: MAX_NAME - 3]}..."
+    return one_line(repr(name), MAX_NAME)

@@ -4,8 +4,7 @@
 """
 
 import re
-
-from pointit.bridges.ros2.message_format import holds_text
+from typing import Literal
 
 WORLD = "{world}"
 """Stands for the frame {W} in a route."""
@@ -29,9 +28,13 @@ def is_fixed(name: str) -> bool:
 
 
 def holds_frame(cdr: bytes, name: str) -> bool:
-    """Return True if the CDR of a message has the frame `name`, with or without a slash."""
-    name = frame_name(name)
-    return holds_text(cdr, name) or holds_text(cdr, f"/{name}")
+    """Return True if the CDR of a message has the frame `name`, with or without a slash.
+
+    Decoding takes 200 times as long.
+    """
+    order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
+    texts = (f"{slash}{frame_name(name)}".encode() for slash in ("", "/"))
+    return any((len(each) + 1).to_bytes(4, order) + each in cdr for each in texts)  # no longer name
 
 
 class RosNames:

@@ -18,8 +18,6 @@ Point = tuple[float, float]
 
 SAME_M = 0.01
 """Distance below which two places are the same, m."""
-MAX_POINTS = 1000
-"""Maximum number of way-points."""
 
 PREFIX = "pointit-"
 """Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""
@@ -193,11 +191,8 @@ class Route:
         return self._ahead[-1] if self._ahead else None
 
     def replace(self, points: Iterable[Point]) -> None:
-        """Forget the way ahead, and go along `points`, the first 1000 of them."""
-        self._ahead.clear()
-        for point in points:
-            if len(self._ahead) < MAX_POINTS:
-                self._ahead.append(point)
+        """Forget the way ahead, and go along `points`."""
+        self._ahead = deque(points)
 
     def next_node(self, start: Point, step_m: float) -> Point | None:
         """Return the place of the next node behind one at `start`, `step_m` away at most.

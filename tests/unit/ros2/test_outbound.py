@@ -287,17 +287,11 @@ def test_steps_that_are_numbers_are_told(table: Routes, step: str, told: list[in
     assert [value.data for value in sent(out(table, "step_number"), state, furnished(), "")] == told
 
 
-def test_lights_are_told_in_ros_colours(table: Routes) -> None:
-    frame = models.StripsFrame(
-        stamp_ns=NOW_NS, strips=(models.StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),)
-    )
-    (value,) = sent(out(table, "led_strips"), frame, furnished(), "")
+def test_strips_are_told_by_their_numbers_in_ros_colours(table: Routes) -> None:
+    strips = (models.StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),)
+    (value,) = sent(out(table, "led_strips"), models.StripsFrame(stamp_ns=NOW_NS, strips=strips), furnished())
     (strip,) = value.strips
     assert (strip.id, strip.color_order, strip.data.tolist()) == (3, 0, [1, 2, 3, 4, 5, 6])
-    row = out(table, "lamp_color")
-    (value,) = sent(row, models.LampColor(stamp_ns=NOW_NS, color=(255, 0, 51)), furnished(), "led_0")
-    assert (value.r, value.g, value.a) == (1.0, 0.0, 1.0)
-    assert row.ros_name(furnished(), "led_0") == "/led_0/color"
 
 
 def test_health_is_diagnostics_without_what_ros_texts_cannot_hold(table: Routes) -> None:

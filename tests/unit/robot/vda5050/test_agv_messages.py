@@ -216,7 +216,7 @@ def test_a_field_that_cannot_be_read_is_left_out_by_name_and_all_others_are_used
 
 
 def test_a_long_value_is_shortened_visibly() -> None:
-    assert state(timestamp="x" * 99).unreadable["timestamp"] == f"is '{'x' * 36}..."
+    assert state(timestamp="x" * 99).unreadable["timestamp"] == f"is '{'x' * 38}…"
 
 
 def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from pointit.geometry.solids import is_level
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Steering
+from pointit.schemas import NS_PER_S, Cursor, Goal, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
@@ -160,8 +159,6 @@ UNREACHABLE = "the robot cannot go where you point: point at the floor"
 WORKSPACE = "workspace/"
 """Beginning of the ids of surfaces about a person."""
 
-LEVEL_WORKSPACE = "workspace/horizontal"
-
 MAX_STEP_M = 0.3
 """Height over or under a ground robot up to which a place is on its floor: ramps are, tables are not, m."""
 
@@ -176,7 +173,7 @@ class CommandPlanner:
         self._safety = safety
         self._owners = owners
         self._order = order
-        self.targets = Targets(config)
+        self._is_flying_kind = config.kind == "quadrotor"
         self._goal_ns: dict[str, int] = {}
         """Stamps of the last goals by person."""
         self._goal: Goal | None = None
@@ -261,7 +258,7 @@ class CommandPlanner:
         return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
 
     def _following(self, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
-        target = None if cursor is None else self.targets.of_cursor(cursor, report.position_m)
+        target = None if cursor is None else self._target(cursor, report.position_m)
         if target is None:
             return self._stay(UNREACHABLE)
         set_point = self._safety.set_point(self._owners.user, target, now_ns)
@@ -273,10 +270,10 @@ class CommandPlanner:
         if goal is None:
             return None
         here_m, wanted_m = report.position_m, (*goal.via_m, goal.position_m)
-        if not all(self.targets.is_reachable(point, here_m) for point in wanted_m):
+        if not all(self._is_reachable(point, here_m) for point in wanted_m):
             self.problem = UNREACHABLE
             return None
-        points = tuple(self.targets.above(point, here_m) for point in wanted_m)
+        points = tuple(self._above(point, here_m) for point in wanted_m)
         user = self._owners.user
         self.problem = self._safety.target_problem(user, points, now_ns, sigma_m=goal.position_sigma_m)
         if self.problem:
@@ -288,7 +285,7 @@ class CommandPlanner:
         command = self._order.command
         if isinstance(command, Land) and command.position_m == place_m:
             return None
-        way = () if place_m is None else (self.targets.above(place_m, report.position_m), place_m)
+        way = () if place_m is None else (self._above(place_m, report.position_m), place_m)
         problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
         if problem:
             self._refused = ("land", place_m)
@@ -296,37 +293,24 @@ class CommandPlanner:
         self.problem = ""
         return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
 
+    def _target(self, cursor: Cursor, here_m: Vec3) -> Vec3 | None:
+        """Return where the robot, now at `here_m`, is to go, or None if it cannot go where `cursor` is.
 
-class Targets:
-    """Converts pointed places: a quadrotor hovers above level ones, a ground robot uses no others."""
-
-    def __init__(self, config: RobotConfig) -> None:
-        self._is_flying_kind = config.kind == "quadrotor"
-        self._height_m = config.hover_m if self._is_flying_kind else 0.0
-        self._level: frozenset[str] = frozenset()
-
-    def on_map(self, environment: Environment) -> None:
-        """Update the level planes."""
-        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
-
-    def of_cursor(self, cursor: Cursor, here_m: Vec3) -> Vec3 | None:
-        """Return where the robot, now at `here_m`, is to go, or None if it cannot go where `cursor` is."""
+        A quadrotor hovers above level places, a ground robot goes to no others.
+        """
         point, where = cursor.point_m, cursor.surface_id
-        if point is None or not self.is_reachable(point, here_m):
+        if point is None or not self._is_reachable(point, here_m):
             return None
-        if where == LEVEL_WORKSPACE:
-            return self.above(point, here_m)
-        if where.startswith(WORKSPACE):
-            return point if self._is_flying_kind else None
-        if cursor.solid != "plane" or where not in self._level:
-            return None
-        is_from_above = cursor.origin_m is None or point[2] < cursor.origin_m[2]
-        return self.above(point, here_m) if is_from_above else None
+        if not self._safety.people.is_on_level(cursor):
+            return point if self._is_flying_kind and where.startswith(WORKSPACE) else None
+        is_below = cursor.origin_m is None or point[2] < cursor.origin_m[2]
+        return self._above(point, here_m) if is_below or where.startswith(WORKSPACE) else None
 
-    def is_reachable(self, point_m: Vec3, here_m: Vec3) -> bool:
+    def _is_reachable(self, point_m: Vec3, here_m: Vec3) -> bool:
         """Return True unless a ground robot at `here_m` cannot get up or down to `point_m`."""
         return self._is_flying_kind or abs(point_m[2] - here_m[2]) <= MAX_STEP_M
 
-    def above(self, point_m: Vec3, here_m: Vec3) -> Vec3:
+    def _above(self, point_m: Vec3, here_m: Vec3) -> Vec3:
         """Return where the robot is to be for a place on the ground. A ground robot stays at its height."""
-        return (point_m[0], point_m[1], point_m[2] + self._height_m if self._is_flying_kind else here_m[2])
+        height_m = point_m[2] + self._config.hover_m if self._is_flying_kind else here_m[2]
+        return (point_m[0], point_m[1], height_m)

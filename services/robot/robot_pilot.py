@@ -124,7 +124,6 @@ class RobotPilot:
 
     def on_map(self, environment: Environment) -> None:
         """Update the map."""
-        self._planner.targets.on_map(environment)
         self._safety.on_map(environment)
 
     def on_presence(self, user: str, *, present: bool) -> None:

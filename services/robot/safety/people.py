@@ -169,10 +169,13 @@ class PeopleNearRobot:
         pose = self._poses.get(user)
         if pose is None or cursor.origin_m is None or cursor.point_m is None:
             return math.inf
-        is_level = cursor.surface_id == LEVEL_WORKSPACE or (
-            cursor.solid == "plane" and cursor.surface_id in self._level
-        )
         aim_rad = math.radians(self._config.aim_sigma_deg)
+        is_level = self.is_on_level(cursor)
         return place_sigma_m(
             cursor.point_m, pose.position_m, pose.covariance, cursor.origin_m, aim_rad, is_level=is_level
         )
+
+    def is_on_level(self, cursor: Cursor) -> bool:
+        """Return True if `cursor` is on a level plane of the map, or on the one about the person."""
+        is_on_plane = cursor.solid == "plane" and cursor.surface_id in self._level
+        return is_on_plane or cursor.surface_id == LEVEL_WORKSPACE

@@ -177,9 +177,6 @@ def _stamped_pose(context: ConversionContext, place_m: Vec3, turned: rotation.Qu
     return values.stamped(context, "geometry_msgs/msg/PoseStamped", pose=pose)
 
 
-MAX_PACKAGES = 2000
-"""Maximum number of objects in one list, as in our messages."""
-
 _NONE = np.empty(0, dtype=np.uint32)
 
 
@@ -195,7 +192,7 @@ def packages(_message: Message, context: ConversionContext) -> Converted:
         if item.id in things:
             continue
         place = _along(state, item.surface, item.surface_id, item.surface_position_m)
-        if place is not None and len(made) < MAX_PACKAGES:
+        if place is not None:
             made.append(_package(state, item, place))
     return values.stamped(context, "conveyor_msgs/msg/PackageList", packages=made)
 

@@ -8,9 +8,6 @@ from pointit.recording.entries import Entry, Head, RecordingError, make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.host.state_file import replaced_file
 
-PART = ".part"
-"""Suffix of the file until it is complete."""
-
 TICK = 1000
 """Entries between two reports of progress."""
 

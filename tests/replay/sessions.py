@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pointit.recording.entries import Entry, make_head
+from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
-from pointit.recording.writer import RecordingWriter
 from pointit.replay.playing import Collector
 from pointit.replay.replayed_services import SERVICES, Split
 from pointit.runtime.bus.contract import Bus
@@ -16,6 +15,7 @@ from tests.golden import scripts
 from tests.golden.bad_link import BadLink
 from tests.golden.sessions import SESSIONS as GOLDEN
 from tests.golden.sessions import Session, choices, play
+from tests.support.recorded import write_recording
 
 RECORDINGS = Path(__file__).with_name("recordings")
 
@@ -59,13 +59,8 @@ def record(name: str) -> Path:
     end_ns = START_NS + round((session.duration_s - 0.01) * NS_PER_S)
     path = RECORDINGS / f"{name}.mcap"
     path.parent.mkdir(exist_ok=True)
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("memory", START_NS, seed=session.choices.seed))
-        for entry in entries:
-            if entry.time_ns < end_ns and _is_input(entry, split):
-                writer.add(entry)
-        writer.close()
-    return path
+    inputs = (entry for entry in entries if entry.time_ns < end_ns and _is_input(entry, split))
+    return write_recording(path, inputs, seed=session.choices.seed)
 
 
 def _is_input(entry: Entry, split: Split) -> bool:

@@ -13,13 +13,14 @@ import sys
 import tempfile
 from collections.abc import AsyncGenerator
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.recordings.replay import command
-from pointit.recording.entries import Entry, make_head
+from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.replay.playing import Collector
@@ -46,6 +47,7 @@ from pointit.schemas.topics import (
 from pointit.services.led_driver.service import LedDriver
 from tests.golden.sessions import Session, choices, play
 from tests.replay.sessions import RECORDINGS
+from tests.support.recorded import write_recording
 
 CUT_NS = START_NS + 7 * NS_PER_S
 
@@ -84,13 +86,8 @@ def session_with_requests() -> list[Entry]:
     return [entry for entry in entries if entry.time_ns < START_NS + 5.9 * NS_PER_S]
 
 
-def write(path: Path, entries: list[Entry]) -> Path:
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("memory", entries[0].time_ns))
-        for entry in entries:
-            writer.add(entry)
-        writer.close()
-    return path
+def write(path: Path, entries: list[Entry], **head: Any) -> Path:
+    return write_recording(path, entries, entries[0].time_ns, **head)
 
 
 def since(entries: list[Entry], cut_ns: int) -> list[Entry]:
@@ -300,13 +297,8 @@ def test_an_interrupted_replay_ends_its_services_and_leaves_nothing_behind(
 
 
 def test_a_recording_without_samples_says_what_is_missing_and_where_to_start(tmp_path: Path) -> None:
-    path = tmp_path / "noimu.mcap"
     entries = [entry for entry in whole_session() if entry.row is not IMU]
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("memory", entries[0].time_ns, without=("imu",)))
-        for entry in entries:
-            writer.add(entry)
-        writer.close()
+    path = write(tmp_path / "noimu.mcap", entries, without=("imu",))
     said = "recorded without imu: what services compute from it is missing"
     assert f"{said}; --from cursors needs no imu" in invoke(path).stderr
     result = invoke(path, "--from", "cursors", "--compare")

@@ -4,15 +4,16 @@ import asyncio
 import functools
 import os
 import tempfile
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from pointit.conversion.recording_file import new_recording
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.recording.entries import Entry, entry, make_head
-from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import run_services
@@ -32,13 +33,12 @@ def session(scenario: str, duration_s: float, users: tuple[str, ...] = ("anna",)
         return run_virtually(_session(scenario, duration_s, users))
 
 
-def write_recording(path: Path, entries: list[Entry]) -> None:
-    """Write a recording of `entries`."""
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head(SITE, START_NS))
+def write_recording(path: Path, entries: Iterable[Entry], began_ns: int = START_NS, **head: Any) -> Path:
+    """Write a recording of `entries`, with more fields of its `head` if given, and return its path."""
+    with new_recording(path, make_head(SITE, began_ns, **head), overwrite=True) as writer:
         for each in entries:
             writer.add(each)
-        writer.close()
+    return path
 
 
 async def _session(scenario: str, duration_s: float, users: tuple[str, ...]) -> list[Entry]:

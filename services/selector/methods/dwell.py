@@ -23,7 +23,7 @@ class Dwell:
     Time is cut into timesteps of the cursors' stamps. A timestep's object is the one hovered by the newest
     cursor at the end of the timestep, or nothing if that cursor is older than `longest_gap_s` by then: a
     wrist at 5 to 10 Hz leaves some timesteps without a cursor of their own. When a timestep is over, the
-    window is the last `window_s / timestep_s` of them:
+    window is the last `window_s / TIMESTEP_S` of them:
 
     - `hold`: the same object at every timestep of the window toggles. One flicker restarts it.
     - `fraction`: an object hovered at `fraction` of the window's timesteps, or more, toggles.
@@ -42,19 +42,18 @@ class Dwell:
         method: Method = "hold",
         *,
         window_s: float = 0.8,
-        timestep_s: float = TIMESTEP_S,
         fraction: float = 0.8,
         release_s: float = 0.5,
         longest_gap_s: float = 0.25,
     ) -> None:
         self._holds = method == "hold"
-        self._step_ns = round(timestep_s * NS_PER_S)
+        self._step_ns = round(TIMESTEP_S * NS_PER_S)
         self._gap_ns = round(longest_gap_s * NS_PER_S)
-        self.window = max(1, round(window_s / timestep_s))
+        self.window = max(1, round(window_s / TIMESTEP_S))
         """Number of timesteps in the window."""
         self.needed = self.window if self._holds else max(1, math.ceil(fraction * self.window - 1e-9))
         """Number of timesteps of the window that must be on the object."""
-        self.release = max(1, math.ceil(release_s / timestep_s - 1e-9))
+        self.release = max(1, math.ceil(release_s / TIMESTEP_S - 1e-9))
         """Number of timesteps off a toggled object before it counts again."""
         self._steps: deque[str | None] = deque(maxlen=self.window)
         self._away: dict[str, int] = {}

@@ -8,7 +8,6 @@ import pytest
 import pointit.schemas as models
 from pointit.recording.entries import Entry, entry
 from pointit.recording.reader import Recording
-from pointit.recording.writer import RecordingWriter
 from pointit.replay.playing import plan_replay, play_live
 from pointit.replay.replayed_services import ReplayError
 from pointit.runtime.bus.contract import AnyTopic
@@ -17,6 +16,7 @@ from pointit.runtime.clock import run_virtually
 from pointit.schemas import topics
 from pointit.schemas.catalogue.catalogue import example
 from tests.support.buses import site_of
+from tests.support.recorded import write_recording
 
 RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"
 
@@ -75,12 +75,7 @@ def recording_with_observers(path: Path) -> Path:
                 entry(first_ns, topics.HEALTH, name, example(models.Health)),
             ]
         began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(models.Deployment)))
-        with path.open("wb") as file:
-            writer = RecordingWriter(file, source.head)
-            for each in (*began, *entries):
-                writer.add(each)
-            writer.close()
-    return path
+        return write_recording(path, (*began, *entries), first_ns)
 
 
 class Compared(Ignored):

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from pointit.recording.entries import Entry, body_kind, entry, make_head
-from pointit.recording.writer import RecordingWriter
+from pointit.recording.entries import Entry, body_kind, entry
 from pointit.schemas import NS_PER_S
 from pointit.schemas.catalogue.catalogue import example
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
 from tests.support.environments import FETCH_S, fetched
+from tests.support.recorded import write_recording
 
 READER = Path(__file__).with_name("reader")
 START = 1_700_000_000 * NS_PER_S
@@ -49,14 +49,8 @@ def of_every_row(second: int) -> list[Entry]:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    path = tmp_path / "session.mcap"
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("lab", START))
-        for second in range(20):
-            for each in of_every_row(second):
-                writer.add(each)
-        writer.close()
-    return path
+    entries = [each for second in range(20) for each in of_every_row(second)]
+    return write_recording(tmp_path / "session.mcap", entries, START)
 
 
 @pytest.mark.parametrize("mode", ["--index", "--stream"])

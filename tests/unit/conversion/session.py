@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from pointit.recording.entries import AnyRow, Body, Entry, entry, make_head
-from pointit.recording.writer import RecordingWriter
+from pointit.recording.entries import AnyRow, Body, Entry, entry
 from pointit.schemas import NS_PER_S
+from tests.support.recorded import write_recording
 
 BEGAN_NS = 1_000 * NS_PER_S
 
@@ -19,9 +19,4 @@ def said(time_s: float, row: AnyRow, name: str, body: Body) -> Entry:
 
 
 def write(path: Path, entries: Iterable[Entry]) -> Path:
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("lab", BEGAN_NS))
-        for each in entries:
-            writer.add(each)
-        writer.close()
-    return path
+    return write_recording(path, entries, BEGAN_NS)

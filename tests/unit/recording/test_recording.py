@@ -30,6 +30,7 @@ from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, Cursor, ImuSample, Message, Query, encode, topics
 from pointit.schemas.catalogue.catalogue import example
+from tests.support.recorded import write_recording
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -50,11 +51,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def write(path: Path, entries: list[Entry], **head: Any) -> None:
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, make_head("lab", START, **head))
-        for each in entries:
-            writer.add(each)
-        writer.close()
+    write_recording(path, entries, START, **head)
 
 
 def session(seconds: float = 10.0) -> list[Entry]:

@@ -76,11 +76,6 @@ def test_any_sequence_toggles_as_the_paper_says(
     assert feed(dwell, objects) == as_the_paper_says(objects, method[1])
 
 
-def test_hold_fires_when_the_window_is_full() -> None:
-    assert feed(Dwell("hold"), ["a"] * 8) == [(7, "a")]
-    assert feed(Dwell("hold"), ["a"] * 7) == []
-
-
 @pytest.mark.parametrize(("first", "last", "fires"), [(None, "a", True), ("a", None, False)])
 def test_the_last_object_of_a_timestep_is_the_timesteps(
     first: str | None, last: str | None, *, fires: bool
@@ -154,14 +149,6 @@ def test_a_silence_shorter_than_the_release_neither_empties_a_fraction_nor_unlat
 def test_an_object_left_during_a_silence_is_not_held() -> None:
     cursors: list[tuple[int, str | None]] = [(time_ms, "a") for time_ms in range(0, 700, 10)]
     assert put(Dwell("hold"), [*cursors, (710, None), (890, None), (1000, "a"), (1190, "a")]) == []
-
-
-def test_after_a_long_silence_nothing_old_fires() -> None:
-    dwell = Dwell("hold")
-    for step in range(8):
-        assert dwell.step(step * STEP_NS, "a") is None
-    assert dwell.step(100 * STEP_NS, "a") is None  # 7 was never ended in time
-    assert dwell.progress("a") == 0.0
 
 
 def test_late_cursors_are_left_out_and_a_clock_set_back_starts_anew() -> None:

@@ -8,22 +8,12 @@ from pointit.services.selector.ownership import Ledger
 HERE = frozenset("abc")
 
 
-def ledger(*gone: str, undo_steps: int = 20) -> Ledger:
-    return Ledger(lambda user, _now_ns: user in gone, undo_steps=undo_steps)
+def ledger(undo_steps: int = 20) -> Ledger:
+    return Ledger(lambda _user, _now_ns: False, undo_steps=undo_steps)
 
 
 def selected(kept: Ledger) -> dict[str, tuple[str, int]]:
     return {one.id: (one.user, one.since_ns) for one in kept.objects()}
-
-
-def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
-    kept = ledger("anna")
-    kept.toggle("a", "red", "anna", 5)
-    record = kept.toggle("a", "red", "ben", 7)
-    assert (record.event, record.user, record.owner) == ("deselected", "ben", "anna")
-    assert selected(kept) == {}
-    assert kept.undo("ben", 8, HERE)[0].owner == "anna"
-    assert selected(kept) == {"a": ("anna", 5)}
 
 
 def test_only_so_many_steps_are_remembered() -> None:

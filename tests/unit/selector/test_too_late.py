@@ -174,17 +174,6 @@ def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> No
     assert room.owners == {"a": "anna"}
 
 
-def test_a_selection_that_the_conveyor_refuses_is_taken_back_and_the_person_told() -> None:
-    room = Belt(bound("a", 5.0, 100.0))
-    room.stay(1.2, anna=5.0)
-    assert "anna" not in room.cues
-    room.tell("too late for bay 1")
-    assert not room.owners
-    assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
-    assert [(cue.cue, cue.text) for cue in room.cues["anna"]] == [("refused", "red: too late for bay 1")]
-    assert not room.selections[-1].objects
-
-
 def test_a_deselection_that_the_conveyor_refuses_gives_it_back_to_who_had_it() -> None:
     room = Belt(bound("a", 5.0, 100.0))
     room.stay(1.2, anna=5.0)

@@ -371,17 +371,6 @@ def test_bad_values_end_nothing(
         return
 
 
-def test_only_the_page_that_has_the_wrist_moves_it_and_two_people_are_apart(wrists: WristControl) -> None:
-    wrists.acquire("ben", "page2", "headset")
-    assert wrists.move_by_headset("page2", motion(), START) is None
-    assert wrists.move_by_headset("page1", motion(user="ben"), START) is None
-    assert wrists.move_by_headset("page1", motion(user="nobody"), START) is None
-    assert wrists.move_by_headset("page2", motion((3.0, 1.0, 1.7), user="ben"), START) is not None
-    assert wear(wrists, motion())[0].position_m[:2] == pytest.approx(EYES_M[:2])
-    assert wrists.acquire("anna", "page3", "mouse") == "page1"
-    assert wrists.move_by_headset("page1", motion(), START) is None
-
-
 def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_hangs_and_is_released(
     wrists: WristControl,
 ) -> None:

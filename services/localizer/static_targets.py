@@ -348,15 +348,8 @@ class StaticTargets(LampProcedure):
         if isinstance(result, Refusal) or self._config.targets:
             return True
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
-        return is_new and self._uncertainty_ratio() > 1.0
-
-    def _uncertainty_ratio(self) -> float:
-        """Return the ratio of the pose's uncertainty to the one that is needed, infinite without a pose."""
-        solution, enough = self._solution, self._config.enough
-        if solution is None:
-            return math.inf
-        turned_deg = math.degrees(solution.yaw_sigma_rad)
-        return max(solution.position_sigma_m / enough.position_m, turned_deg / enough.yaw_deg)
+        turned_deg, enough = math.degrees(result.yaw_sigma_rad), self._config.enough
+        return is_new and (result.position_sigma_m > enough.position_m or turned_deg > enough.yaw_deg)
 
     def _solve(self) -> Solution | Refusal:
         return held(self._pointings(), self._believed(), floor_m=self._config.floor_m, lamps=self._lit)

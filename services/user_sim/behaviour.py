@@ -69,7 +69,7 @@ class AlongStrips:
         stretch = 0
         last = lines[0]
         for number, line in enumerate(lines):
-            stretch += number > 0 and _gap_m(last, line) > APART_M
+            stretch += number > 0 and math.dist(_end(last, -1), _end(line, 0)) > APART_M
             last = line
             if at_m <= line.length_m:
                 break
@@ -165,10 +165,6 @@ def asked_goal(now_ns: int, sight: Sight, perceived: PerceivedState) -> PersonGo
         return PersonGoal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
     seen = sight.find(requested, now_ns) if requested else None
     return on_object(seen, sight, closed_loop=False) if seen is not None else REST
-
-
-def _gap_m(line: Polyline, polyline: Polyline) -> float:
-    return math.dist(_end(line, -1), _end(polyline, 0))
 
 
 def _end(line: Polyline, index: int) -> Vec3:

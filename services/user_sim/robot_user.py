@@ -136,7 +136,8 @@ class _RobotUser(ABC):
         elif "way-point" in text:  # it is theirs still
             self._enter("steer", now_ns)
         elif "no robot" in text:
-            self._aim_again(now_ns)
+            self._attempts += 1
+            self._enter("aim", now_ns)
         elif "longer" not in text:
             self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
             self._enter("choose", now_ns)
@@ -148,10 +149,6 @@ class _RobotUser(ABC):
         is_unsure = "press twice" in text or ("localize again" in text and is_settled)
         is_needed = is_unsure or ("longer" in text and self._unclear % 2 == 0)
         return is_needed and not 0 <= now_ns - self._lamp_ns < WAIT_S * NS_PER_S
-
-    def _aim_again(self, now_ns: int) -> None:
-        self._attempts += 1
-        self._enter("aim", now_ns)
 
     def _arrived(self, now_ns: int) -> bool:
         """Go on to the next spot. Return True if it is the others' turn."""

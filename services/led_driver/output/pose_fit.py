@@ -49,13 +49,8 @@ def fit_pose(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> FittedPose:
 
     Args:
         angles: angles of the head, one for each place.
-        places_m: places in {W}, of which no three may lie on a line with each other.
-
-    Raises:
-        ValueError: If there are fewer than three places.
+        places_m: at least `MIN_PLACES` in {W}, of which no three may lie on a line with each other.
     """
-    if len(places_m) < MIN_PLACES:
-        raise ValueError(f"{len(places_m)} places, {MIN_PLACES} needed: point the beam at more")
     fits, is_mirrored = _fits(angles, places_m), False
     if fits[0].error_rad > WRONG_RAD:
         mirrored = _fits([each.mirrored() for each in angles], places_m)

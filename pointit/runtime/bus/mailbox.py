@@ -9,7 +9,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, Protocol
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
@@ -35,12 +35,12 @@ class Dispatcher:
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._thread = threading.get_ident()
+        self.thread = threading.get_ident()
         """Id of the loop's thread."""
-        self._ready: collections.deque[Drainable] = collections.deque()
-        """Buffers to drain."""
-        self._is_awake = False
-        """True if the loop will check `_ready` before it sleeps."""
+        self.ready: collections.deque[Drainable] = collections.deque()
+        """Buffers to drain. A caller that adds one must then call `wake`, unless the loop `is_awake`."""
+        self.is_awake = False
+        """True if the loop will check `ready` before it sleeps."""
         self.is_closed = False
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
@@ -56,14 +56,14 @@ class Dispatcher:
 
     def schedule(self, mailbox: Drainable) -> None:
         """Schedule `mailbox` to be drained. Any thread."""
-        self._ready.append(mailbox)
-        if not self._is_awake:
-            self._wake()
+        self.ready.append(mailbox)
+        if not self.is_awake:
+            self.wake()
 
-    def _wake(self) -> None:
-        """Wake the loop to check what is ready. Any thread."""
-        self._is_awake = True
-        is_here = threading.get_ident() == self._thread
+    def wake(self) -> None:
+        """Wake the loop to check `ready`. Any thread."""
+        self.is_awake = True
+        is_here = threading.get_ident() == self.thread
         try:
             (self._loop.call_soon if is_here else self._loop.call_soon_threadsafe)(self._drain_all)
         except RuntimeError:  # the loop is closed: this is a late callback of another thread
@@ -72,10 +72,10 @@ class Dispatcher:
     def close(self) -> None:
         """Stop draining."""
         self.is_closed = True
-        self._ready.clear()
+        self.ready.clear()
 
     def _drain_all(self) -> None:
-        ready = self._ready
+        ready = self.ready
         try:
             rounds, left = MAX_ROUNDS, len(ready)  # cheaper than a `range` for each round
             while ready and not self.is_closed:
@@ -86,10 +86,10 @@ class Dispatcher:
                 left -= 1
                 ready.popleft().drain()
         finally:
-            # A thread that added a buffer since the last check saw `_is_awake`: check again.
-            self._is_awake = False
+            # A thread that added a buffer since the last check saw `is_awake`: check again.
+            self.is_awake = False
             if ready and not self.is_closed:
-                self._wake()
+                self.wake()
 
 
 log = logging.getLogger(__name__)
@@ -98,8 +98,14 @@ log = logging.getLogger(__name__)
 class Mailbox:
     """Buffer of one subscription: the newest item per name, or the newest `EVENT_CAPACITY` events in order.
 
-    No wake-up is lost: the first item schedules the mailbox, and `drain` empties it. The lock makes storing
-    and counting one step, and emptying another.
+    Items from the loop's own thread, which are most of a process's traffic, need no lock: no other thread
+    reads their buffer. Items from other threads go into a second buffer under the lock.
+
+    - No wake-up is lost: the first item in either buffer schedules the mailbox, and `drain` empties both. The
+      lock makes storing and counting in the second buffer one step, and emptying another.
+    - No item overtakes another: all items in the first buffer are older than those in the second, since the
+      loop's thread uses the second while it is not empty. `drain` handles them in this order.
+    - No count is lost: each counter is changed by one thread only, or under the lock.
     """
 
     def __init__(
@@ -121,15 +127,23 @@ class Mailbox:
         self.traffic = SubscriptionStats()
         self._handler: Callable[[Any, str], None] = handler
         self._dispatcher = dispatcher
+        self._make_ready = dispatcher.ready.append
+        self._thread = dispatcher.thread
         self._unpack = unpack
         self._lock = threading.Lock()
         self._closed = False
         self._keeps_newest = topic.delivery is not Delivery.EVENT and not queue_all
+        self._newest_here: dict[str, Message] = {}
+        self._queue_here: collections.deque[tuple[str, Message]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._arrived = 0
-        """Number of items since the last drain."""
+        """Number of items from other threads in these two since the last drain."""
+        self._overflowed = 0
+        """Number of overflows at the last report."""
         self._accepts_retained = retained and topic.delivery is Delivery.STATE
+        self._looks = self._accepts_retained or not self._keeps_newest
+        """True if items of this process are also filtered before they are handled."""
         self._live: set[str] = set()
         """Names for which a state of a living writer was handled."""
         self._recalled: dict[str, Message] = {}
@@ -141,6 +155,28 @@ class Mailbox:
     def accepts_retained(self) -> bool:
         """Return True if `offer_retained` has an effect now."""
         return self._accepts_retained and not self._closed
+
+    def put(self, name: str, message: Message) -> None:
+        """Add `message` of this process. Never blocks, never raises. Meant for the loop's thread."""
+        if self._arrived or threading.get_ident() != self._thread:
+            self.offer(name, message)
+            return
+        if self._keeps_newest:
+            newest = self._newest_here
+            if not newest:  # `schedule`, without a call for each message
+                self._make_ready(self)
+                if not self._dispatcher.is_awake:
+                    self._dispatcher.wake()
+            elif name in newest:
+                self._count_dropped(1)
+            newest[name] = message
+        else:
+            queue = self._queue_here
+            if not queue:
+                self._dispatcher.schedule(self)
+            elif len(queue) == EVENT_CAPACITY:
+                self._count_dropped(1)
+            queue.append((name, message))
 
     def offer(self, name: str, item: Any) -> None:
         """Add `item`, a message or an input of `unpack`. Any thread. Never blocks, never raises."""
@@ -175,10 +211,14 @@ class Mailbox:
 
     def drain(self) -> None:
         """Handle all queued items. Called in the loop."""
-        for name, item in self._fetch():
-            message = self._open(item, name) if self._unpack and not isinstance(item, Message) else item
-            if message is None or (self._accepts_retained and self._is_known(name, message)):
-                continue
+        batch: Iterable[tuple[str, Any]]
+        if self._arrived or self._looks:
+            batch = self._look_through(self._fetch())
+        else:
+            newest, self._newest_here = self._newest_here, {}
+            self.traffic.received += len(newest)
+            batch = newest.items()
+        for name, message in batch:
             try:
                 self._handler(message, name)
             except Exception as error:  # noqa: BLE001 - an error of one handler must not stop the others
@@ -187,23 +227,37 @@ class Mailbox:
             self._drain_retained()
 
     def _fetch(self) -> Collection[tuple[str, Any]]:
-        """Return and count all queued items."""
-        batch: Collection[tuple[str, Any]]
+        """Return all queued items: first those of the loop's thread, then those of other threads."""
+        newest, queue = self._newest_here, self._queue_here
         with self._lock:
-            arrived, self._arrived = self._arrived, 0
-            if self._keeps_newest:
-                batch, self._newest = self._newest.items(), {}
-            else:
-                batch, self._queue = self._queue, collections.deque(maxlen=EVENT_CAPACITY)
-        self.traffic.received += arrived
-        dropped = arrived - len(batch)  # replaced, or did not fit
-        if dropped:
-            self.traffic.dropped += dropped
-            if not self._keeps_newest and self._may_log("overflow"):
-                log.warning(
-                    "%s: reader too slow, %d events lost so far", self.topic.key, self.traffic.dropped
-                )
+            waiting, self._arrived = self._arrived + len(newest) + len(queue), 0
+            newest.update(self._newest)
+            self._newest.clear()
+            queue.extend(self._queue)
+            self._queue.clear()
+        self._newest_here, self._queue_here = {}, collections.deque(maxlen=EVENT_CAPACITY)
+        batch = newest.items() if self._keeps_newest else queue
+        self.traffic.received += len(batch)
+        self._count_dropped(waiting - len(batch))
         return batch
+
+    def _count_dropped(self, count: int) -> None:
+        """Count replaced items and those that did not fit. Called in the loop."""
+        self.traffic.received += count
+        self.traffic.dropped += count
+
+    def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
+        """Return the decoded messages of `batch` that must be handled."""
+        dropped = self.traffic.dropped
+        if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
+            self._overflowed = dropped
+            log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)
+        messages: list[tuple[str, Message]] = []
+        for name, item in batch:
+            message = item if isinstance(item, Message) else self._open(item, name)
+            if message is not None and not (self._accepts_retained and self._is_known(name, message)):
+                messages.append((name, message))
+        return messages
 
     def _is_known(self, name: str, message: Message) -> bool:
         """Record that a living writer has put `message`. Return True if it equals the retained value."""
@@ -247,6 +301,7 @@ class Mailbox:
         """Stop handling."""
         with self._lock:
             self._closed = True
+        self._thread = 0  # makes `put` call `offer`, which accepts no item
         self._handler = lambda _message, _name: None  # items of a drain that is still running
         self._fetch()
         for rest in (self._live, self._recalled, self._retained):
@@ -267,6 +322,10 @@ class Mailbox:
 
 class TapMailbox(Mailbox):
     """A mailbox without a buffer: each item goes to the handler on the thread on which it arrives."""
+
+    def put(self, name: str, message: Message) -> None:
+        """Deliver `message`. Any thread."""
+        self.offer(name, message)
 
     def offer(self, name: str, item: Any) -> None:
         """Deliver `item`. Any thread."""

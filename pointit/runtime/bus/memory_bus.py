@@ -168,7 +168,7 @@ class MemoryPublisher(Declaration, Generic[M]):
         if self._is_state:
             self._states[self._name] = self._last = message
         for mailbox in self._mailboxes:
-            mailbox.offer(self._name, message)
+            mailbox.put(self._name, message)
         if self._send is not None:
             self._send(message)
 
@@ -197,7 +197,7 @@ class MailboxSubscription(Declaration):
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
-                    mailbox.offer(key, state)
+                    mailbox.put(key, state)
             for retained_server in bus.exchange.retained_servers:
                 retained_server.deliver(topic, name, mailbox)
 

@@ -5,7 +5,7 @@ import gc
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import msgpack
 import pytest
@@ -88,6 +88,7 @@ async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() 
 @pytest.mark.usefixtures("restless")
 @pytest.mark.parametrize("topic", [BUTTON, IMU])
 async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(topic: AnyTopic) -> None:
+    """Some threads even put what they should offer."""
     seen: list[tuple[str, int]] = []
     mailbox = Mailbox(topic, lambda message, name: seen.append((name, message.seq)), Dispatcher())
     each = 5000
@@ -95,12 +96,12 @@ async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(to
 
     def bring(index: int) -> None:
         for event in events:
-            mailbox.offer(f"t{index}", event)
+            (mailbox.put if index % 2 else mailbox.offer)(f"t{index}", event)
 
     threads = run_threads(bring)
     put = 0
     while put < each or any(thread.is_alive() for thread in threads):
-        mailbox.offer("loop", press(put))
+        mailbox.put("loop", press(put))
         put += 1
         if not put % 7:
             await asyncio.sleep(0)
@@ -111,6 +112,27 @@ async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(to
         mine = [seq for its_name, seq in seen if its_name == name]
         assert mine == sorted(set(mine))
         assert topic is BUTTON or mine[-1] == count - 1, "the newest wins"
+
+
+@pytest.mark.parametrize(("topic", "left"), [(BUTTON, range(9)), (IMU, [8])])
+async def test_what_other_threads_bring_neither_overtakes_nor_is_overtaken(
+    topic: AnyTopic, left: Iterable[int]
+) -> None:
+    seen: list[int] = []
+    mailbox = Mailbox(topic, lambda message, _name: seen.append(message.seq), Dispatcher())
+    for wakes in range(1, 4):
+        for seq in range(9):
+            if seq in (2, 3, 6):
+                thread = threading.Thread(target=mailbox.offer, args=("anna", press(seq)))
+                thread.start()
+                thread.join()
+            else:
+                mailbox.put("anna", press(seq))
+        await settle()
+        assert seen == list(left)
+        assert mailbox.traffic.received == 9 * wakes
+        assert mailbox.traffic.dropped == wakes * (9 - len(seen))
+        seen.clear()
 
 
 @pytest.mark.usefixtures("restless")

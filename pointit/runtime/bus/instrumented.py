@@ -19,7 +19,7 @@ from pointit.runtime.bus.contract import (
     Subscription,
     SubscriptionStats,
 )
-from pointit.runtime.bus.timeliness import STREAMS, LateMessageFilter, OutOfOrderFilter
+from pointit.runtime.bus.timeliness import MAX_LEAD_NS, STREAMS, LateMessageFilter, OutOfOrderFilter
 from pointit.runtime.clock import Clock, is_virtual
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import NS_PER_S, Message, Quantiles, Query, Reply, ServedRequest
@@ -259,14 +259,19 @@ def instrument_handler(
     messages of a stream that are older than its newest one.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None
+    newest_by_name = counts.order.newest
     is_in_time = counts.lateness.accepts
     time_s, now_ns = steady_time(), clock.now_ns
     durations_s = steps.values
 
     def filter_and_time(message: M, name: str) -> None:
         began_s, stamp_ns = time_s(), message.stamp_ns
-        if order is not None and not order.accepts(name, stamp_ns, began_s):
-            return
+        if order is not None:
+            newest = newest_by_name.get(name)
+            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= MAX_LEAD_NS:  # no call
+                newest.stamp_ns, newest.came_s = stamp_ns, began_s
+            elif not order.accepts(name, stamp_ns, began_s):
+                return
         if drops_late is not None and drops_late(message):
             # wall-clock seconds; where time runs slowly, the loop's own, since such a clock is coarse
             age_s = (now_ns() - stamp_ns) / NS_PER_S

@@ -142,7 +142,9 @@ class LateMessageFilter:
 
 
 @dataclass(slots=True)
-class _Newest:
+class NewestMessage:
+    """The newest message of a name."""
+
     stamp_ns: int
     came_s: float
     """Arrival, s (monotonic)."""
@@ -154,13 +156,14 @@ class OutOfOrderFilter:
     def __init__(self) -> None:
         self.refused = 0
         """Number of out-of-order messages dropped."""
-        self._newest: dict[str, _Newest] = {}
+        self.newest: dict[str, NewestMessage] = {}
+        """By name. `accepts` is not needed for a message that is ahead by up to `MAX_LEAD_NS`."""
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
         """Return True if a message of `name` is in order. `now_s` is its arrival (monotonic)."""
-        newest = self._newest.get(name)
+        newest = self.newest.get(name)
         if newest is None:
-            self._newest[name] = _Newest(stamp_ns, now_s)
+            self.newest[name] = NewestMessage(stamp_ns, now_s)
             return True
         ahead_ns = stamp_ns - newest.stamp_ns
         if not 0 <= ahead_ns <= MAX_LEAD_NS and now_s - newest.came_s <= SILENT_S:
@@ -173,7 +176,7 @@ class OutOfOrderFilter:
 
     def active_names(self, since_s: float) -> set[str]:
         """Return the names whose newest message came after `since_s` (monotonic)."""
-        return {name for name, newest in self._newest.items() if newest.came_s > since_s}
+        return {name for name, newest in self.newest.items() if newest.came_s > since_s}
 
 
 @dataclass(frozen=True, kw_only=True)

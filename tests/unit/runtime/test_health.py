@@ -343,6 +343,18 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
     assert not bench.view.report().warnings
 
 
+async def test_one_message_far_ahead_does_not_make_the_others_old(bench: Bench) -> None:
+    stamps_ns = [10_000_000_000, 20_000_000_000, 10_020_000_000, 10_040_000_000]
+    seen: list[int] = []
+    bench.view.subscribe(IMU, lambda message, _name: seen.append(message.stamp_ns), "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    for stamp_ns in stamps_ns:
+        writer.put(ImuSample(stamp_ns=stamp_ns, orientation_xyzw=LEVEL))
+        await asyncio.sleep(0)
+    assert seen == stamps_ns
+    assert not bench.view.report().warnings
+
+
 async def test_messages_too_late_to_act_on_are_dropped_and_reported(bench: Bench, now_s: list[float]) -> None:
     acts: list[int] = []
     looks: list[int] = []

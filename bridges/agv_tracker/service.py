@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import Fleet
-from pointit.maps.frames import aligned, frame_of
+from pointit.maps.frames import aligned, frame_or_problem
 from pointit.plugins import ConfigError, Context, Scope, Service, ticks
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.schemas import Environment, TrackedObjects
@@ -84,15 +84,9 @@ class AgvTracker(Service[AgvTrackerConfig]):
         self._had_objects = bool(objects)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        if not self.config.frame:
-            return
-        self._frame = None
-        try:
-            self._frame = frame_of(environment, self.config.frame)
-        except ConfigError as error:
-            self.bus.warn("frame", str(error))
-        else:
-            self.bus.clear("frame")
+        if self.config.frame:
+            self._frame, problem = frame_or_problem(environment, self.config.frame)
+            self.bus.warn("frame", problem)
 
 
 SERVICE = AgvTracker

@@ -7,7 +7,7 @@ from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import check_system, open_system
 from pointit.bridges.mocap.people import MAX_METRIC, WornBodies
-from pointit.maps.frames import frame_of
+from pointit.maps.frames import frame_or_problem
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service
@@ -144,15 +144,9 @@ class Mocap(Service[MocapConfig]):
         self._worn_bodies.on_pose(name, pose)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        if not self.config.frame:
-            return
-        self._frame = None
-        try:
-            self._frame = frame_of(environment, self.config.frame)
-        except ConfigError as error:
-            self.bus.warn("frame", str(error))
-        else:
-            self.bus.clear("frame")
+        if self.config.frame:
+            self._frame, problem = frame_or_problem(environment, self.config.frame)
+            self.bus.warn("frame", problem)
 
 
 SERVICE = Mocap

@@ -27,6 +27,14 @@ def frame_of(room: Environment, name: str) -> Frame:
     raise ConfigError(f"the map {room.name} has no frame {name!r}{known}: {advice[:-1]}")
 
 
+def frame_or_problem(room: Environment, name: str) -> tuple[Frame | None, str]:
+    """Return the frame `name` of `room` and `""`, or None and the reason why there is none."""
+    try:
+        return frame_of(room, name), ""
+    except ConfigError as error:
+        return None, str(error)
+
+
 def aligned(objects: Iterable[TrackedObject], frame: Frame) -> tuple[TrackedObject, ...]:
     """Return `objects`, given in `frame`, in {W}: places, velocities and yaws."""
     return tuple(_aligned(item, frame) for item in objects)

@@ -4,9 +4,9 @@ import asyncio
 import math
 from typing import ClassVar
 
-from pointit.maps.frames import frame_of
+from pointit.maps.frames import frame_or_problem
 from pointit.runtime.clock import ticks
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
@@ -166,13 +166,8 @@ class Robot(Service[RobotConfig]):
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._pilot.on_map(environment)
         if self.config.frame:
-            try:
-                self._frame = frame_of(environment, self.config.frame)
-            except ConfigError as error:
-                self._frame = None
-                self.bus.warn("frame", str(error))
-            else:
-                self.bus.clear("frame")
+            self._frame, problem = frame_or_problem(environment, self.config.frame)
+            self.bus.warn("frame", problem)
             self._messages.frame = self._frame
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature

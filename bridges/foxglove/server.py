@@ -16,7 +16,7 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import foxglove
 from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
@@ -170,12 +170,8 @@ HandOver = Callable[[Callable[[], None]], None]
 """Calls a function in the event loop, thread-safe."""
 
 
-class SubscriptionCallback(Protocol):
-    """Called when a viewer subscribes to a channel or unsubscribes."""
-
-    def __call__(self, topic: str, *, begins: bool) -> None:
-        """Handle the change."""
-        ...
+SubscriptionCallback = Callable[[str, bool], None]
+"""Called with a channel's topic, and True if a viewer subscribes, False if it unsubscribes."""
 
 
 PictureChannel = Any
@@ -186,7 +182,7 @@ class Viewers(ServerListener):
     """Counts the viewers per channel and reports changes."""
 
     def __init__(self, hand_over: HandOver, callback: SubscriptionCallback) -> None:
-        """Call `tell(topic, begins=…)` in the loop when a viewer subscribes or unsubscribes."""
+        """Call `callback` in the loop when a viewer subscribes or unsubscribes."""
         self._hand_over = hand_over
         self._tell = callback
         self._counts = Counter[str]()
@@ -215,7 +211,7 @@ class Viewers(ServerListener):
         self._counts[topic] += 1 if begins else -1
         if self._counts[topic] <= 0:
             del self._counts[topic]
-        self._tell(topic, begins=begins)
+        self._tell(topic, begins)
 
 
 class Server:

@@ -170,7 +170,7 @@ class Foxglove(Service[FoxgloveConfig]):
             self._read_fast_topics()
         self._send_log(self._event_log.presence(instance, self.clock.now_ns(), present=present))
 
-    def _on_viewer(self, topic: str, *, begins: bool) -> None:
+    def _on_viewer(self, topic: str, begins: bool) -> None:  # noqa: FBT001 - a callback
         """Send a channel's retained values to a viewer that has just subscribed."""
         self._read_fast_topics()
         if not begins:

@@ -281,20 +281,16 @@ class Bodies:
         config = self._config.bodies.get(pose.name)
         kind = config.kind if config else "object"
         age_s = (now_ns - pose.stamp_ns) / NS_PER_S
+        front = rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0))
         return TrackedObject(
             id=pose.name[:64],
             kind=kind,
             position_m=vector.add(pose.position_m, vector.scale(velocity_mps, age_s)),
             velocity_mps=velocity_mps,
             length_m=config.length_m if config else 0.1,
-            yaw_rad=front_azimuth(pose) if kind == "robot" else None,
+            yaw_rad=vector.azimuth(front) if kind == "robot" else None,
             position_sigma_m=pose.sigma_m,
         )
-
-
-def front_azimuth(pose: BodyPose) -> float:
-    """Return the azimuth of the x axis of a body, rad."""
-    return vector.azimuth(rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0)))
 
 
 def _in_world(

@@ -11,7 +11,7 @@ from pointit.maps.frames import frame_or_problem
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import NS_PER_S, Environment, ImuSample, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.system import BODY
 from pointit.schemas.topics import IMU, MAP, OBJECTS, POSE
@@ -63,9 +63,9 @@ class Mocap(Service[MocapConfig]):
         """Names of the metrics of bodies."""
         self.bus.subscribe(MAP, self._on_map)
         for name in self._worn_bodies.names:
-            self.bus.subscribe(IMU, self._on_imu, name)
+            self.bus.subscribe(IMU, lambda sample, person: self._worn_bodies.on_imu(person, sample), name)
             if config.truth:
-                self.bus.subscribe(POSE, self._on_pose, name)
+                self.bus.subscribe(POSE, lambda pose, person: self._worn_bodies.on_pose(person, pose), name)
 
     @classmethod
     def validate_config(cls, config: MocapConfig) -> None:
@@ -136,12 +136,6 @@ class Mocap(Service[MocapConfig]):
         self._used_frames += 1
         for pose in self._bodies.update(timed, self._frame):
             self._worn_bodies.on_body(pose)
-
-    def _on_imu(self, sample: ImuSample, name: str) -> None:
-        self._worn_bodies.on_imu(name, sample)
-
-    def _on_pose(self, pose: UserPose, name: str) -> None:
-        self._worn_bodies.on_pose(name, pose)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         if self.config.frame:

@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -124,7 +124,8 @@ class NodeParameters:
             NoAnswerError: If the node does not answer in time, or if its answer does not fit.
         """
         found: dict[str, Value] = {}
-        for page in _pages(names):
+        for first in range(0, len(names), PAGE):
+            page = names[first : first + PAGE]
             response = await self._ask(GET, GET_SUFFIX, names=list(page))
             if len(response.values) != len(page):
                 raise NoAnswerError(
@@ -201,10 +202,6 @@ class NodeParameters:
             raise NoAnswerError(f"what node {self._node} answered cannot be read: {error}") from error
 
 
-def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
-    return (names[index : index + PAGE] for index in range(0, len(names), PAGE))
-
-
 def _lists(graph: Graph, domain: int) -> list[Endpoint]:
     return [
         each
@@ -265,7 +262,8 @@ def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
     Without a prefix those that begin with a section, below one all names.
     """
     start = _start(prefix)
-    return [name for name in names if name.startswith(start) and (prefix or _section(name) in SECTIONS)]
+    starts = (start,) if prefix else tuple(f"{section}." for section in SECTIONS)
+    return [name for name in names if name.startswith(starts)]
 
 
 def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]:
@@ -303,11 +301,6 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
 
 def _start(prefix: str) -> str:
     return f"{prefix}." if prefix else ""
-
-
-def _section(name: str) -> str:
-    section, dot, _ = name.partition(".")
-    return section if dot else ""
 
 
 def _points(name: str, value: Value, coordinates: str) -> Value:

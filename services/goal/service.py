@@ -11,14 +11,12 @@ from pointit.schemas import (
     ButtonEvent,
     Cursor,
     Done,
-    Environment,
     Feedback,
     Goal,
     Interaction,
     RobotState,
     SendRobot,
     Steering,
-    UserPose,
 )
 from pointit.schemas.topics import (
     BUTTON,
@@ -59,8 +57,8 @@ class Goals(Service[GoalConfig]):
             self._steps = GoalConfirmation(config, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self.bus.serve(SEND_ROBOT, self._send, self.user)
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(POSE, self._on_pose)
+        self.bus.subscribe(MAP, lambda environment, _name: self._steps.on_map(environment))
+        self.bus.subscribe(POSE, lambda pose, user: self._steps.on_pose(user, pose))
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self.bus.subscribe(CURSOR, self._on_cursor, self.user)
         self.bus.subscribe(BUTTON, self._on_button, self.user)
@@ -71,12 +69,6 @@ class Goals(Service[GoalConfig]):
             self._put(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()
             await wait_until(self.clock, self._steps.deadline_ns, self._moved)
-
-    def _on_map(self, environment: Environment, _name: str) -> None:
-        self._steps.on_map(environment)
-
-    def _on_pose(self, pose: UserPose, user: str) -> None:
-        self._steps.on_pose(user, pose)
 
     def _on_interaction(self, interaction: Interaction, _user: str) -> None:
         self._put(self._steps.on_interaction(interaction, self.clock.now_ns()))

@@ -96,7 +96,7 @@ def figures(
         is_clear &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
     sigmas = position_sigmas_m(courses[is_clear], places).mean(axis=1)
     found = [
-        FollowedFigure(tuple(_vec3(point) for point in courses[index]), float(sigma_m))
+        FollowedFigure(tuple((x, y, z) for x, y, z in courses[index].tolist()), float(sigma_m))
         for index, sigma_m in zip(np.flatnonzero(is_clear).tolist(), sigmas, strict=True)
     ]
     return sorted(found, key=lambda each: each.sigma_m)
@@ -159,10 +159,6 @@ def _level_length(along: Array, aside: Array, up: Array, length_m: float) -> flo
         is_longer = float(np.linalg.norm(steps, axis=0).sum()) > length_m
         low, high = (low, middle) if is_longer else (middle, high)
     return low
-
-
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 AROUND_M = 2.5

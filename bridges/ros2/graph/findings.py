@@ -3,9 +3,10 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Literal
 
-from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph
 from pointit.bridges.ros2.message_format import MAX_NAME, listed, nodes
 from pointit.bridges.ros2.types.types import NO_HASH
 from pointit.schemas.text import one_line
@@ -73,7 +74,7 @@ def findings(
     found += _domains(counterparts, other_domains, domain, is_alone=not others)
     where = f"in domain {domain}{needs and f': {needs}'}"
     if not others:
-        found += [_no_nodes(where)]
+        found.append(Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}"))
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
 
@@ -145,18 +146,18 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
 
 def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
     """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
-    for why, clashes in (
-        ("wants it reliable from a best-effort writer", _is_too_lossy),
+    for why, has in (
+        ("wants it reliable from a best-effort writer", attrgetter("reliable")),
         (
             "wants earlier messages (transient local) from a writer that stores none (volatile)",
-            _has_incompatible_durability,
+            attrgetter("latched"),
         ),
     ):
         conflicting: list[Endpoint] = []
         for other in counterparts:
             writer, reader = (mine, other) if mine.kind == "publisher" else (other, mine)
             if writer.qos and reader.qos and mine.kind in ("publisher", "subscriber"):
-                conflicting += [other] if clashes(writer.qos, reader.qos) else []
+                conflicting += [other] if has(reader.qos) and not has(writer.qos) else []
         if conflicting:
             side = "the subscriber, which is ours," if mine.kind == "subscriber" else "the subscriber"
             return [
@@ -167,14 +168,6 @@ def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding
                 )
             ]
     return []
-
-
-def _is_too_lossy(writer: Qos, reader: Qos) -> bool:
-    return reader.reliable and not writer.reliable
-
-
-def _has_incompatible_durability(writer: Qos, reader: Qos) -> bool:
-    return reader.latched and not writer.latched
 
 
 def _domains(
@@ -195,10 +188,6 @@ def _domains(
             f"ROS_DOMAIN_ID={domain}",
         )
     ]
-
-
-def _no_nodes(where: str) -> Finding:
-    return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
 
 
 def _end(endpoint: Endpoint) -> End:

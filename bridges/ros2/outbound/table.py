@@ -1,5 +1,6 @@
 """Routes to ROS: standard types first, then the ROS toolkit's messages under its names."""
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -100,21 +101,15 @@ def _figures(health: Health) -> list[tuple[str, str]]:
     return pairs
 
 
-def turned_on(event: SelectionEvent, context: ConversionContext) -> Converted:
-    """Return a detection if a thing fired or was switched on, else nothing."""
-    return _detection(event, context) if event.is_on else ()
+def detection(event: SelectionEvent, context: ConversionContext, *, is_on: bool) -> Converted:
+    """Return a detection of the person's target: the thing as its only hypothesis, and the thing's box.
 
-
-def turned_off(event: SelectionEvent, context: ConversionContext) -> Converted:
-    """Return a detection if a switch went off, else nothing."""
-    return () if event.is_on else _detection(event, context)
-
-
-def _detection(event: SelectionEvent, context: ConversionContext) -> Converted:
-    """Return a detection of the person's target: the thing as its only hypothesis, and the thing's box."""
+    Nothing unless a thing fired or was switched on, or went off if not `is_on`.
+    """
     state = context.state
     things = () if state.room is None else state.room.things
-    if not any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in things):
+    is_reaction = any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in things)
+    if event.is_on != is_on or not is_reaction:
         return ()
     make = state.types.make
     found = next((item for item in state.tracked() if item.id == event.object_id), None)
@@ -210,12 +205,12 @@ def _standard() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("thing_on", "/pointit/thing_on", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), turned_on),
+            *(_STREAM, (topics.SELECTION_EVENTS,), functools.partial(detection, is_on=True)),
             context="a thing of the map fired, or was switched on: thing, user and probability",
         ),
         OutboundRoute(
             *("thing_off", "/pointit/thing_off", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), turned_off),
+            *(_STREAM, (topics.SELECTION_EVENTS,), functools.partial(detection, is_on=False)),
             context="a thing of the map was switched off",
         ),
         OutboundRoute(

@@ -53,10 +53,6 @@ class EndpointContext(NodeContext):
         self.gids: set[bytes] = set()
         """Ids of our endpoints: messages with them are our own."""
 
-    def is_own_gid(self, gid: bytes) -> bool:
-        """Return True if messages with `gid` are to be ignored: they are ours or of another PointIt."""
-        return gid in self.gids or gid in self.directory.bridged
-
     def announce(self, kind: EndpointKind, name: str, of: RosType, qos: Qos) -> "Announcement":
         """Declare a token of a new endpoint in the graph until the result is closed."""
         return Announcement(self, self.rmw.endpoint_token(kind, name, of, qos))
@@ -157,8 +153,8 @@ class ZenohReader(RosEndpoint[EndpointContext]):
                 f"attachments of {self.name}", f"dropped {self._malformed} messages on {self.name}: {error}"
             )
             return
-        if self._context.is_own_gid(origin.gid):
-            return
+        if origin.gid in self._context.gids or origin.gid in self._context.directory.bridged:
+            return  # it is ours, or of another PointIt
         if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
             return
         self._handler(sample.payload)

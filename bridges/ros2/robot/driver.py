@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import functools
 import math
-from typing import Protocol
 
 from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
@@ -34,21 +33,8 @@ from pointit.plugins import (
 TICK_S = 0.05
 
 
-class Actuator(Protocol):
-    """Carries out commands."""
-
-    def on_report(self, report: RobotReport) -> RobotReport:
-        """Store the robot's pose. Return it with its further known values."""
-        ...
-
-    def command(self, command: Command) -> None:
-        """Carry out `command`."""
-
-    def tick(self) -> None:
-        """Do what is due; called every `TICK_S`."""
-
-    async def close(self) -> None:
-        """Stop the robot, and leave."""
+Actuator = Navigator | SetPointSender
+"""Carries out commands."""
 
 
 class Ros2Driver:
@@ -132,7 +118,7 @@ class Ros2Driver:
                 now_ns=now_ns,
                 report=report,
                 on_problem=functools.partial(self._around.health.warn, "action"),
-                on_distance=self._on_distance,
+                on_distance=functools.partial(self._around.health.set_metric, "way left", unit="m"),
             )
         return SetPointSender(backend, types, self._config, self._spec, now_ns=now_ns, report=report)
 
@@ -144,9 +130,6 @@ class Ros2Driver:
         if problem != self._problem:
             self._problem = problem
             self._around.health.warn("pose", problem)
-
-    def _on_distance(self, distance_m: float) -> None:
-        self._around.health.set_metric("way left", distance_m, "m")
 
     def _lose(self, report: Report) -> None:
         self._last_ns = 0

@@ -4,7 +4,6 @@ Without a declaration the columns are x, y and z, in metres, z up. What is impla
 """
 
 import itertools
-import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,10 +17,8 @@ from pointit.maps.model import CloudEntry
 from pointit.maps.ply_file import ascii_vertex_lines, binary_vertices, read_pcd_header, read_ply_header
 from pointit.maps.text_table import (
     MAX_HEADER_LINES,
-    MAX_LINE,
     TextLayout,
     Wanted,
-    check_lengths,
     column_indices,
     find_layout,
     shown_cells,
@@ -104,8 +101,6 @@ def read_points(path: Path, columns: Wanted = XYZ) -> Points:
     if suffix not in SUFFIXES:
         raise ConfigError(f"{path}: is not a point cloud; give a file that ends in {join_names(SUFFIXES)}")
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
-            raise ConfigError(f"{path}: is not a file; give the file itself")
         points = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -140,7 +135,7 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
     else:
         with path.open(encoding="latin-1") as file:
             file.seek(header.body)
-            skip = min(sum(each.rows for each in header.before), sys.maxsize)
+            skip = sum(each.rows for each in header.before)
             lines: Iterable[str] = filter(str.strip, file) if skip else file  # blank lines are no rows
             columns = header.columns
             if header.is_list_before_points:
@@ -154,17 +149,16 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
 
 def _read_text(path: Path, wanted: Wanted) -> Points:
     with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:  # a binary PCD is named below
-        sample = [line[:MAX_LINE] for line in itertools.islice(file, MAX_HEADER_LINES)]
+        sample = list(itertools.islice(file, MAX_HEADER_LINES))
     try:
         layout = _text_layout(sample, wanted)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     has_decimal_commas = layout.delimiter != "," and any("," in line for line in sample[layout.skip :])
     with path.open(encoding="utf-8-sig") as file:
-        rows = check_lengths(file, f"{path}: ")
         points = _table(
             path,
-            (line.replace(",", ".") if has_decimal_commas else line for line in rows),
+            (line.replace(",", ".") if has_decimal_commas else line for line in file),
             columns=[layout.indices[axis] for axis in XYZ],
             skip=layout.skip,
             max_rows=MAX_POINTS + 1,

@@ -11,7 +11,6 @@ from pointit.maps.text_table import (
     MAX_HEADER_LINES,
     DeclaredColumn,
     TextLayout,
-    check_lengths,
     find_layout,
     parse_columns,
     parse_number,
@@ -21,7 +20,6 @@ from pointit.maps.units import LENGTHS_M, size_of_unit
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 
-MAX_POINTS = 100_000
 AXES = ("x", "y", "z")
 PIXEL_COLUMNS: dict[str, dict[str, float]] = {
     "x": LENGTHS_M,
@@ -67,7 +65,7 @@ def pixels_of(
     Raises:
         ConfigError: If a line is no pixel, or it does not have the columns x, y and z, or `declared`.
     """
-    lines = list(check_lengths(text.splitlines()))
+    lines = text.splitlines()
     wanted = {name: name for name in AXES} | {name: each.source for name, each in declared.items()}
     optional = [name for name in PIXEL_COLUMNS if name not in wanted]
     if {"pixel", "wire"} & declared.keys():
@@ -82,8 +80,6 @@ def pixels_of(
     for line, content in enumerate(lines[layout.skip :], start=layout.skip + 1):
         if not content.strip() or content.lstrip().startswith(COMMENTS):
             continue
-        if len(pixels) == MAX_POINTS:
-            raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
         cells = split_cells(content, layout.delimiter, layout.width)
         layout.check_row(line, cells)
         pixels.append(_pixel(line, cells, layout, factors))

@@ -60,21 +60,15 @@ class Layout:
             if shape != ARRAY:
                 length = 0
             if shape_within == NAME:
-                self._fresh[field] = partial(self._zeros, within, length)
+                self._fresh[field] = lambda: [self._zero(within) for _ in range(length)]
             elif within[0] == "string":
-                self._fresh[field] = partial(self._texts, length)
+                self._fresh[field] = lambda: [""] * length
             else:
                 self._arrays[field] = _dtype_of(within[0])
                 self._fresh[field] = partial(np.zeros, length, self._arrays[field])
 
     def _zero(self, within: str) -> Any:
         return self._layout_of(within).make({})
-
-    def _zeros(self, within: str, length: int) -> list[Any]:
-        return [self._zero(within) for _ in range(length)]
-
-    def _texts(self, length: int) -> list[str]:
-        return [""] * length
 
 
 def _numbers(given: Any, dtype: "np.dtype[Any]") -> "np.ndarray[Any, Any]":

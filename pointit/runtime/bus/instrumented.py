@@ -2,6 +2,7 @@
 
 import asyncio
 import bisect
+import collections
 import itertools
 import logging
 import math
@@ -31,10 +32,8 @@ from pointit.schemas.topics import Delivery, Request
 
 REFUSED_SHOWN_S = 5.0
 """Time for which a warning about dropped messages is shown after the last of them, s."""
-SAMPLES = 4096
-"""Minimum number of the newest durations from which quantiles are computed, or all if fewer."""
-FULL = 2 * SAMPLES
-"""Number of durations from which older ones only count in the histogram."""
+MAX_DURATIONS = 65_536
+"""Maximum number of durations between two reports that are counted, the newest ones."""
 
 
 def steady_time() -> Callable[[], float]:
@@ -49,48 +48,23 @@ class DurationWindow:
     def __init__(self, per_s: float = 1.0) -> None:
         """Create an empty histogram. `per_s` is the number of units per second of the added durations."""
         self.per_s = per_s
-        self.values: list[float] = []
-        """Newest durations. Callers that append without `add`, to save its call, `fold` them if `FULL`."""
-        self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
-        """Number of older durations in each bucket."""
-        self._sum_s = 0.0
-        """Sum of the older durations."""
-
-    def add(self, duration: float) -> None:
-        """Add a duration."""
-        self.values.append(duration)
-        if len(self.values) >= FULL:
-            self.fold()
-
-    def fold(self) -> None:
-        """Move all but the newest `SAMPLES` durations into the buckets."""
-        # many are sorted into their buckets at once: 0.06 us each, 0.15 us beyond 8192; one at a time 0.2 us
-        self._count(sorted(self.values[:-SAMPLES]))
-        del self.values[:-SAMPLES]
-
-    def _count(self, ordered: list[float]) -> None:
-        bounds = (bound_s * self.per_s for bound_s in DURATION_BOUNDS_S)
-        up_to = [*(bisect.bisect_right(ordered, bound) for bound in bounds), len(ordered)]
-        for index, (before, after) in enumerate(itertools.pairwise([0, *up_to])):
-            self._counts[index] += after - before
-        self._sum_s += math.fsum(ordered) / self.per_s
+        self.values: collections.deque[float] = collections.deque(maxlen=MAX_DURATIONS)
+        """Durations, to which callers append."""
 
     def take(self) -> Quantiles | None:
         """Return quantiles and histogram of the values since the last call, or None without values."""
         if not self.values:
             return None
         ordered = sorted(self.values)
-        self._count(ordered)
+        self.values.clear()
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
             return ordered[math.ceil(share * len(ordered)) - 1] / self.per_s
 
-        p50_s, p99_s = quantile(0.5), quantile(0.99)
-        taken = Quantiles(p50_s=p50_s, p99_s=p99_s, counts=tuple(self._counts), sum_s=self._sum_s)
-        self.values.clear()
-        self._counts = [0] * len(self._counts)
-        self._sum_s = 0.0
-        return taken
+        up_to = [bisect.bisect_right(ordered, bound_s * self.per_s) for bound_s in DURATION_BOUNDS_S]
+        counts = tuple(end - start for start, end in itertools.pairwise([0, *up_to, len(ordered)]))
+        sum_s = math.fsum(ordered) / self.per_s
+        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99), counts=counts, sum_s=sum_s)
 
 
 class _DropCounter:
@@ -133,8 +107,6 @@ class TopicMeter:
         """Messages since the last report."""
         self.newest_s: float | None = None
         """Time of the newest message, s, monotonic."""
-        self.newest_ns = 0
-        """Its time by the service's clock if no other clock was read since the last report, else 0."""
         self._closed = ReaderCounts()
         self._readers = {self._closed}
         self._old = _DropCounter()
@@ -151,12 +123,8 @@ class TopicMeter:
             self._readers.remove(reader)
             self._closed.add(reader)
 
-    def age_s(self, now_s: float, span_s: float, clock: Clock) -> float | None:
-        """Return the age of the newest message, s, or None. `span_s`: time since the last report."""
-        if self.newest_ns:  # the clock may have been set meanwhile
-            passed_s = (clock.now_ns() - self.newest_ns) / NS_PER_S / clock.speed
-            self.newest_s = now_s - min(max(0.0, passed_s), span_s)
-            self.newest_ns = 0
+    def age_s(self, now_s: float) -> float | None:
+        """Return the age of the newest message, s, or None."""
         return None if self.newest_s is None else now_s - self.newest_s
 
     def total(self, counter: str) -> int:
@@ -223,16 +191,10 @@ class InstrumentedPublisher(Generic[M]):
     def put(self, message: M) -> None:
         """Send `message`."""
         self._inner.put(message)
-        meter = self._meter
-        meter.count += 1
-        if self._latency is None:
-            meter.newest_s = self._time_s()
-        else:  # one clock reading for both
-            meter.newest_ns = now_ns = self._now_ns()
-            ages_ns = self._latency.values
-            ages_ns.append(now_ns - message.stamp_ns)
-            if len(ages_ns) >= FULL:
-                self._latency.fold()
+        self._meter.count += 1
+        self._meter.newest_s = self._time_s()
+        if self._latency is not None:
+            self._latency.values.append(self._now_ns() - message.stamp_ns)
 
     def close(self) -> None:
         """Undeclare."""
@@ -284,8 +246,6 @@ def instrument_handler(
         meter.newest_s = began_s
         handler(message, name)
         durations_s.append(time_s() - began_s)
-        if len(durations_s) >= FULL:
-            steps.fold()
 
     return filter_and_time
 

@@ -101,7 +101,7 @@ class ServiceBus:
 
     def reached(self, latency_s: float) -> None:
         """Record the age of captured data when it leaves the service by another way than the bus."""
-        self._latency.add(latency_s * self._latency.per_s)
+        self._latency.values.append(latency_s * self._latency.per_s)
 
     @accept_old_names(kept="retained", every="queue_all")
     def subscribe(
@@ -279,7 +279,7 @@ class ServiceBus:
                     key=key,
                     direction="in" if direction == "in" else "out",
                     rate_hz=meter.count / span_s,
-                    age_s=meter.age_s(now_s, span_s, self._clock),
+                    age_s=meter.age_s(now_s),
                     dropped=meter.total("dropped"),
                     lost=meter.total("lost"),
                     invalid=meter.total("invalid"),

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
-from pointit.runtime.bus.instrumented import SAMPLES, DurationWindow
+from pointit.runtime.bus.instrumented import DurationWindow
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.service.plugin_guard import PluginHealth
@@ -73,6 +73,7 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
     assert of(health, IMU.key, "in").rate_hz == pytest.approx(20 / 2.5)
     assert of(health, IMU.key, "in").age_s == pytest.approx(0.5)
     assert of(health, BUTTON.key, "out").rate_hz == pytest.approx(10 / 2.5)
+    assert of(health, BUTTON.key, "out").age_s == pytest.approx(0.5)
     now_s[0] += 1
     later = bench.view.report()
     assert of(later, IMU.key, "in").rate_hz == 0
@@ -87,21 +88,6 @@ async def test_age_of_tapped_messages_is_by_the_same_clock(bench: Bench, now_s: 
     bench.bus.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
     now_s[0] += 0.5
     assert of(bench.view.report(), IMU.key, "in").age_s == pytest.approx(0.5)
-
-
-async def test_age_of_what_is_put_out_survives_a_clock_that_is_set(bench: Bench, now_s: list[float]) -> None:
-    out = bench.view.publisher(IMU, "ben")
-
-    def age_after(clock_s: float, passed_s: float) -> float | None:
-        bench.clock.advance(clock_s)
-        now_s[0] += passed_s
-        return of(bench.view.report(), IMU.key, "out").age_s
-
-    ages: list[float | None] = []
-    for clock_s, passed_s in ((0.5, 0.5), (3600.0, 1.0), (-3600.0, 1.0)):
-        out.put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
-        ages += [age_after(clock_s, passed_s), age_after(-7.0, 2.0)]
-    assert ages == pytest.approx([0.5, 2.5, 1.0, 3.0, 0.0, 2.0])
 
 
 async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[float]) -> None:
@@ -131,32 +117,13 @@ async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[
 @given(st.lists(st.floats(-1.0, 10.0) | st.sampled_from(DURATION_BOUNDS_S), min_size=1, max_size=100))
 def test_counts_are_a_histogram_of_the_durations(values_s: list[float]) -> None:
     window = DurationWindow()
-    for value_s in values_s:
-        window.add(value_s)
+    window.values.extend(values_s)
     taken = window.take()
     assert taken is not None
     up_to = [sum(value_s <= bound_s for value_s in values_s) for bound_s in (*DURATION_BOUNDS_S, math.inf)]
     assert list(itertools.accumulate(taken.counts)) == up_to
     assert taken.sum_s == pytest.approx(sum(values_s))
     assert window.take() is None
-
-
-@pytest.mark.parametrize("count", [2 * SAMPLES - 1, 2 * SAMPLES, 5 * SAMPLES + 1])
-def test_all_durations_are_counted_and_quantiles_are_of_the_newest(count: int) -> None:
-    window = DurationWindow()
-    for _ in range(2):  # the second report has nothing of the first
-        for value_s in (3.0, *(0.003,) * (count - 1 - SAMPLES), *(0.03,) * SAMPLES):
-            window.add(value_s)
-        taken = window.take()
-        assert taken is not None
-        within = dict(zip((*DURATION_BOUNDS_S, math.inf), taken.counts, strict=True))
-        assert {bound_s: number for bound_s, number in within.items() if number} == {
-            0.005: count - 1 - SAMPLES,
-            0.05: SAMPLES,
-            5.0: 1,
-        }
-        assert taken.sum_s == pytest.approx(3.0 + 0.003 * (count - 1 - SAMPLES) + 0.03 * SAMPLES)
-        assert taken.p99_s == 0.03
 
 
 async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> None:

@@ -206,7 +206,7 @@ def odometry(value: Any) -> Seen:
     """Return the object of a nav_msgs/Odometry; its twist is in the frame `child_frame_id`."""
     found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
     if isinstance(found, Sighting) and _is_measured(value.twist):
-        velocity_mps = checks.velocity(value.twist.twist.linear, "the twist")
+        velocity_mps = checks.velocity(value.twist.twist.linear)
         if isinstance(velocity_mps, str):
             found = found._replace(notes=(*found.notes, velocity_mps))
         else:

@@ -39,12 +39,12 @@ def place(value: Any, label: str) -> Vec3 | str:
     return (x, y, z)
 
 
-def velocity(value: Any, label: str) -> Vec3 | str:
-    """Return a geometry_msgs/Vector3 in m/s, or why it cannot be used."""
+def velocity(value: Any) -> Vec3 | str:
+    """Return the velocity of a twist, a geometry_msgs/Vector3 in m/s, or why it cannot be used."""
     x, y, z = float(value.x), float(value.y), float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
         return (
-            f"{label} is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
+            f"the twist is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
         )
     return (x, y, z)
 

@@ -78,7 +78,7 @@ class FollowedFigure:
 
 
 def figures(
-    start_m: Vec3, people: Sequence[AssumedPerson], *, length_m: float, is_flying: bool
+    start_m: Vec3, people: Sequence[AssumedPerson], *, length_m: float, duration_s: float, is_flying: bool
 ) -> list[FollowedFigure]:
     """Return the figures through `start_m` that keep away from `people`, the most informative first.
 
@@ -86,6 +86,7 @@ def figures(
         start_m: place of the robot, {W}.
         people: places at which the person may stand, equally probable; at least one.
         length_m: length of the course.
+        duration_s: time that the robot takes for it.
         is_flying: True if the height may change.
     """
     courses = np.stack(list(_courses(length_m, is_flying=is_flying))) + start_m
@@ -94,7 +95,7 @@ def figures(
     is_clear = (apart >= [person.keep_out_m for person in people]).all(axis=1)
     if is_flying:
         is_clear &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
-    sigmas = position_sigmas_m(courses[is_clear], places).mean(axis=1)
+    sigmas = position_sigmas_m(courses[is_clear], places, duration_s).mean(axis=1)
     found = [
         FollowedFigure(tuple((x, y, z) for x, y, z in courses[index].tolist()), float(sigma_m))
         for index, sigma_m in zip(np.flatnonzero(is_clear).tolist(), sigmas, strict=True)
@@ -102,7 +103,7 @@ def figures(
     return sorted(found, key=lambda each: each.sigma_m)
 
 
-def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float = 5.0) -> Array:
+def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float) -> Array:
     """Return Cramér-Rao bounds of positions (f x k): 1 sigma along the worse direction, at most `UNKNOWN_M`.
 
     Args:
@@ -256,9 +257,13 @@ class FigureFlight:
             self._is_begun = True
             return TakeOff(order.next(), height_m)
         people = self.people(report.position_m, is_flying=report.is_flying)
-        length_m = self._config.max_speed_mps * self._config.figure.duration_s
-        flies = self._config.kind == "quadrotor"
-        ranked = figures(report.position_m, people, length_m=length_m, is_flying=flies)
+        duration_s = self._config.figure.duration_s
+        ranked = figures(
+            report.position_m, people,
+            length_m=self._config.max_speed_mps * duration_s,
+            duration_s=duration_s,
+            is_flying=self._config.kind == "quadrotor",
+        )  # fmt: skip
         chosen = next((each for each in ranked if not safety.way_problem(each.points_m)), None)
         if chosen is None:
             self.problem = NO_FIGURE

@@ -468,12 +468,12 @@ PERSON = AssumedPerson((0.0, 0.0, 0.0), 1.5)
 
 
 def sigma_m(points: np.ndarray) -> float:
-    return float(position_sigmas_m(points[None], np.array([PERSON.place_m]))[0, 0])
+    return float(position_sigmas_m(points[None], np.array([PERSON.place_m]), 5.0)[0, 0])
 
 
 @pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
 def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(start: Vec3) -> None:
-    best = figures(start, [PERSON], length_m=5.0, is_flying=start[2] > 0.0)[0]
+    best = figures(start, [PERSON], length_m=5.0, duration_s=5.0, is_flying=start[2] > 0.0)[0]
     turned = np.linspace(0.0, math.tau, 25)
     radius_m = 5.0 / math.tau
     away = np.array(start) + np.stack(
@@ -483,6 +483,8 @@ def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(
     assert best.sigma_m < 0.8 * sigma_m(away)
     assert best.sigma_m < 0.8 * sigma_m(across)
     assert best.sigma_m < 0.3
+    longer = figures(start, [PERSON], length_m=5.0, duration_s=20.0, is_flying=start[2] > 0.0)[0]
+    assert longer.sigma_m < 0.8 * best.sigma_m
 
 
 @given(st.floats(1.6, 5.0), st.floats(-math.pi, math.pi), st.floats(1.0, 6.0), st.sampled_from([0.0, 1.2]))
@@ -491,7 +493,7 @@ def test_figures_are_closed_as_long_as_asked_and_away_from_people(
     reach_m: float, way_rad: float, length_m: float, height_m: float
 ) -> None:
     start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)
-    found = figures(start, [PERSON], length_m=length_m, is_flying=height_m > 0.0)
+    found = figures(start, [PERSON], length_m=length_m, duration_s=5.0, is_flying=height_m > 0.0)
     assert found == sorted(found, key=lambda figure: figure.sigma_m)
     for each in found:
         points = np.array(each.points_m)
@@ -507,7 +509,9 @@ def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle
     monkeypatch: pytest.MonkeyPatch, start: Vec3
 ) -> None:
     """The tracker is late, at constant speed: a circle turns the pose by it, and no residual tells."""
-    best = even(np.array(figures(start, [PERSON], length_m=4.0, is_flying=start[2] > 0.0)[0].points_m))
+    best = even(
+        np.array(figures(start, [PERSON], length_m=4.0, duration_s=5.0, is_flying=start[2] > 0.0)[0].points_m)
+    )
     turned = np.linspace(0.0, math.tau, 101)
     circle = np.array(start) + 4.0 / math.tau * np.stack(
         [1.0 - np.cos(turned), np.sin(turned), 0.0 * turned], axis=1

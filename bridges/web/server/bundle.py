@@ -14,12 +14,6 @@ from starlette.types import Receive, Scope, Send
 STATIC = Path(__file__).parents[1] / "static"
 """Output of `npm run build` in `client`."""
 
-MAX_BYTES = 8 * 1024 * 1024
-"""Maximum size of a served file."""
-
-MAX_FILES = 256
-"""Maximum number of cached files. On case-insensitive file systems one file has many names."""
-
 PLAIN_BYTES = 1024
 """Files below this size are not compressed."""
 
@@ -86,16 +80,12 @@ class Bundle:
             known = self._files.get(name)
             if known is not None and known.version == version:
                 return known
-            if not path.is_file() or stat.st_size > MAX_BYTES:
-                return None
-            if not path.resolve().is_relative_to(self._folder.resolve()):
+            if not path.is_file() or not path.resolve().is_relative_to(self._folder.resolve()):
                 return None
             content = path.read_bytes()
         except OSError:
             self._files.pop(name, None)
             return None
-        if len(self._files) >= MAX_FILES:
-            self._files.clear()
         file = self._files[name] = _file(path, content, version)
         return file
 

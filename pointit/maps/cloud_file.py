@@ -4,6 +4,7 @@ Without a declaration the columns are x, y and z, in metres, z up. What is impla
 """
 
 import itertools
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -135,7 +136,7 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
     else:
         with path.open(encoding="latin-1") as file:
             file.seek(header.body)
-            skip = sum(each.rows for each in header.before)
+            skip = min(sum(each.rows for each in header.before), sys.maxsize)
             lines: Iterable[str] = filter(str.strip, file) if skip else file  # blank lines are no rows
             columns = header.columns
             if header.is_list_before_points:

@@ -98,6 +98,8 @@ BROKEN = {
         ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes()[:-1],
         "is cut off, 2 of 3 points are there"),
     "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
+    "endless_text.ply": (
+        ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(), "0 of 3 points are there"),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points, limit 5000000"),
     "nan.xyz": (

@@ -9,11 +9,14 @@ import contextlib
 import json
 import logging
 import os
+import sqlite3
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from pydantic import BaseModel
 
 from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, ConnectedDevice, StoredDevices
 from pointit.bridges.web.model.map_editor import MapEditor
@@ -22,6 +25,7 @@ from pointit.maps.edit import Add
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import VARIABLE, StateFile, site_folder, state_directory
+from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Deployment, Environment, LitPixels, ShowPixels
 from pointit.schemas.base import Rgb
@@ -158,6 +162,28 @@ async def _end(child: asyncio.subprocess.Process) -> None:
 
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T", bound=BaseModel)
+LOCK_TIMEOUT_S = 2.0
+
+
+def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
+    """Replace the stored value by `change(value)`. Other processes that update it wait.
+
+    Raises:
+        ConfigError: If a value cannot be read, used or written, or is locked for `LOCK_TIMEOUT_S`.
+    """
+    path = file.path
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = acquire_lock(path.with_suffix(".lock"), LOCK_TIMEOUT_S)
+    except (OSError, sqlite3.Error) as error:
+        raise ConfigError(f"{path}: cannot be locked ({error})") from error
+    if lock is None:
+        raise ConfigError(f"{path}: another process is changing it; try again in a moment")
+    with contextlib.closing(lock):
+        file.write(change(file.read()))
+
 
 PATTERN_S = 6.0
 """Time for which the pattern is shown, s."""
@@ -465,11 +491,13 @@ class Devices:
             self._is_damaged = False
             self.bus.clear("devices")
 
-        stored = self._file.read() or StoredDevices()
-        kept = [each for each in stored.devices if each.id not in removed_ids]
-        if len(kept) + len(added) > MAX_DEVICES:
-            raise RefusedError(f"{MAX_DEVICES} devices are stored, which is the most: forget one first")
-        self._file.write(StoredDevices(devices=(*kept, *added)))
+        def change(stored: StoredDevices | None) -> StoredDevices:
+            kept = [each for each in (stored.devices if stored else ()) if each.id not in removed_ids]
+            if len(kept) + len(added) > MAX_DEVICES:
+                raise RefusedError(f"{MAX_DEVICES} devices are stored, which is the most: forget one first")
+            return StoredDevices(devices=(*kept, *added))
+
+        update_stored(self._file, change)
 
     def _device(self, device_id: str) -> ConnectedDevice:
         running = self._running.get(device_id)

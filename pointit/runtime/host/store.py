@@ -181,18 +181,18 @@ class Store:
                 )
 
 
-def acquire_lock(path: Path) -> sqlite3.Connection | None:
+def acquire_lock(path: Path, timeout_s: float = 0.0) -> sqlite3.Connection | None:
     """Return the lock at `path`, held until it is closed or the process ends in any way.
 
     It is an SQLite file in an exclusive transaction.
 
     Returns:
-        The lock, or None if another connection holds it.
+        The lock, or None if another connection still holds it after `timeout_s`.
 
     Raises:
         sqlite3.Error: If the file cannot be opened or locked at all.
     """
-    lock = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+    lock = sqlite3.connect(path, timeout=timeout_s, isolation_level=None)
     try:
         lock.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:

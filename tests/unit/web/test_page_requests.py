@@ -1,8 +1,10 @@
 """Requests of pages, and the file of a page."""
 
 import base64
+import contextlib
 import io
 import json
+import multiprocessing
 import os
 import re
 import zlib
@@ -17,9 +19,11 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
+from pointit.bridges.web.devices import devices
+from pointit.bridges.web.devices.devices import update_stored
 from pointit.bridges.web.pages.arm_actions import Press, Speak, SpokenWord, StepBeside, Tremor
 from pointit.bridges.web.pages.page_requests import (
     ACTIONS,
@@ -43,6 +47,8 @@ from pointit.maps.edit import edited
 from pointit.recording.reader import Recording
 from pointit.runtime.clock import run_virtually
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.host.store import acquire_lock
 from pointit.schemas import NS_PER_S, CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.registry import SHOWN
 from tests.support.recorded import session, write_recording
@@ -330,3 +336,38 @@ def test_neither_the_recording_nor_what_is_no_plain_file_is_replaced(tmp_path: P
         result = CliRunner().invoke(command, arguments)
         assert "give another file" in str(result.exception), name
     assert recorded.read_bytes() == before
+
+
+class Counted(BaseModel):
+    count: int = 0
+
+
+def count_up(path: Path) -> None:
+    def add_one(stored: Counted | None) -> Counted:
+        return Counted(count=(stored.count if stored else 0) + 1)
+
+    for _ in range(50):
+        update_stored(StateFile[Counted].at(path, Counted), add_one)
+
+
+@pytest.mark.slow
+def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    path = tmp_path / "count.json"
+    processes = [context.Process(target=count_up, args=(path,)) for _ in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+        assert process.exitcode == 0
+    assert StateFile[Counted].at(path, Counted).read() == Counted(count=100)
+
+
+def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "LOCK_TIMEOUT_S", 0.0)
+    path = tmp_path / "count.json"
+    lock = acquire_lock(path.with_suffix(".lock"))
+    assert lock is not None
+    with contextlib.closing(lock), pytest.raises(ConfigError, match="another process is changing it"):
+        update_stored(StateFile[Counted].at(path, Counted), lambda _stored: Counted())
+    assert not path.exists()

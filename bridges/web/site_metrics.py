@@ -1,8 +1,8 @@
 """Metrics of a site, from the messages that its services publish anyway, with totals that only grow. Pure."""
 
-from collections import Counter, defaultdict
+from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import accumulate
+from itertools import accumulate, islice
 from typing import TYPE_CHECKING, NamedTuple
 
 from pointit.diagnosis.observation import expected_services
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
         Metric,
     )
 
+
+MAX_INSTANCES = 4096
+"""Maximum number of instances whose last report is stored; the oldest is dropped."""
+
+MAX_TOPICS = 64
+"""Maximum number of topics in a report that are counted."""
 
 OTHER = "other"
 """Label for keys that are no row of the topic table, and unknown services; bounds the number of series."""
@@ -46,7 +52,7 @@ class Totals:
 
     def __init__(self) -> None:
         self.values: defaultdict[Labels, float] = defaultdict(float)
-        self._last: dict[str, tuple[Health, dict[Labels, float]]] = {}
+        self._last: OrderedDict[str, tuple[Health, dict[Labels, float]]] = OrderedDict()
 
     def add(self, instance: str, service: str, health: Health) -> None:
         """Add what `instance` has counted since its last report.
@@ -76,10 +82,15 @@ class Totals:
             labels = Labels("messages", service, key.key, key.direction)
             self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
         self._last[instance] = (health, counts)
+        if len(self._last) > MAX_INSTANCES:
+            self._last.popitem(last=False)
 
 
 def _keys(health: Health) -> list[KeyHealth]:
-    return [key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER}) for key in health.keys]
+    return [
+        key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER})
+        for key in health.keys[:MAX_TOPICS]
+    ]
 
 
 def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
@@ -123,6 +134,11 @@ class Durations:
 
 READS = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, OUTCOMES, DEPLOYMENT)
 """Topics that metrics are made from."""
+
+MAX_USERS = 1024
+"""Maximum number of people with metrics of their own."""
+
+MAX_DEPLOYMENTS = 1024
 
 ROUTER = "router"
 """Kind of routers. One of several is the instance `router-MACHINE`."""
@@ -179,10 +195,15 @@ class SiteMetrics:
                 pass
 
     @property
+    def _instances(self) -> list[str]:
+        """Return the services that are present: those that are installed here, and as many others as fit."""
+        return sorted(self.state.services, key=lambda each: (_kind(each) == OTHER, each))[:MAX_INSTANCES]
+
+    @property
     def _health(self) -> dict[str, Health]:
         """Return the newest reports of services that are present, by instance."""
         reports = self.state.all(HEALTH)
-        return {each: reports[each] for each in sorted(self.state.services) if each in reports}
+        return {each: reports[each] for each in sorted(self._instances) if each in reports}
 
     def collect(self) -> Iterator["Metric"]:
         """Yield all families of metrics as they are now."""
@@ -194,7 +215,8 @@ class SiteMetrics:
         yield from self._of_people()
 
     def _of_services(self) -> Iterator["Metric"]:
-        expected, present = expected_services(self.state.all(DEPLOYMENT)), self.state.services
+        expected = expected_services(dict(islice(self.state.all(DEPLOYMENT).items(), MAX_DEPLOYMENTS)))
+        present = set(self._instances)
         there = {name: float(name in present) for name in sorted(present | expected.keys())}
         health = {split_instance(name): each for name, each in self._health.items()}
         of = ("service", "name")
@@ -253,7 +275,7 @@ class SiteMetrics:
         yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
 
     def _of_people(self) -> Iterator["Metric"]:
-        users, newest = sorted(self.state.people), self.state.all(POSE)
+        users, newest = sorted(self.state.people)[:MAX_USERS], self.state.all(POSE)
         yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
         poses = [(user, newest[user].covariance) for user in users if user in newest]
         yield _gauge(

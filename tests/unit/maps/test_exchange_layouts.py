@@ -259,6 +259,8 @@ SCREEN = {"id": 0, "start": 0, "stop": 16, "startY": 0, "stopY": 8, "n": "screen
 SHELF = {"id": 1, "start": 128, "stop": 158, "startY": 0, "stopY": 1, "n": "shelf"}
 MATRICES: dict[str, Any] = {
     "a strip behind a matrix": ({"seg": [SCREEN, SHELF]}, {"screen": 0, "shelf": 128}),
+    "a strip that does not begin there": (
+        {"seg": [SCREEN, {**SHELF, "start": 140, "stop": 150}]}, {"screen": 0, "shelf": 140}),
     "a strip before the matrix in the list": ({"seg": [SHELF, SCREEN]}, {"screen": 0, "shelf": 128}),
     "a strip without rows": (
         {"seg": [SCREEN, {"id": 1, "start": 128, "stop": 158, "n": "shelf"}]}, {"screen": 0, "shelf": 128}),
@@ -288,6 +290,10 @@ def test_presets_with_other_segments_are_chosen_by_number() -> None:
     ("data", "message"),
     [
         ({"seg": [{"id": 4, "start": 0, "stop": "all"}]}, "stop of segment 4 is 'all'; write a whole number"),
+        (
+            {"seg": [{"id": 4, "start": -3, "stop": 9}]},
+            "start of segment 4 is -3; write a whole number from 0",
+        ),
         ({"seg": [{"id": 4, "n": "desk"}]}, "segment 4 has neither stop nor len"),
         ({"seg": [{"start": 0, "stop": 9, "startY": 4, "stopY": 2}]}, "has startY 4 and stopY 2"),
         ({"seg": [{"stop": 0}, {"stop": 0}]}, "has no segments with pixels"),

@@ -330,6 +330,7 @@ def test_names_that_no_map_can_have_are_replaced_and_reported() -> None:
     [
         ("x,y,z,pixel\n0,0,0,0\n1,0,0,0\n", "line 3: pixel 0 is in line 2, too; correct one of them"),
         ("x,y,z,pixel\n0,0,0,0.5\n1,0,0,1\n", "has the number 0.5; write whole numbers"),
+        ("a,b,c\n0,0,0\n1,0,0\n", "line 1 is 1 'a', 2 'b', 3 'c'; set columns to those of x, y and z"),
         ("0,0,0\n1,0,0\n", "line 1 is 1 '0', 2 '0', 3 '0'; set columns to .* such as x=1,y=2,z=3"),
         ("x [mm],y [mm],z [mm]\n0,0,0\n", r"1 'x \[mm\]', .* or x=1/cm if not metres"),
         ("x,y,z\nmm,mm,mm\n0,0,0\n", "line 2: 1 'mm', 2 'mm', 3 'mm' has no number for x, y, z; set columns"),
@@ -346,8 +347,10 @@ def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str,
     ("columns", "message"),
     [
         ("x", "columns: 'x' declares no column; write x, y, z, strip, pixel, wire each once"),
+        ("w=1", "columns: 'w=1' declares no column"),
         ("x=1,x=2", "columns: 'x=2' declares no column"),
         ("x=1/parsec", "columns: 'x=1/parsec' has no known unit; write m, dm, .*, or its size in SI units"),
+        ("x=1/-2", "has no known unit"),
     ],
 )
 def test_a_declaration_that_is_none_is_refused(columns: str, message: str) -> None:

@@ -117,6 +117,7 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
         ("task: {kind: reach, width_m: -1}", "task.reach.width_m: must be above 0"),
         ("end: hover", "end: use selection, press, timeout, or FILE.py:FUNCTION"),
         ("questionnaires: [tlx]", "use one of nasa-tlx, sus or write items"),
+        ("repetitoins: 3", "repetitions"),
         (
             "factors: {m: {levels: {a: {x.y: 1}, b: {x.z: 1}}}}",
             "level b and level a must set the same parameters; x.y is only in one",
@@ -130,7 +131,9 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
             "task in a: no parameter width; did you mean width_m",
         ),
         ("task: {kind: reaching}", "task.kind: no kind 'reaching'; did you mean reach?"),
+        ("task: {kind: dance}", "task.kind: no kind 'dance'; there are reach, tapping, packages, places,"),
         ("scenario: strip", "no scenario 'strip': give a .yaml file, or did you mean strips?"),
+        ("scenario: hall", "'hall': give a .yaml file, or there are belts, robots, space, strips"),
         ("questionnaires: [sus, sus]", "sus is there twice: their answers could not be told apart"),
         (
             f"factors: {{m: {{levels: {{{', '.join(f'l{n}: {{x.y: {n}}}' for n in range(1001))}}}}}}}",

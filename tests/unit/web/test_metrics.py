@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from prometheus_client.registry import CollectorRegistry
 
+from pointit.bridges.web import site_metrics as module
 from pointit.bridges.web.server.metrics_server import TEXT, exposition
 from pointit.bridges.web.site_metrics import OTHER, Labels, SiteMetrics, Totals
 from pointit.runtime.bus.instrumented import DurationWindow
@@ -176,16 +177,49 @@ def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetri
     assert metrics.value("pointit_router_refusals_total", service="router") == 9
 
 
-def test_traffic_of_unknown_services_and_keys_is_one_series(metrics: TakenMetrics) -> None:
+def test_invented_names_do_not_make_series_without_end(
+    metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_INSTANCES", 10)
+    monkeypatch.setattr(module, "MAX_USERS", 10)
     latency = durations(0.001, 0.002)
-    for number in range(3):
-        instance = f"made-up-{number}"
+    for number in range(100):
+        instance, user = f"made-up-{number}", f"u{number}"
         metrics.state.set_service(instance, True)
+        metrics.state.set_person(user, True)
         metrics.hear(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
+        metrics.hear(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     families = {family.name: family for family in metrics.collect()}
+    assert len(families["pointit_service_present"].samples) == 10
+    assert len(families["pointit_pose_yaw_sigma_radians"].samples) == 10
     assert {sample.labels["topic"] for sample in families["pointit_messages"].samples} == {OTHER}
     for name in ("errors", "messages", "discarded_messages", "latency_seconds"):
         assert {sample.labels["service"] for sample in families[f"pointit_{name}"].samples} == {OTHER}, name
+
+
+def test_people_who_left_take_no_place_of_those_who_are_there(
+    metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_USERS", 3)
+    pose = UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+    solving, solved = (
+        Localization.model_validate({"stamp_ns": 1, "phase": phase}) for phase in ("sampling", "solved")
+    )
+
+    def arrive(user: str) -> None:
+        for message in (pose, solving, solved):
+            metrics.hear(user, message)
+
+    metrics.state.set_person("anna", True)
+    arrive("anna")
+    for number in range(10):  # messages of people whose presence has ended
+        arrive(f"u{number}")
+    arrive("ben")  # a pose may come before the presence
+    metrics.state.set_person("ben", True)
+    for user in ("anna", "ben"):
+        assert metrics.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
+    arrive("anna")
+    assert metrics.value("pointit_localizations_total", purpose="pose", result="solved") == 13
 
 
 def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) -> None:

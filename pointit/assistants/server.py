@@ -2,19 +2,20 @@
 
 import asyncio
 import contextlib
+import json
 import time
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 from mcp.server.mcpserver import Context, MCPServer
 from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import RequestBodyLimitMiddleware
-from mcp.types import ToolAnnotations
+from mcp.types import InitializeRequest, ToolAnnotations
 from pydantic import BaseModel, ValidationError
 from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pointit.assistants.results import MAX_SENTENCE, Items, People, items, people, plain, refusal
 from pointit.assistants.tools import SCOPE_KEY, Role, Tools
@@ -23,6 +24,7 @@ from pointit.bridges.web.server.app import REFUSAL_S, request_info
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.errors import ConfigError, PointItError
 from pointit.runtime.address_config import is_loopback
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas.codec import summarize_validation_error
 
@@ -119,6 +121,8 @@ async def _read(tools: Tools, uri: str, look: Any) -> str:
 PATH = "/mcp"
 MAX_BODY = 64 * 1024
 """Limit of a request, bytes: no tool takes as much."""
+BODY_TIMEOUT_S = 10.0
+"""Timeout of receiving the body of a request, s."""
 MAX_SESSIONS = 32
 """Limit of sessions of each token: those of viewers take none of the operator's."""
 SESSION_IDLE_S = 300.0
@@ -128,11 +132,43 @@ MAX_REQUESTS = 128
 NEEDS_TOKEN = "a token of the page is needed: Authorization: Bearer ...; see docs/how-to/assistants.md\n"  # noqa: S105
 
 
+class SlowBodyError(Exception):
+    """The body of a request is not complete within `BODY_TIMEOUT_S`."""
+
+
+class HandshakeCheck:
+    """Refuses a malformed `initialize`, to which the library replies with an error and a session."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request, whose body is complete."""
+        messages = [await receive()]
+        try:
+            body: object = json.loads(messages[0].get("body", b""))
+            if isinstance(body, dict) and ("method", "initialize") in cast("dict[str, Any]", body).items():
+                InitializeRequest.model_validate(body)
+        except ValidationError as error:
+            text = f"initialize: {describe_validation_error(error, InitializeRequest)}\n"
+            await PlainTextResponse(text, 400)(scope, receive, send)
+            return
+        except (ValueError, RecursionError):
+            pass  # no JSON, which the library refuses
+
+        async def replay() -> Message:
+            return messages.pop() if messages else await receive()
+
+        await self._app(scope, replay, send)
+
+
 class TokenMiddleware:
     """Lets requests in by the page's tokens: with its host, no foreign origin, as operator or viewer."""
 
     def __init__(self, apps: Mapping[Role, ASGIApp], access: Access) -> None:
-        self._apps = {role: RequestBodyLimitMiddleware(app, MAX_BODY) for role, app in apps.items()}
+        self._apps = {
+            role: RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY) for role, app in apps.items()
+        }
         self._access = access
         self._requests: Counter[Role] = Counter()
 
@@ -158,9 +194,32 @@ class TokenMiddleware:
             scope[SCOPE_KEY] = role
             self._requests[role] += 1
             try:
-                await self._apps[role](scope, receive, send)
+                await self._apps[role](scope, _timed(receive), send)
+            except SlowBodyError:
+                text = f"the request is not complete after {BODY_TIMEOUT_S:g} s: send it at once\n"
+                await PlainTextResponse(text, 408)(scope, receive, send)
             finally:
                 self._requests[role] -= 1
+
+
+def _timed(receive: Receive) -> Receive:
+    """Return `receive`, which raises `SlowBodyError` while the body is incomplete for too long."""
+    ends_s = asyncio.get_running_loop().time() + BODY_TIMEOUT_S
+    is_complete = False
+
+    async def timed() -> Message:
+        nonlocal is_complete
+        if is_complete:
+            return await receive()
+        try:
+            async with asyncio.timeout_at(ends_s):
+                message = await receive()
+        except TimeoutError:
+            raise SlowBodyError from None
+        is_complete = not message.get("more_body", False)
+        return message
+
+    return timed
 
 
 class HttpServer:

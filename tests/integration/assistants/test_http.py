@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,21 @@ async def test_no_other_machine_can_reach_it() -> None:
 
 FLOOD = 200
 VIEWERS = {**HEADERS, "Authorization": f"Bearer {VIEWER}"}
+MALFORMED = {
+    "no JSON": b"{",
+    "nothing": b"",
+    "no UTF-8": b"\xff\xfe\x00",
+    "a number": b"1",
+    "a list": b"[]",
+    "a batch": json.dumps([HELLO]).encode(),
+    "no version": json.dumps({"id": 1, "method": "initialize"}).encode(),
+    "no parameters": json.dumps({"jsonrpc": "2.0", "id": 1, "method": "initialize"}).encode(),
+    "wrong parameters": json.dumps({**HELLO, "params": {"protocolVersion": 7}}).encode(),
+    "a notification": json.dumps({"jsonrpc": "2.0", "method": "initialize"}).encode(),
+    "another method": json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/list"}).encode(),
+    "a deep one": b"[" * 20_000,
+}
+"""Requests without a session that begin none."""
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -122,6 +138,15 @@ async def test_operator_works_while_a_viewer_opens_sessions_without_end(mode: st
         for _ in range(3):
             async with client_of(url, OPERATOR, mode) as client:
                 assert not (await client.call_tool("stop_robot", {"robot": "rover"})).is_error
+
+
+@pytest.mark.parametrize("body", MALFORMED.values(), ids=MALFORMED.keys())
+async def test_malformed_requests_occupy_no_session(body: bytes) -> None:
+    async with served() as (url, _bus), httpx.AsyncClient(headers=VIEWERS) as http:
+        for _ in range(2 * MAX_SESSIONS):
+            await http.post(url, content=body)
+        async with client_of(url, VIEWER, "legacy") as client:
+            assert not (await client.call_tool("who_is_here", {})).is_error
 
 
 class Pointing:

@@ -1,4 +1,4 @@
-"""Limits of callers by HTTP, in virtual time: idle sessions and open requests."""
+"""Limits of callers by HTTP, in virtual time: idle sessions and slow bodies."""
 
 import asyncio
 import contextlib
@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, AsyncIterator
 
 import httpx
 
-from pointit.assistants.server import MAX_REQUESTS, MAX_SESSIONS, PATH, SESSION_IDLE_S
+from pointit.assistants.server import BODY_TIMEOUT_S, MAX_REQUESTS, MAX_SESSIONS, PATH, SESSION_IDLE_S
 from tests.integration.assistants.served import HEADERS, HELLO, OPERATOR, VIEWER, serving
 
 LISTING = {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
@@ -63,12 +63,12 @@ async def test_session_of_a_client_that_listens_does_not_end() -> None:
 async def endless_body() -> AsyncIterator[bytes]:
     while True:
         yield b" "
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(BODY_TIMEOUT_S / 4)
 
 
-async def test_requests_that_never_end_hold_only_those_of_their_token_up() -> None:
+async def test_bodies_that_never_end_hold_nobody_up_and_are_refused_in_seconds() -> None:
     async with clients() as (operator, viewer):
-        open_ones = [
+        slow = [
             asyncio.create_task(viewer.post(PATH, content=endless_body(), headers={"Content-Length": "5000"}))
             for _ in range(MAX_REQUESTS)
         ]
@@ -76,7 +76,6 @@ async def test_requests_that_never_end_hold_only_those_of_their_token_up() -> No
         refused = await viewer.post(PATH, json=HELLO)
         assert (refused.status_code, "viewer's token are open" in refused.text) == (503, True)
         await begin(operator)
-        for each in open_ones:
-            each.cancel()
-        await asyncio.wait(open_ones)
+        await asyncio.sleep(BODY_TIMEOUT_S)
+        assert {each.result().status_code for each in slow} == {408}
         await begin(viewer)

@@ -1,7 +1,7 @@
 """The MCAP container under limits: records of a file, and the records in a chunk.
 
-Records and unpacked chunks have a limit, which is checked before they are read or unpacked. Nothing that a
-file says about itself (its index, its statistics) is trusted.
+A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
+a file says about itself (its index, its statistics) is trusted.
 """
 
 import io
@@ -29,6 +29,13 @@ except ImportError as error:
 MAX_RECORD_BYTES = 32 * 1024 * 1024
 """Most bytes of a record, and of a chunk unpacked."""
 
+MAX_RECORDS = 50_000
+"""Most records in a chunk: twice what fits into the megabyte at which a writer closes one."""
+
+FREE_RECORDS = 1000
+"""Records that a chunk may hold whatever its size. More need a byte of the file each, as no two messages of a
+recorder are alike: a small file must not cost hours."""
+
 _HEAD = struct.Struct("<BQ")
 """Opcode and length before each record."""
 _MESSAGE = struct.Struct("<HIQQ")
@@ -46,6 +53,9 @@ BLOCK_BYTES = 1024 * 1024
 
 DAMAGED = 0
 """Opcode of a place that holds no records."""
+
+_INNER = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+"""Records that stand in chunks."""
 
 Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
 
@@ -170,33 +180,33 @@ def unpack(chunk: Chunk) -> bytes:
     return data
 
 
-def inner_records(data: bytes) -> Iterator[RecordLocation]:
-    """Yield where the records in `data` are, the content of a chunk.
+def inner_records(chunk: Chunk, data: bytes) -> Iterator[RecordLocation]:
+    """Yield where the records in `data` are, which is `chunk` unpacked.
 
     Raises:
-        DamagedError: There are none from some place on.
+        DamagedError: There are none from some place on, too many, or some that no chunk holds.
     """
+    left = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
     offset = 0
     while offset < len(data):
+        if not left:
+            raise DamagedError("a chunk of it is damaged: it holds too many records for its size")
+        left -= 1
         if offset + _HEAD.size > len(data):
             raise DamagedError("a chunk of it is damaged: a record is cut off")
         opcode, length = _HEAD.unpack_from(data, offset)
         offset += _HEAD.size
         if offset + length > len(data) or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
             raise DamagedError("a chunk of it is damaged: a record is cut off")
+        if opcode not in _INNER:
+            raise DamagedError(f"a chunk of it is damaged: it holds a record of the kind {opcode}")
         yield RecordLocation(opcode, offset, length)
         offset += length
 
 
 def message_times(data: bytes, place: RecordLocation) -> tuple[int, int]:
-    """Return channel and log time (ns) of the message at `place`.
-
-    Raises:
-        DamagedError: The time is beyond 64 bits.
-    """
+    """Return channel and log time (ns) of the message at `place`."""
     channel, _, time_ns, _ = _MESSAGE.unpack_from(data, place.offset)
-    if time_ns >= 2**63:
-        raise DamagedError(f"a chunk of it is damaged: the time {time_ns} ns is beyond 64 bits")
     return channel, time_ns
 
 

@@ -21,8 +21,15 @@ from pointit.recording.entries import (
     find_row,
     schema_name,
 )
+from pointit.recording.writer import MAX_CHANNELS
 from pointit.schemas import NS_PER_S, DecodeError
 from pointit.schemas.catalogue.json_channel import from_json
+
+MAX_SCHEMAS = 1000
+"""Most schemas in a recording: one for each row of the topic table."""
+
+MAX_DESCRIBED_BYTES = 32 * 1024 * 1024
+"""Most bytes of all descriptions of channels and schemas."""
 
 
 class Channel:
@@ -46,8 +53,9 @@ class Channels:
     """The channels by their number in the file."""
 
     def __init__(self) -> None:
-        self._seen: set[tuple[int, int]] = set()
-        """Opcodes and numbers of the records so far, which may be repeated."""
+        self._texts: dict[tuple[int, int], bytes] = {}
+        """By opcode and number: the record, which may be repeated but not changed."""
+        self._bytes = 0
         self._schemas: dict[int, str] = {0: ""}
         self._known: dict[int, Channel] = {}
         self._names: dict[int, str] = {}
@@ -60,12 +68,22 @@ class Channels:
         """Note what a record in a chunk describes; others than channels and schemas are ignored.
 
         Raises:
-            DamagedError: It is damaged.
+            DamagedError: It is damaged, contradicts an earlier one, or there are too many.
         """
-        number = int.from_bytes(content[:2], "little")
-        if opcode not in (Opcode.CHANNEL, Opcode.SCHEMA) or (opcode, number) in self._seen:
+        if opcode not in (Opcode.CHANNEL, Opcode.SCHEMA):
             return
-        self._seen.add((opcode, number))
+        number = int.from_bytes(content[:2], "little")
+        text = self._texts.get((opcode, number))
+        if text == content:
+            return
+        if text is not None:
+            raise DamagedError("it gives one number to two channels or schemas")
+        self._bytes += len(content)
+        if len(self._texts) >= MAX_CHANNELS + MAX_SCHEMAS or self._bytes > MAX_DESCRIBED_BYTES:
+            raise DamagedError(
+                f"it has more than {MAX_CHANNELS} channels, or {MAX_DESCRIBED_BYTES} bytes about them"
+            )
+        self._texts[opcode, number] = content
         if opcode == Opcode.SCHEMA:
             self._schemas[number] = parse(content, Schema).name
         else:
@@ -108,6 +126,13 @@ def _is_newer(written: str, known: str) -> bool:
     return False
 
 
+MAX_CHUNKS = 1_000_000
+"""Most chunks that are read of a recording: more than five days."""
+
+MAX_DAMAGED = 1000
+"""Most damaged chunks before a file counts as no recording."""
+
+
 class _ChunkPlace(NamedTuple):
     place: RecordLocation
     began_ns: int
@@ -137,7 +162,7 @@ class Recording:
                 elif place.opcode == Opcode.CHUNK:
                     if head is None:
                         break
-                    damaged += self._search(place)
+                    self._try_search(place, damaged)
                 elif place.opcode == container.DAMAGED:
                     damaged.append(DamagedError("it is damaged between two chunks"))
                 elif damaged:  # the channels may have been described in what is damaged
@@ -297,24 +322,37 @@ class Recording:
         """
         chunk = container.read(self._file, place, Chunk)
         data = container.unpack(chunk)
-        return data, container.inner_records(data)
+        return data, container.inner_records(chunk, data)
 
-    def _search(self, place: RecordLocation) -> list[DamagedError]:
-        """Note the messages of the chunk at `place`. Return what is wrong with it, if anything is."""
+    def _try_search(self, place: RecordLocation, damaged: list[DamagedError]) -> None:
+        """Search the chunk at `place`, or add what is wrong with it to `damaged`.
+
+        Raises:
+            DamagedError: There are too many chunks.
+            RecordingError: Too many are damaged.
+        """
+        if len(self._chunks) >= MAX_CHUNKS:
+            raise DamagedError(f"it has more than {MAX_CHUNKS} chunks")
+        try:
+            self._search(place)
+        except DamagedError as error:
+            damaged.append(error)
+            if len(damaged) > MAX_DAMAGED:
+                raise RecordingError(f"{self._path} cannot be read: {error}") from error
+
+    def _search(self, place: RecordLocation) -> None:
+        data, records = self._unpack(place)
         counts: Counter[int] = Counter()
         began_ns, ended_ns = 2**64, -1
-        try:
-            data, records = self._unpack(place)
-            for inner in records:
-                if inner.opcode == Opcode.MESSAGE:
-                    channel, time_ns = container.message_times(data, inner)
-                    counts[channel] += 1
-                    began_ns, ended_ns = min(began_ns, time_ns), max(ended_ns, time_ns)
-                else:
-                    self._channels.add(inner.opcode, data[inner.offset : inner.offset + inner.length])
-        except DamagedError as error:
-            return [error]
+        for inner in records:
+            if inner.opcode == Opcode.MESSAGE:
+                channel, time_ns = container.message_times(data, inner)
+                if time_ns >= 2**63:
+                    raise DamagedError(f"a chunk of it is damaged: the time {time_ns} ns is beyond 64 bits")
+                counts[channel] += 1
+                began_ns, ended_ns = min(began_ns, time_ns), max(ended_ns, time_ns)
+            else:
+                self._channels.add(inner.opcode, data[inner.offset : inner.offset + inner.length])
         self._channels.count(counts)
         if counts:
             self._chunks.append(_ChunkPlace(place, began_ns, ended_ns))
-        return []

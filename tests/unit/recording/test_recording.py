@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from zstandard import ZstdCompressor
 
 import pointit.schemas as models
-from pointit.recording import container
+from pointit.recording import container, reader
 from pointit.recording.entries import (
     METADATA,
     Entry,
@@ -153,6 +153,14 @@ def test_file_that_ends_in_the_middle_is_read_but_for_the_last_half_second(path:
         assert len(found) >= written_by_then - 25 > 50
         assert "it ends in the middle" in recording.problem
         assert recording.problem.startswith(f"{path} is not whole")
+
+
+def test_recording_that_is_too_long_is_read_to_the_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(path, session())
+    monkeypatch.setattr(reader, "MAX_CHUNKS", 5)
+    with Recording.open(path) as recording:
+        assert "it has more than 5 chunks" in recording.problem
+        assert list(recording.entries()) == session()[: sum(recording.counts.values())] != []
 
 
 def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
@@ -313,15 +321,44 @@ def claimed_bomb(hostile: Hostile) -> None:
     hostile.packed_chunk(header + b"\x01\x00\x00", 10 * 10**9)
 
 
+def repeated_channels(hostile: Hostile) -> None:
+    block = records(*(channel(k, f"/{k}") for k in range(10_000)))
+    for _ in range(10):
+        hostile.chunk(block)
+    hostile.chunk(records(channel(1, "/other")))
+
+
+def huge_channels(hostile: Hostile) -> None:
+    for block in range(5):
+        hostile.chunk(records(*(channel(block * 9 + k, "/a" * 512_000) for k in range(9))))
+
+
+EMPTY_MESSAGE = struct.pack("<BQ", 5, 22) + bytes(22)
 FAR_FUTURE = struct.pack("<BQ", 5, 22) + struct.pack("<HIQQ", 0, 0, 2**63, 0)
 
 
 ATTACKS: list[tuple[Callable[[Hostile], None], str]] = [
     (lambda to: to.packed_chunk(zeros_packed(1 << 30), 10 * 10**9), "unpacks to more than"),
     (claimed_bomb, "another size than it says"),
+    (repeated_channels, "one number to two channels"),
+    (
+        lambda to: to.chunk(records(*(channel(k, f"/{k}", f"users/u{k}/imu") for k in range(25_000)))),
+        "more than 20000 channels",
+    ),
+    (huge_channels, "bytes about them"),
+    (lambda to: to.chunk(records(channel(1, "/a"), channel(1, "/b"))), "one number to two channels"),
     (lambda to: to.packed_chunk(b"abc", 3, "lz4"), "packed with 'lz4'"),
     (lambda to: to.chunk(struct.pack("<BQ", 5, 2**60) + b"abc"), "a record is cut off"),
     (lambda to: to.chunk(struct.pack("<BQ", 3, 6) + b"\x01\x00\xff\xff\xff\xff"), "is damaged"),
+    (lambda to: to.chunk(struct.pack("<BQ", 9, 0) * 100_000), "a record of the kind 9"),
+    (
+        lambda to: to.chunk(records(channel(0, "/a")) + EMPTY_MESSAGE * 20_000),
+        "too many records for its size",
+    ),
+    (
+        lambda to: to.packed_chunk(EMPTY_MESSAGE * 60_000, 60_000 * len(EMPTY_MESSAGE), ""),
+        "too many records for its size",
+    ),
     (lambda to: to.chunk(records(channel(0, "/a")) + FAR_FUTURE), "is beyond 64 bits"),
 ]
 

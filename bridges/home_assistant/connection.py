@@ -8,6 +8,7 @@ import contextlib
 import importlib.util
 import json
 import logging
+import re
 import socket
 import ssl
 import time
@@ -33,12 +34,25 @@ PROBE_TIMEOUT_S = 3.0
 MAX_MESSAGE_BYTES = 16 * 2**20
 """Limit of a message: all states of a home of 10 000 entities have some 10 MB."""
 MAX_QUEUED_FRAMES = 4
+MIN_READ_BYTES, MAX_READ_BYTES = 128, 2**12
+"""Size of what is read in a turn of the loop: some ten of the smallest frames, more while quick."""
 MAX_TURN_S = 0.002
 """Time that messages take before others get their turn, s."""
 MAX_SHARE = 0.25
 """Share of the time that messages take while there are many."""
+MAX_ENTRY_CHARS = 2**17
+"""Limit of an entry of a list, such as a state, and of any other message. Longer ones are left out."""
+MAX_ENTRIES = 50_000
+"""Limit of the entries of a list. Further ones are left out."""
 TOO_BIG = 1009
 """Code by which a websocket is closed after a message above its limit."""
+_LIST_RESULT = re.compile(
+    r'\{\s*"id"\s*:\s*(\d{1,15})\s*,\s*"type"\s*:\s*"result"\s*,\s*"success"\s*:\s*true\s*,\s*"result"\s*:\s*\['
+)
+"""Begin of a result that is a list, which is read entry by entry."""
+_SEPARATOR = re.compile(r"[\s,]*")
+_NEXT_STATE = re.compile(r',\s*\{\s*"entity_id"')  # the entry after one that is too long
+_ENTRIES = json.JSONDecoder()
 LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200
 """Characters of an error of Home Assistant that are shown."""
@@ -158,8 +172,14 @@ class HomeAssistantConnection:
             while True:
                 text = await self._websocket.recv()
                 self._pace.begin()
-                for message in _messages(text):
-                    self._on_message(message)
+                if isinstance(text, str) and (head := _LIST_RESULT.match(text)) is not None:
+                    entries = await self._read_entries(text, head.end())
+                    self._on_message(
+                        {"id": int(head[1]), "type": "result", "success": True, "result": entries}
+                    )
+                elif len(text) <= MAX_ENTRY_CHARS:
+                    for message in _messages(text):
+                        self._on_message(message)
                 await self._pace.rest()
         except ConnectionClosed as error:
             if error.sent is not None and error.sent.code == TOO_BIG:
@@ -170,6 +190,23 @@ class HomeAssistantConnection:
         finally:
             for reply in self._replies.values():
                 reply.cancel()
+
+    async def _read_entries(self, text: str, start: int) -> list[Mapping[str, Any]]:
+        """Return the objects in the list that begins at `start` of `text`, which gives others their turn."""
+        entries: list[Mapping[str, Any]] = []
+        while len(entries) < MAX_ENTRIES:
+            start = cast("re.Match[str]", _SEPARATOR.match(text, start)).end()
+            try:
+                entry, length = _ENTRIES.raw_decode(text[start : start + MAX_ENTRY_CHARS])
+            except (ValueError, RecursionError):  # the end of the list, an entry that is too long, or no JSON
+                if (following := _NEXT_STATE.search(text, start + MAX_ENTRY_CHARS)) is None:
+                    break
+                entry, length = None, following.start() - start
+            start += length
+            if isinstance(entry, dict):
+                entries.append(cast("Mapping[str, Any]", entry))
+            await self._pace.rest()
+        return entries
 
     def _next_id(self) -> int:
         self._last_id += 1
@@ -242,8 +279,33 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         ConfigError: If there is no token.
         NoHomeAssistantError: If there is no Home Assistant at the address. One sentence with the remedy.
     """
-    from websockets.asyncio.client import connect  # noqa: PLC0415 - an extra
+    from websockets.asyncio.client import ClientConnection, connect  # noqa: PLC0415 - an extra
     from websockets.exceptions import ConnectionClosed, InvalidHandshake  # noqa: PLC0415
+
+    class PacedConnection(ClientConnection, asyncio.BufferedProtocol):
+        """Reads as much in a turn of the loop as it handles at once, and pauses if that takes long."""
+
+        size = MIN_READ_BYTES
+
+        def get_buffer(self, sizehint: int) -> memoryview:
+            del sizehint
+            self.received = memoryview(bytearray(self.size))
+            return self.received
+
+        def buffer_updated(self, nbytes: int) -> None:
+            begin_s = time.perf_counter()
+            self.data_received(bytes(self.received[:nbytes]))
+            used_s = time.perf_counter() - begin_s
+            if used_s < MAX_TURN_S / 4:
+                self.size = min(self.size * 2, MAX_READ_BYTES)
+            elif used_s > MAX_TURN_S:
+                self.size = MIN_READ_BYTES
+                self.transport.pause_reading()
+                self.loop.call_later(used_s * (1 / MAX_SHARE - 1), self.resume)
+
+        def resume(self) -> None:
+            if not self.recv_messages.paused and not self.transport.is_closing():
+                self.transport.resume_reading()
 
     class Connect(connect):
         """Follows no redirect: another server would get the token."""
@@ -259,6 +321,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         open_timeout=CONNECT_TIMEOUT_S,
         close_timeout=1.0,
         compression=None,  # a few bytes of it can become many
+        create_connection=PacedConnection,
         max_size=MAX_MESSAGE_BYTES,
         max_queue=MAX_QUEUED_FRAMES,
         proxy=None,

@@ -34,6 +34,12 @@ def change(entity: str, state: str, **attributes: Any) -> bytes:
 FLOODS: dict[str, Callable[[int], bytes]] = {
     "a lamp that flaps": lambda n: change(LAMP, ("on", "off", "unavailable")[n % 3], brightness=n % 255 + 1),
     "new entities": lambda n: change(f"media_player.m{n}", "on", text="x" * 700),
+    "tiny messages": lambda _: b"\x81\x02[]" * 1000,
+    "pings": lambda _: b"\x89\x00" * 1000,
+    "lists of nothing": lambda _: frame(b"[" + b"{}," * 1_000_000 + b"{}]"),
+    "one deep state": lambda _: frame(
+        b'{"id":3,"type":"result","success":true,"result":[[' + b"{}," * 1_000_000 + b"{}]]}"
+    ),
 }
 
 

@@ -62,6 +62,13 @@ async def test_three_hundred_entities_become_things_by_four_messages(tmp_path: P
     assert {each.mode for each in things} == {"switch"}
 
 
+async def test_a_state_that_is_too_long_is_left_out_alone(tmp_path: Path) -> None:
+    rain = {"hours": "x" * 200_000}
+    home = MemoryHome({"light.a": ("on", {}), "sensor.rain": ("1", rain), LAMP: ("on", {})})
+    async with home.connected(config_of(tmp_path, 1)) as connection, reading(connection):
+        assert set(await connection.states()) == {"light.a", LAMP}
+
+
 async def test_a_lamp_that_the_map_gains_may_show_another_sites_hover(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,11 +4,9 @@ import asyncio
 import contextlib
 import datetime as dt
 import inspect
-import logging
 import math
 from collections import Counter
-from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Generator
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Awaitable, Callable, Collection, Generator
 from typing import Annotated, Any, Literal
 
 from mcp.server.mcpserver import Context
@@ -37,18 +35,14 @@ from pointit.assistants.results import (
     present,
     refusal,
 )
-from pointit.errors import AccessDeniedError, ConnectError, NoAnswerError, PointItError, SchemaError
+from pointit.assistants.site_connection import SiteConnection
+from pointit.errors import AccessDeniedError, NoAnswerError, PointItError, SchemaError
 from pointit.schemas import NS_PER_S, RobotState
 from pointit.schemas.base import FARTHEST, Vec3
 from pointit.schemas.person import Deictic
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ROBOT_STATE
 
-log = logging.getLogger(__name__)
-
-RETRY_S = 2.0
-"""Time between two attempts to join, s."""
-FOREVER_S = 1e9
 MAX_CANDIDATES = 8
 LOOK_S = 0.2
 """Time between two looks while waiting, s."""
@@ -56,63 +50,6 @@ SURE = 0.6
 """Least probability of what is waited for."""
 ITEMS = ("thing", "robot", "object", "person")
 """Kinds of referents that have a name of their own."""
-
-
-class SiteConnection:
-    """Joins a site, again and again if need be, and gives it to tools while it is reachable."""
-
-    def __init__(self, join: Callable[[], AbstractAsyncContextManager[Site]], where: str) -> None:
-        """Join nothing yet. `where` names the site and its address in messages."""
-        self._join = join
-        self._site: Site | None = None
-        self._why = f"{where} does not answer: start it, such as by `pointit run`, and ask again"
-
-    @property
-    def site(self) -> Site:
-        """The site.
-
-        Raises:
-            ConnectError: If it is not reachable now.
-        """
-        if self._site is None:
-            raise ConnectError(self._why)
-        if self._site.problem:
-            raise ConnectError(self._site.problem)
-        return self._site
-
-    @contextlib.asynccontextmanager
-    async def opened(self) -> AsyncGenerator[None]:
-        """Keep the site joined in this block."""
-        task = asyncio.create_task(self._keep(), name="site of assistants")
-        try:
-            yield
-        finally:
-            task.cancel()
-            await asyncio.wait({task})
-
-    async def _keep(self) -> None:
-        while True:
-            try:
-                async with self._join() as site:
-                    _receive(site)
-                    self._site = site
-                    log.info("joined site %s", site.name)
-                    await site.sleep(FOREVER_S)
-            except PointItError as error:
-                self._why = str(error)
-                log.warning("%s", error)
-            finally:
-                self._site = None
-            await asyncio.sleep(RETRY_S)
-
-
-def _receive(site: Site) -> None:
-    """Begin to receive what tools look up: it is there when the first one is called."""
-    latest = site.latest
-    for newest in (latest.cursor, latest.pose, latest.interaction, latest.objects, latest.robot):
-        len(newest)
-    latest.map.get("")
-    latest.selection.get("")
 
 
 async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> PossibleReferents:

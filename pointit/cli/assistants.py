@@ -48,7 +48,8 @@ async def _serve(
     # here, since the extra may be missing where help is asked for
     from pointit.assistants.audit_file import FOLDER, AuditFile  # noqa: PLC0415
     from pointit.assistants.server import make_server  # noqa: PLC0415
-    from pointit.assistants.tools import SiteConnection, Tools  # noqa: PLC0415
+    from pointit.assistants.site_connection import SiteConnection  # noqa: PLC0415
+    from pointit.assistants.tools import Tools  # noqa: PLC0415
 
     connection = SiteConnection(lambda: join(connect, site=site, timeout_s=None), address(site, connect))
     audit = AuditFile(site_folder(site, FOLDER))

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import importlib
-import ipaddress
 import json
 import os
 import re
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, cast
 from urllib.parse import quote, urlsplit
-from urllib.request import getproxies, proxy_bypass
 
 from pointit.runtime.address_config import parse_address
 from pointit.runtime.config.nearest_name import nearest
@@ -180,7 +178,7 @@ class Webhook:
             raise ConfigError(f"{hide_secrets(url)} has no host; write http://HOST/PATH")
         check_placeholders(url)
         try:  # now, as it takes longer than a loop may be held up
-            importlib.import_module("httpx")
+            importlib.import_module("pointit.services.reactions.http_status")
         except ImportError as error:
             raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}") from error
         return cls(url=url)
@@ -198,6 +196,8 @@ class Webhook:
     async def _send(self, act: Act) -> tuple[FailureCode, str]:
         """Return kind and description of the failure, or `""`."""
         import httpx  # noqa: PLC0415 - an extra
+
+        from pointit.services.reactions.http_status import post  # noqa: PLC0415 - as above
 
         try:
             request = self._request(act)
@@ -325,53 +325,3 @@ def reactions_in(text: str, room: Environment | None = None) -> Iterator[Reactio
                 yield Reaction.parse(f"{thing}={line}", room)
             except ConfigError as error:
                 raise ConfigError(f"{text}: {error}") from error
-
-
-async def post(request: "httpx.Request") -> tuple[int, str]:
-    """Send `request`, by the proxy of the environment, if any. Return status and reason of the response.
-
-    No body is read or decoded, and no redirect is followed.
-
-    Raises:
-        OSError: If the file of SSL_CERT_FILE cannot be used.
-        ValueError, ImportError, httpx.InvalidURL: If the proxy cannot be used.
-        httpx.TransportError: If there is no response.
-    """
-    import httpx  # noqa: PLC0415 - an extra
-
-    context = await asyncio.to_thread(httpx.create_ssl_context)  # reads certificates
-    proxy = proxy_address(request.url)
-    async with httpx.AsyncClient(verify=context, proxy=proxy, trust_env=False, timeout=None) as client:  # noqa: S113 - the caller has one
-        response = await client.send(request, stream=True)
-        await response.aclose()
-        return response.status_code, response.reason_phrase
-
-
-def is_local(url: str) -> bool:
-    """Return True if the host of `url` is this machine or in its network, to which no proxy leads.
-
-    These are loopback, private and link-local addresses, names without a dot, and those below `.local` and
-    `.localhost`.
-    """
-    import httpx  # noqa: PLC0415 - an extra
-
-    host = httpx.URL(url).host.rstrip(".")
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_private
-    return "." not in host or host.endswith((".local", ".localhost"))
-
-
-def proxy_address(url: "httpx.URL") -> str | None:
-    """Return the address of the proxy that the environment names for `url`, or None.
-
-    Raises:
-        ValueError: If it is no address.
-    """
-    proxies = getproxies()
-    address = proxies.get(url.scheme) or proxies.get("all")
-    names = (url.netloc.decode("ascii"), url.host, f"[{url.host}]")  # no_proxy may have ::1 or [::1]
-    if not address or is_local(str(url)) or any(map(proxy_bypass, names)):
-        return None
-    address = address if "://" in address else f"http://{address}"
-    parse_address(urlsplit(address).netloc.rpartition("@")[2])
-    return address

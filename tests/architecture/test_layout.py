@@ -38,7 +38,7 @@ DEVICES = {
         "home-assistant": "announcer.py connection.py entity_commands.py",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py",
-        "reactions": "targets.py",
+        "reactions": "http_status.py targets.py",
         "recorder": "sink.py",
         "speaker": "speech_synthesizer.py",
         "led-driver": """

@@ -8,10 +8,10 @@ import pytest
 from tests.architecture.sources import imports_in, module_name, shipped, tree
 
 LEAVES = {
-    "assistants": (("pointit.assistants", "pointit.cli.assistants"), 23),
+    "assistants": (("pointit.assistants", "pointit.cli.assistants"), 24),
     "foxglove": (("pointit.bridges.foxglove",), 5),
     "speech": (("pointit.speech", "pointit.services.listener"), 11),
-    "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 35),
+    "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 36),
     "testing": (("pointit.testing", "pointit.cli.plugins"), 16),
     "vda5050": (("pointit.vda5050", "pointit.services.robot.vda5050", "pointit.bridges.agv_tracker"), 8),
 }

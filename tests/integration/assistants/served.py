@@ -12,7 +12,8 @@ from mcp.client.streamable_http import streamable_http_client
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile
 from pointit.assistants.server import HttpServer, make_server
-from pointit.assistants.tools import Role, SiteConnection, Tools
+from pointit.assistants.site_connection import SiteConnection
+from pointit.assistants.tools import Role, Tools
 from pointit.bridges.web.server.access import Access
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.services.reactions import targets
+from pointit.services.reactions import http_status, targets
 from pointit.services.reactions.targets import Reaction, Webhook
 from tests.support.acts import act_on, failure_of
 from tests.support.bench import until
@@ -205,7 +205,7 @@ def test_hosts_in_no_proxy_are_asked_directly(
 ) -> None:
     monkeypatch.setenv("no_proxy", exceptions)
     monkeypatch.setenv("all_proxy", "http://proxy:3128")
-    assert targets.proxy_address(httpx.URL(url)) == ("http://proxy:3128" if has_proxy else None)
+    assert http_status.proxy_address(httpx.URL(url)) == ("http://proxy:3128" if has_proxy else None)
 
 
 async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> None:
@@ -223,7 +223,7 @@ async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> No
     ],
 )
 def test_hosts_of_this_network_need_no_proxy(host: str, *, expected: bool) -> None:
-    assert targets.is_local(f"https://me@{host}/path") == expected
+    assert http_status.is_local(f"https://me@{host}/path") == expected
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from mcp.types import CallToolResult, TextContent
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.server import make_server
-from pointit.assistants.tools import Role, SiteConnection, Tools
+from pointit.assistants.site_connection import SiteConnection
+from pointit.assistants.tools import Role, Tools
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import RefusedError

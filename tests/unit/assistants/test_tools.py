@@ -12,7 +12,8 @@ import pytest
 from pointit.api.site import Site
 from pointit.assistants.light import TURN_S
 from pointit.assistants.results import MAX_NAME
-from pointit.assistants.tools import SiteConnection, ns_of
+from pointit.assistants.site_connection import SiteConnection
+from pointit.assistants.tools import ns_of
 from pointit.errors import ConnectError, PointItError, SchemaError, WrongSiteError
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import VirtualClock

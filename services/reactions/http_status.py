@@ -1,33 +1,56 @@
-"""HTTP requests of which only the status of the response is read.
+"""HTTP requests of which only the status of the response is read, within limits of time and size.
 
-No body is read or decoded, and no redirect is followed. httpx limits the size of a head.
+A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body
+is read or decoded, and no redirect is followed.
 """
 
-import asyncio
 import contextlib
+import importlib
 import ipaddress
+import ssl
+from collections.abc import Iterable
+from typing import Any, cast
 from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
+import httpcore
 import httpx
 
 from pointit.runtime.address_config import parse_address
 
+MAX_HEAD_BYTES = 16384
+"""Maximum size of a response up to the end of its headers, and of interim responses before it."""
+MAX_READ_BYTES = 1024
+"""Maximum size of one read: the event loop runs other tasks between two reads."""
 
-async def post(request: httpx.Request) -> tuple[int, str]:
-    """Send `request`, by the proxy of the environment, if any. Return status and reason of the response.
+
+def open_pool(url: httpx.URL) -> httpcore.AsyncConnectionPool:
+    """Return a pool of connections to the server of `url`, by the proxy of the environment, if any.
+
+    Blocks while it reads certificates: call it in a thread.
 
     Raises:
         OSError: If the file of SSL_CERT_FILE cannot be used.
         ValueError, ImportError, httpx.InvalidURL: If the proxy cannot be used.
-        httpx.TransportError: If there is no response.
     """
-    context = await asyncio.to_thread(httpx.create_ssl_context)  # reads certificates
-    proxy = proxy_address(request.url)
-    async with httpx.AsyncClient(verify=context, proxy=proxy, trust_env=False, timeout=None) as client:  # noqa: S113 - the caller has one
-        response = await client.send(request, stream=True)
-        await response.aclose()
-        return response.status_code, response.reason_phrase
+    return httpcore.AsyncConnectionPool(
+        ssl_context=httpx.create_ssl_context(), proxy=_proxy_to(url), network_backend=_LimitedBackend()
+    )
+
+
+async def post(pool: httpcore.AsyncConnectionPool, request: httpx.Request) -> tuple[int, str]:
+    """Send `request` and return status and reason of the response, of which no body is read.
+
+    Raises:
+        httpcore.NetworkError, httpcore.ProtocolError, httpcore.ProxyError: If there is no response, or its
+            head exceeds `MAX_HEAD_BYTES`.
+    """
+    async with pool.stream(
+        request.method, _address(request.url), headers=request.headers.raw, content=request.content
+    ) as response:
+        extensions: dict[str, Any] = {**response.extensions}
+        reason: bytes = extensions.get("reason_phrase", b"")
+        return response.status, reason.decode("ascii", errors="replace")
 
 
 def is_local(url: str) -> bool:
@@ -56,3 +79,65 @@ def proxy_address(url: httpx.URL) -> str | None:
     address = address if "://" in address else f"http://{address}"
     parse_address(urlsplit(address).netloc.rpartition("@")[2])
     return address
+
+
+def _proxy_to(url: httpx.URL) -> httpcore.Proxy | None:
+    address = proxy_address(url)
+    if address is None:
+        return None
+    proxy = httpx.Proxy(address)
+    if proxy.url.scheme.startswith("socks"):
+        importlib.import_module("socksio")
+    return httpcore.Proxy(url=_address(proxy.url), auth=proxy.raw_auth)
+
+
+def _address(url: httpx.URL) -> httpcore.URL:
+    return httpcore.URL(scheme=url.raw_scheme, host=url.raw_host, port=url.port, target=url.raw_path)
+
+
+class _LimitedBackend(httpcore.AsyncNetworkBackend):
+    def __init__(self) -> None:
+        self._backend = cast("httpcore.AsyncNetworkBackend", httpcore.AnyIOBackend())
+
+    async def connect_tcp(
+        self,
+        host: str,
+        port: int,
+        timeout: float | None = None,  # noqa: ASYNC109 - the base's
+        local_address: str | None = None,
+        socket_options: Iterable[Any] | None = None,
+    ) -> httpcore.AsyncNetworkStream:
+        stream = await self._backend.connect_tcp(host, port, timeout, local_address, socket_options)
+        return _LimitedStream(stream)
+
+
+class _LimitedStream(httpcore.AsyncNetworkStream):
+    """Stream of which at most `MAX_HEAD_BYTES` can be read."""
+
+    def __init__(self, stream: httpcore.AsyncNetworkStream, left: int = MAX_HEAD_BYTES) -> None:
+        self._stream = stream
+        self._left = left
+
+    async def read(self, max_bytes: int, timeout: float | None = None) -> bytes:  # noqa: ASYNC109
+        if not self._left:
+            raise httpcore.RemoteProtocolError(f"the headers of its answer exceed {MAX_HEAD_BYTES} bytes")
+        data = await self._stream.read(min(max_bytes, MAX_READ_BYTES, self._left), timeout)
+        self._left -= len(data)
+        return data
+
+    async def write(self, buffer: bytes, timeout: float | None = None) -> None:  # noqa: ASYNC109
+        await self._stream.write(buffer, timeout)
+
+    async def aclose(self) -> None:
+        await self._stream.aclose()
+
+    async def start_tls(
+        self,
+        ssl_context: ssl.SSLContext,
+        server_hostname: str | None = None,
+        timeout: float | None = None,  # noqa: ASYNC109
+    ) -> httpcore.AsyncNetworkStream:
+        return _LimitedStream(await self._stream.start_tls(ssl_context, server_hostname, timeout), self._left)
+
+    def get_extra_info(self, info: str) -> Any:
+        return self._stream.get_extra_info(info)

@@ -195,9 +195,10 @@ class Webhook:
 
     async def _send(self, act: Act) -> tuple[FailureCode, str]:
         """Return kind and description of the failure, or `""`."""
+        import httpcore  # noqa: PLC0415 - of an extra
         import httpx  # noqa: PLC0415 - an extra
 
-        from pointit.services.reactions.http_status import post  # noqa: PLC0415 - as above
+        from pointit.services.reactions.http_status import open_pool, post  # noqa: PLC0415 - as above
 
         try:
             request = self._request(act)
@@ -208,21 +209,29 @@ class Webhook:
             await asyncio.sleep(pause_s)
             try:
                 async with asyncio.timeout(TIMEOUT_S):
-                    status, reason = await post(request)
-            except TimeoutError:
+                    try:
+                        pool = await asyncio.to_thread(open_pool, request.url)
+                    except (ValueError, ImportError, httpx.InvalidURL) as error:
+                        return "error", (
+                            f"cannot be reached by the proxy that this environment names ({error}): correct "
+                            "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
+                        )
+                    except OSError as error:
+                        return "error", (
+                            f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
+                        )
+                    async with pool:
+                        status, reason = await post(pool, request)
+            except (TimeoutError, httpcore.TimeoutException):
                 problem = f"did not answer within {TIMEOUT_S:g} s"
             # UnicodeError: no name of a host, such as with a label of more than 63 characters
-            except (httpx.TransportError, UnicodeError) as error:
+            except (
+                httpcore.NetworkError,
+                httpcore.ProtocolError,
+                httpcore.ProxyError,
+                UnicodeError,
+            ) as error:
                 problem = f"could not be reached ({_cause(error)})"
-            except (ValueError, ImportError, httpx.InvalidURL) as error:
-                return "error", (
-                    f"cannot be reached by the proxy that this environment names ({error}): correct "
-                    "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
-                )
-            except OSError as error:
-                return "error", (
-                    f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
-                )
             else:
                 if SUCCESS <= status < REDIRECT:
                     return "", ""
@@ -255,7 +264,10 @@ class Webhook:
             "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{act.event.stamp_ns}"),
             "User-Agent": f"PointIt/{pointit_version()}",
         }
-        return httpx.Request("POST", url, headers=headers, content=json.dumps(body))
+        request = httpx.Request("POST", url, headers=headers, content=json.dumps(body))
+        if url.username or url.password:
+            next(httpx.BasicAuth(url.username, url.password).auth_flow(request))
+        return request
 
 
 def _cause(error: Exception) -> str:

@@ -47,6 +47,8 @@ MAX_NAMES = 10
 """Number of entities that a warning names."""
 MAX_CANDIDATES = 300
 """Number of names that are compared with one that is not there: its neighbours by the alphabet."""
+MAX_VOICES = 100
+"""Number of text-to-speech entities whose states are known."""
 
 
 class HomeAssistant(Service[HomeAssistantConfig]):
@@ -189,7 +191,11 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     def _is_used(self, entity: str) -> bool:
         """Return True if the state of an entity matters here."""
-        return entity in self._entities or entity in self._commands.dimmed or entity.startswith(VOICES)
+        if entity in self._entities or entity in self._commands.dimmed:
+            return True
+        if not entity.startswith(VOICES):
+            return False
+        return entity in self._states or sum(each.startswith(VOICES) for each in self._states) < MAX_VOICES
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._things = {

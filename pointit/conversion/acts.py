@@ -18,6 +18,12 @@ GAP_S = 0.3
 AFTER_S = 1.0
 """An event this long after an act can still be its result: presses of a button come late."""
 
+MAX_SELECTED = 10_000
+"""Selections that are followed at once; of more, the oldest are written as they are."""
+
+MAX_TRACKERS = 256
+"""Trackers whose objects have kinds; a hostile file may have thousands."""
+
 Outcome = Literal["selected", "deselected", "refused", "none"]
 
 Seconds = Annotated[float, Field(description="since the recording began")]
@@ -108,7 +114,8 @@ class ActDetector:
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
         """Know the kinds of objects."""
-        self._objects[tracker] = message
+        if tracker in self._objects or len(self._objects) < MAX_TRACKERS:
+            self._objects[tracker] = message
 
     def on_cursor(self, user: str, cursor: Cursor) -> None:
         """Measure the distance of what is pointed at."""
@@ -138,7 +145,7 @@ class ActDetector:
     def on_event(self, event: SelectionEvent) -> None:
         """Note what came of an act, and begin or end a selection."""
         act = None
-        if event.carriers and not event.takes_back:
+        if event.carriers and not event.takes_back and len(self._pending) < MAX_SELECTED:
             self._pending[event.object_id, event.stamp_ns] = None
         is_own = not event.takes_back and event.cause in ("", "dwell", "button")
         if is_own and event.event in ("selected", "deselected", "refused"):
@@ -146,6 +153,8 @@ class ActDetector:
         if event.event == "selected":
             self._close_selection(event)  # taken over
             self._selected[event.object_id] = self._selection(event, act)
+            if len(self._selected) > MAX_SELECTED:
+                self.selections.append(self._selected.pop(next(iter(self._selected))))
         elif event.event != "refused":
             self._close_selection(event)
 

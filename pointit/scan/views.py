@@ -18,10 +18,14 @@ from pointit.schemas.text import describe_mistake
 from pointit.schemas.topics import check_name
 
 MAX_VIEWS = 64
+MAX_SIGHTINGS = 20_000
+"""Limit of the sightings of one view."""
 MAX_IMAGE = 16_384
 """Limit of an image's width and height, pixels."""
 MIN_KNOWN_M, MAX_KNOWN_M = 0.01, 1000
 """Limits of a known length, m."""
+MAX_FILE = 64 * 2**20
+"""Limit of a file of views, bytes."""
 STRICT = ConfigDict(extra="forbid")
 """A misspelt field of a file is an error."""
 
@@ -117,9 +121,12 @@ def read_survey(path: Path) -> Survey:
         ConfigError: If it cannot be read, or is invalid. One sentence with file, place, value and remedy.
     """
     try:
-        data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE + 1).removeprefix(codecs.BOM_UTF8)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if len(data) > MAX_FILE:
+        raise ConfigError(f"{path}: more than {MAX_FILE} bytes: no file of views")
     try:
         return parse_survey(data)
     except ConfigError as error:
@@ -201,6 +208,8 @@ def _strip_problem(strip: StripSpec) -> str:
 def _view_problems(view: CameraView, counts: dict[str, int]) -> Iterator[str]:
     if not (16 <= view.width <= MAX_IMAGE and 16 <= view.height <= MAX_IMAGE):
         yield f"an image of {view.width} x {view.height} pixels; each 16 to {MAX_IMAGE}"
+    if len(view.sightings) > MAX_SIGHTINGS:
+        yield f"{len(view.sightings)} sightings; {MAX_SIGHTINGS} at most"
     if view.gravity is not None and not abs(math.hypot(*view.gravity) - 1.0) < 0.1:
         yield f"gravity {format_value(list(view.gravity))} is no unit vector"
     for seen in view.sightings:

@@ -17,6 +17,9 @@ MAX_CHECKPOINTS = 1024
 MAX_BYTES = 128 * 1024 * 1024
 """Limits of checkpoints and of the bytes in them. Beyond either, every second checkpoint is dropped."""
 
+MAX_KEYS = 4096
+"""Maximum number of keys in a checkpoint."""
+
 SLICE = 100
 """Entries read at a time, between which pages are served."""
 
@@ -78,8 +81,9 @@ class FilePast:
         """Add the checkpoint of `at_ns`, and clear `changed`, the entries since the checkpoint before."""
         states = dict(self._checkpoints[-1]) if self._checkpoints else {}
         for key, entry in changed.items():
-            states[key] = moment(entry)
-            self._bytes += len(states[key].payload)
+            if key in states or len(states) < MAX_KEYS:
+                states[key] = moment(entry)
+                self._bytes += len(states[key].payload)
         changed.clear()
         self._times.append(at_ns)
         self._checkpoints.append(states)

@@ -18,8 +18,10 @@ from pointit.maps.model import CloudEntry
 from pointit.maps.ply_file import ascii_vertex_lines, binary_vertices, read_pcd_header, read_ply_header
 from pointit.maps.text_table import (
     MAX_HEADER_LINES,
+    MAX_LINE,
     TextLayout,
     Wanted,
+    check_lengths,
     column_indices,
     find_layout,
     shown_cells,
@@ -102,6 +104,8 @@ def read_points(path: Path, columns: Wanted = XYZ) -> Points:
     if suffix not in SUFFIXES:
         raise ConfigError(f"{path}: is not a point cloud; give a file that ends in {join_names(SUFFIXES)}")
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
+            raise ConfigError(f"{path}: is not a file; give the file itself")
         points = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -150,16 +154,17 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
 
 def _read_text(path: Path, wanted: Wanted) -> Points:
     with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:  # a binary PCD is named below
-        sample = list(itertools.islice(file, MAX_HEADER_LINES))
+        sample = [line[:MAX_LINE] for line in itertools.islice(file, MAX_HEADER_LINES)]
     try:
         layout = _text_layout(sample, wanted)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     has_decimal_commas = layout.delimiter != "," and any("," in line for line in sample[layout.skip :])
     with path.open(encoding="utf-8-sig") as file:
+        rows = check_lengths(file, f"{path}: ")
         points = _table(
             path,
-            (line.replace(",", ".") if has_decimal_commas else line for line in file),
+            (line.replace(",", ".") if has_decimal_commas else line for line in rows),
             columns=[layout.indices[axis] for axis in XYZ],
             skip=layout.skip,
             max_rows=MAX_POINTS + 1,

@@ -24,7 +24,7 @@ from pointit.maps.light_files.strip_fit import (
     pixels_along,
     strip_entry,
 )
-from pointit.maps.light_files.wled import GAP, WledSegment, read_ledmap, read_segments
+from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
 from pointit.maps.model import MapFile, StripEntry
 from pointit.maps.text_table import DeclaredColumn
 from pointit.runtime.config.validation_message import format_value, join_names
@@ -37,8 +37,6 @@ LONE_PIXEL_M = 0.02
 """Length of a strip of one pixel in a file without any step from pixel to pixel, m."""
 BESIDE_CELLS = 1.5
 """Longest step to a cell of a grid that is beside or diagonally beside, in cells."""
-MAX_CELLS = 1_000_000
-"""Limit of the cells of a ledmap."""
 VIEWS = {"top": (0, 1), "front": (0, 2), "side": (1, 2)}
 """Axes that become columns and rows of a ledmap."""
 

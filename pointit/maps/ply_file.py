@@ -45,6 +45,9 @@ def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
     return None
 
 
+MAX_HEADER_LINES = 1000
+"""Limit of the lines of a header. A longer one is not a PLY."""
+
 _TYPES = {
     code: kind
     for kind, names in {
@@ -61,6 +64,7 @@ _TYPES = {
     }.items()
     for code in names
 }
+_MAX_LINE = 4096
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -141,14 +145,17 @@ def read_ply_header(path: Path, wanted: Wanted, remedy: str) -> PlyHeader:
 
 def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
     """Return order and elements. Afterwards `file` is at the body."""
-    if file.readline().strip() != b"ply":
+    if file.readline(_MAX_LINE).strip() != b"ply":
         raise ConfigError(
             f"{path}: does not begin with the line `ply`; give a PLY file, or rename plain text to .xyz"
         )
     order: str | None = None
     elements: list[Element] = []
-    for number, line in enumerate(iter(file.readline, b""), 2):
+    for number in range(2, MAX_HEADER_LINES + 2):
+        line = file.readline(_MAX_LINE)
         words = line.decode(errors="replace").split()
+        if not line:
+            break
         if words == ["end_header"] and order is not None:
             return order, elements
         try:

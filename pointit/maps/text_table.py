@@ -8,7 +8,7 @@ Tabs, semicolons, commas or blanks part the cells. Where it is not the comma, nu
 import csv
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from pointit.maps.units import size_of_unit
@@ -17,6 +17,8 @@ from pointit.runtime.errors import ConfigError
 
 MAX_HEADER_LINES = 1000
 """Number of lines in which the line that names the columns is looked for."""
+MAX_LINE = 100_000
+"""Limit of the characters of a line."""
 MAX_SHOWN = 12
 """Number of cells that a message shows."""
 LOST = frozenset(("", "nan", "-nan", "n/a"))
@@ -30,6 +32,20 @@ Wanted = Mapping[str, str | int]
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")
 """Numbers with a comma that may part thousands or begin decimals."""
 _QUOTED = re.compile(r'"[^"]*"')
+
+
+def check_lengths(lines: Iterable[str], where: str = "") -> Iterator[str]:
+    """Yield `lines`.
+
+    Raises:
+        ConfigError: If one is too long for a table. The sentence begins with `where`.
+    """
+    for number, line in enumerate(lines, start=1):
+        if len(line) > MAX_LINE:
+            raise ConfigError(
+                f"{where}line {number}: has {len(line)} characters, limit {MAX_LINE}; remove or cut it"
+            )
+        yield line
 
 
 class DeclaredColumn(NamedTuple):

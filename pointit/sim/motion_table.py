@@ -26,6 +26,7 @@ from pointit.maps.text_table import (
     MAX_HEADER_LINES,
     DeclaredColumn,
     TextLayout,
+    check_lengths,
     find_layout,
     is_lost,
     parse_columns,
@@ -352,7 +353,7 @@ def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED)
 def _open(path: Path, form: MotionForm) -> tuple[list[str], dict[str, DeclaredColumn]]:
     """Return the lines of a file, with names of columns, and declared columns."""
     declared = parse_columns(form.columns, MOTION_COLUMNS)
-    lines = _read_text(path).splitlines()
+    lines = list(check_lengths(_read_text(path).splitlines(), f"{path}: "))
     if not path.name.endswith(BIDS_SUFFIX):
         return lines, declared
     lines, channels = _with_channels(path, lines)

@@ -11,6 +11,7 @@ from pointit.maps.text_table import (
     MAX_HEADER_LINES,
     DeclaredColumn,
     TextLayout,
+    check_lengths,
     find_layout,
     parse_columns,
     parse_number,
@@ -20,6 +21,7 @@ from pointit.maps.units import LENGTHS_M, size_of_unit
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 
+MAX_POINTS = 100_000
 AXES = ("x", "y", "z")
 PIXEL_COLUMNS: dict[str, dict[str, float]] = {
     "x": LENGTHS_M,
@@ -65,7 +67,7 @@ def pixels_of(
     Raises:
         ConfigError: If a line is no pixel, or it does not have the columns x, y and z, or `declared`.
     """
-    lines = text.splitlines()
+    lines = list(check_lengths(text.splitlines()))
     wanted = {name: name for name in AXES} | {name: each.source for name, each in declared.items()}
     optional = [name for name in PIXEL_COLUMNS if name not in wanted]
     if {"pixel", "wire"} & declared.keys():
@@ -80,6 +82,8 @@ def pixels_of(
     for line, content in enumerate(lines[layout.skip :], start=layout.skip + 1):
         if not content.strip() or content.lstrip().startswith(COMMENTS):
             continue
+        if len(pixels) == MAX_POINTS:
+            raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
         cells = split_cells(content, layout.delimiter, layout.width)
         layout.check_row(line, cells)
         pixels.append(_pixel(line, cells, layout, factors))

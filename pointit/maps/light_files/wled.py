@@ -1,6 +1,7 @@
 """WLED's JSON: segments of a state, a preset or the configured outputs, the cells of a ledmap."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -8,6 +9,11 @@ from typing import Any, cast
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
+MAX_CELLS = 1_000_000
+"""Limit of the cells of a ledmap."""
+MAX_PIXELS = 16_384
+"""Limit of the pixels of a ledmap, WLED's own."""
+MAX_SEGMENTS = 1000
 LAST_PIXEL = 262_143
 """Largest number of a pixel on the wire, and of a column or row."""
 GAP = -1
@@ -58,6 +64,8 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     seg = state.get("seg")
     if not (listed := [seg] if isinstance(seg, dict) else list_of(seg)):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
+    if len(listed) > MAX_SEGMENTS:
+        raise ConfigError(f"has more than {MAX_SEGMENTS} segments, and WLED has 64; give its state")
     segments = [_segment(number, each) for number, each in enumerate(listed)]
     return _behind_matrix(_used(segments))
 
@@ -71,6 +79,8 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
     data = read_json(text)
     if not (cells := list_of(inside(data, "map"))):
         raise ConfigError('is no ledmap of WLED; give {"width": 2, "height": 1, "map": [0, 1]}')
+    if len(cells) > MAX_CELLS:
+        raise ConfigError(f"map has {len(cells)} cells, limit {MAX_CELLS}; give a smaller one")
     for key in ("width", "height"):
         if key not in data:
             raise ConfigError(
@@ -94,7 +104,13 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
             )
     if not places:
         raise ConfigError("has no pixels, all cells are -1; write their numbers")
+    _check_pixels(len(places))
     return [(number, at % width, at // width) for number, at in sorted(places.items())], height
+
+
+def _check_pixels(count: int) -> None:
+    if count > MAX_PIXELS:
+        raise ConfigError(f"has {count} pixels, limit {MAX_PIXELS}, as of WLED; import its parts one by one")
 
 
 def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
@@ -219,8 +235,15 @@ def whole_number(value: object, where: str) -> int:
 
 
 def read_json(text: str) -> Any:
-    """Return the value in `text`. Raises: ConfigError: If it is no JSON."""
+    """Return the value in `text`. Raises: ConfigError: If it is no JSON, or a key is there twice."""
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"is no JSON: {error}; export it again") from None
+
+
+def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    names = Counter(name for name, _ in pairs)
+    if len(names) < len(pairs):
+        raise ConfigError(f"the key {names.most_common(1)[0][0]!r} occurs twice; keep one")
+    return dict(pairs)

@@ -33,10 +33,13 @@ TEXTS = {
     "hash_and_tab.txt": "#\tX\tY\tZ\n" + rows(POINTS, "\t", before="7\t"),
     "everything_quoted.csv": '"x","y","z"\n'
     + "".join(",".join(f'"{v:g}"' for v in point) + "\n" for point in POINTS),
+    "axes_in_another_order.csv": "z,x,y\n" + rows(POINTS[:, [2, 0, 1]]),
     "decimal_commas.csv": "X;Y;Z\n" + rows(POINTS, ";").replace(".", ","),
+    "decimal_commas_later.txt": "x\ty\tz\n1\t1\t1\n" + rows(POINTS, "\t").replace(".", ","),
     "trailing_delimiters.csv": "x;y;z;\n" + rows(POINTS, ";", after=";"),
     "cr.csv": ("x,y,z\n" + rows(POINTS)).replace("\n", "\r"),
     "spreadsheet.csv": "\ufeffsep=;\r\nX;Y;Z\r\n" + rows(POINTS, ";").replace("\n", "\r\n"),
+    "label_first.csv": "label,x,y,z\n" + rows(POINTS, before="wall,"),
     "a_title_above.csv": "Scan of the kitchen, 2026\n\nx,y,z\n" + rows(POINTS),
 }
 
@@ -52,8 +55,11 @@ DECLARED: dict[str, tuple[str, Wanted, str]] = {
     "no_names.xyz": (rows(POINTS, " "), {"x": 1, "y": 2, "z": 3}, "1 '0.25', 2 '1.5', 3 '2'"),
     "count_and_colors.pts": (
         "4\n" + rows(POINTS, " ", after=" -500 10 20 30"), {"x": 1, "y": 2, "z": 3}, "line 1 is 1 '4'"),
+    "number_first.csv": (counted(POINTS, ","), {"x": 2, "y": 3, "z": 4}, "1 '0', 2 '0.25'"),
     "unit_in_the_name.csv": (
         "X [m],Y [m],Z [m]\n" + rows(POINTS), {"x": "X [m]", "y": 2, "z": "z [M]"}, "1 'X [m]', 2 'Y [m]'"),
+    "two_positions.csv": (
+        "x,y,z,X,Y,Z\n" + rows(POINTS, before="9,9,9,"), {"x": 4, "y": 5, "z": 6}, "3 'z', 4 'X'"),
     "row_of_units.csv": ("X,Y,Z\n[m],[m],[m]\n" + rows(POINTS), {"x": 1, "y": 2, "z": 3}, "line 2: 1 '[m]'"),
     "row_names_of_r.csv": (
         '"x","y","z"\n' + counted(POINTS, ","), {"x": 2, "y": 3, "z": 4}, "line 2: has 4 cells"),
@@ -78,6 +84,7 @@ def test_other_columns_are_refused_until_they_are_declared(tmp_path: Path, name:
 
 REFUSED = {
     "minus_sign.csv": ("x,y,z\n1,\N{MINUS SIGN}2,3\n" + rows(POINTS), "a row is not x, y, z"),
+    "lost_value.csv": ("x,y,z\n1,n/a,3\n" + rows(POINTS), "a row is not x, y, z"),
     "commas_between_decimal_commas.csv": (
         "X,Y,Z\n" + rows(POINTS[:1] + 0.125).replace(".", ","), "line 2: has 6 cells .* there are 3 columns"),
     "renamed_ptx.pts": (
@@ -136,8 +143,11 @@ def test_a_map_names_the_columns_of_a_cloud(tmp_path: Path, columns: str) -> Non
     [
         ("{x: Room X, y: Room Y, z: Room W}", r"no line names the columns Room X, Room Y, Room W once each"),
         ("{x: 5, y: 6, z: 8}", r"no line has numbers in the columns 5, 6, 8, the first line is 1 'Id'"),
+        ("{x: 5, y: 6, z: 0}", "no line has numbers in the columns 5, 6, 0"),
         ("{x: 5, y: 6}", "clouds.scan.columns: write the columns of x, y and z"),
+        ("[5, 6, 7]", "clouds.scan.columns: write the columns of x, y and z"),
         ("{x: 5, y: 6, z: true}", "clouds.scan.columns: write the columns of x, y and z"),
+        ("Room", "clouds.scan.columns: write the columns of x, y and z"),
     ],
 )
 def test_a_column_that_does_not_exist_is_named(tmp_path: Path, columns: str, message: str) -> None:
@@ -152,6 +162,7 @@ def test_a_column_that_does_not_exist_is_named(tmp_path: Path, columns: str, mes
             ", unit: meters",
             "clouds.scan.unit: write one of m, dm, cm, .* or a number of metres, not 'meters'",
         ),
+        (", unit: 0", "clouds.scan.unit: write one of m"),
         (", up: Y", "clouds.scan.up: write the axis that points up, one of z, y, -y, x, -x, -z, not 'Y'"),
         (", origin: [1, 2]", r"clouds.scan.origin: write a point of the file, \[x, y, z\] in its unit, not"),
         (", origin: [1, 2, 1e12]", "clouds.scan.origin: write a point of the file"),
@@ -193,6 +204,9 @@ PLYS = {
     "no_faces_first": ply("binary_little_endian", f"element face 0\n{FACES}{VERTEX}") + LITTLE,
     "triangles_first": ply("binary_little_endian", f"element face 5\n{FACES}{VERTEX}")
     + faces("<", [3] * 5)
+    + LITTLE,
+    "empty_faces_first": ply("binary_little_endian", f"element face 4\n{FACES}{VERTEX}")
+    + faces("<", [0] * 4)
     + LITTLE,
     "polygons_first": ply("binary_big_endian", f"element face 3\n{FACES}{VERTEX}")
     + faces(">", [3, 0, 5])

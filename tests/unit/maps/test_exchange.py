@@ -94,12 +94,24 @@ def test_segments_with_more_pixels_than_a_strip_are_refused(stop: int) -> None:
 
 ALIKE = ["".join("!?"[number >> bit & 1] for bit in range(13)) for number in range(4500)]
 LIMITED = {
+    "segments": (json.dumps({"seg": [{"start": 0, "stop": 9}] * 30_000}), "more than 1000 segments"),
     "digits": ('{"seg": [{"stop": ' + "9" * 400 + "}]}", "stop of segment 0 is 9{20}.*; write a whole"),
     "wire": (json.dumps({"seg": [{"start": 0, "stop": 10**6}]}), "a whole number from 0 to 262143"),
+    "a ledmap": (json.dumps({"width": 20_000, "height": 1, "map": [*range(20_000)]}), "has 20000 pixels"),
+    "a comment": ("x,y,z\n0,0,0\n#" + "a," * 6_000_000 + "\n1,0,0\n", "line 3: has 12000001 characters"),
     "strips": (
         "x,y,z,strip\n" + "".join(f"{x},0,{z},{name}\n" for z, name in enumerate(ALIKE) for x in (0, 1)),
         "gives 4500 strips, limit 4000"),
 }  # fmt: skip
+
+
+def read_any(text: str) -> None:
+    if not text.startswith("{"):
+        exchange.from_csv(text)
+    elif "width" in text:
+        exchange.from_ledmap(text, 0.05)
+    else:
+        exchange.from_segments(text)
 
 
 @pytest.mark.parametrize("name", LIMITED)
@@ -107,7 +119,7 @@ def test_files_beyond_a_limit_are_refused_at_once_in_one_sentence(name: str) -> 
     text, message = LIMITED[name]
     began_s = time.process_time()
     with pytest.raises(ConfigError, match=message) as caught:
-        (exchange.from_segments if text.startswith("{") else exchange.from_csv)(text)
+        read_any(text)
     assert len(str(caught.value)) < 200
     assert time.process_time() - began_s < 4.0
 

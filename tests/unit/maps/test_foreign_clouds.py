@@ -33,6 +33,10 @@ def binary_ply(points: np.ndarray, comment: str, more: str = "", tail: bytes = b
 
 
 RGBA = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
+LIVOX = (
+    "Version,Slot ID,LiDAR Index,Rsvd,Error Code,Timestamp Type,Data Type,Timestamp,X,Y,Z,Reflectivity,Tag,"
+    "Ori_x,Ori_y,Ori_z,Ori_radius,Ori_theta,Ori_phi\n"
+)
 FLOOR_OF_PHONE = {"position": [0, 0, 1.4]}
 CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
     "arkit_phone.ply": (
@@ -43,9 +47,25 @@ CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
         "Easting,Northing,Height\n" + lines(ROOM + np.array([386120, 5820345, 34.2]), form=".3f"),
         {"columns": {"x": "Easting", "y": "Northing", "z": "Height"}, "origin": [386120, 5820345, 34.2]},
     ),
+    "cloudcompare.asc": (
+        "//X Y Z R G B\n4\n" + lines(ROOM, " ", after=" 1 2 3"),
+        {"columns": {"x": 1, "y": 2, "z": 3}},
+    ),
+    "livox_viewer.csv": (
+        LIVOX + lines(ROOM, before="5,7,1,0,0,0,2,100,", after=",10,0,1000,2000,500,0,0,0"),
+        {},
+    ),
     "azure_kinect.ply": (
         binary_ply(Y_DOWN_MM, "unit: mm", RGBA, b"\0" * 4),
         {"unit": "mm", "up": "-y", "position": [0, 0, 1.2]},
+    ),
+    "pandas_index.csv": (
+        ",x,y,z\n" + "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM).split())),
+        {},
+    ),
+    "paraview.csv": (
+        '"Intensity","Points:0","Points:1","Points:2"\n' + lines(ROOM, before="7,"),
+        {"columns": {"x": "Points:0", "y": "Points:1", "z": "Points:2"}},
     ),
     "gnss_feet.txt": (
         "# pt north_ft east_ft up_ft\n"

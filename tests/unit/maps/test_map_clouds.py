@@ -1,5 +1,6 @@
 """Point clouds and tables of pixels."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,7 @@ FORMATS = {
     + TEXT.encode(),
     "little.ply": ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes(),
     "big.ply": ply("binary_big_endian", XYZ) + POINTS.astype(">f4").tobytes(),
+    "little_extra.ply": ply("binary_little_endian", EXTRA) + with_extra("<"),
     "big_extra.ply": ply("binary_big_endian", EXTRA) + with_extra(">"),
     "little_camera.ply": ply("binary_little_endian", XYZ, before="element camera 2\nproperty short f\n")
     + b"\0\0\0\0"
@@ -69,6 +71,7 @@ FORMATS = {
     + b"\3aaaabbbbcccc",
     "plain.xyz": f"x y z\n{TEXT}".encode(),
     "remarks.XYZ": ("# scanned\n\nx y z\n" + TEXT.replace("\n", "  # a point\n")).encode(),
+    "one_line_end_missing.xyz": f"# x y z\n{TEXT.rstrip()}".encode(),
 }
 
 
@@ -102,10 +105,14 @@ BROKEN = {
         ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(), "0 of 3 points are there"),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points, limit 5000000"),
+    "signalling_nan.ply": (
+        ply("binary_big_endian", XYZ, rows=1) + bytes.fromhex("00000000 7f800001 00000000"),
+        "1 of 1 points are not finite"),
     "nan.xyz": (
         b"x y z\n1 2 3\n1 nan 3\n4 5 inf\n",
         "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]"),
     "remarks.xyz": (b"# nothing\n\n", "no line names the columns x, y, z once each, line 1 is 1 'nothing'"),
+    "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line names the columns|1 'Dear reader'"),
     "binary_later.xyz": (b"x y z\n" + b"1 2 3\n" * 5000 + b"\xff\xfe", "is not UTF-8 text"),
 }  # fmt: skip
 
@@ -131,6 +138,12 @@ def test_a_text_of_too_many_points_is_refused_unread(tmp_path: Path, monkeypatch
     path.write_text(f"x y z\n{TEXT}")
     with pytest.raises(ConfigError, match="has more points, limit 2; thin it"):
         read_points(path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.xyz")
+    with pytest.raises(ConfigError, match=r"pipe\.xyz: is not a file; give"):
+        read_points(tmp_path / "pipe.xyz")
 
 
 @given(st.binary(max_size=300), st.sampled_from([".ply", ".xyz"]))

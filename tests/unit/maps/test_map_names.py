@@ -150,6 +150,11 @@ def test_a_recorded_map_is_written_with_its_names(tmp_path: Path) -> None:
     assert again.bays == room.bays
 
 
+def test_json_with_a_name_twice_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"^the key 'seg' occurs twice; keep one"):
+        exchange.from_segments('{"seg": [{"start": 0, "stop": 9}], "seg": []}')
+
+
 BELTS = "belts:\n  a: {width: 0.5, centerline: [[0, 0, 1], [6, 0, 1]]}\n"
 GRID = "x,y,z\n386120.5,5820345.5,34.5\n386124,5820349,36\n"
 

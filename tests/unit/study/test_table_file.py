@@ -3,8 +3,8 @@
 import codecs
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
@@ -24,26 +24,73 @@ EXPECTED = [dict(zip(HEADER, row, strict=True)) for row in ROWS]
 KEY = ("trial", "attempt")
 
 
-def written(separator: str = ",", end: str = "\r\n", quoting: Literal[0, 1] = csv.QUOTE_MINIMAL) -> str:
+def written(
+    lines: Sequence[Sequence[str]] = (HEADER, *ROWS),
+    *,
+    separator: str = ",",
+    end: str = "\r\n",
+    quoting: bool = False,
+    comma: bool = False,
+) -> str:
     """Return a table as another program writes it."""
     text = io.StringIO(newline="")
-    csv.writer(text, delimiter=separator, lineterminator=end, quoting=quoting).writerows((HEADER, *ROWS))
+    rows = [
+        [
+            cell.replace(".", ",") if comma and lines[0][place].endswith(("_s", "_m")) else cell
+            for place, cell in enumerate(line)
+        ]
+        for line in lines[1:]
+    ]
+    writer = csv.writer(
+        text, delimiter=separator, lineterminator=end, quoting=csv.QUOTE_ALL if quoting else csv.QUOTE_MINIMAL
+    )
+    writer.writerows([lines[0], *rows])
     return text.getvalue()
 
 
+def cell_of_each_line(text: str, tail: str) -> str:
+    """Return a table of which a spreadsheet with another separator has made one column."""
+    lines = text.splitlines()
+    return "".join('"' + line.replace('"', '""') + f'"{tail}\r\n' for line in lines)
+
+
 REWRITTEN = {
+    "excel macintosh": written(end="\r").encode(),
     "excel windows": written().encode(),
-    "excel german": codecs.BOM_UTF8 + written(";").replace(".", ",").encode(),
+    "excel utf-8": codecs.BOM_UTF8 + written().encode(),
+    "excel german": codecs.BOM_UTF8 + written(separator=";", comma=True).encode(),
+    "excel unicode text": written(separator="\t").encode("utf-16"),
+    "utf-16 big endian": codecs.BOM_UTF16_BE + written(end="\n").encode("utf-16-be"),
     "utf-16 without a mark": written(end="\n").encode("utf-16-le"),
-    "one column": "".join(f'"{line}"\r\n' for line in OURS.splitlines()).encode(),
-    "libreoffice, all quoted": written(end="\n", quoting=csv.QUOTE_ALL).encode(),
+    "one column": cell_of_each_line(OURS, "").encode(),
+    "one column and empty ones": cell_of_each_line(OURS, ";;;").encode(),
+    "line for excel": b"sep=;\r\n" + written(separator=";", comma=True).encode(),
+    "google sheets": written().rstrip().encode(),
+    "libreoffice, all quoted": written(end="\n", quoting=True).encode(),
+    "libreoffice, semicolons": written(end="\n", separator=";").encode(),
+    "half of the line ends": written().replace("\r\n", "\n", 2).encode(),
     "empty columns": "".join(f"{line},,,\n" for line in OURS.splitlines()).encode(),
     "empty rows": (OURS + "," * 16 + "\n" + "," * 16 + "\n").encode(),
     "spaces": OURS.replace(",1,", ", 1,", 1).encode(),
+    "sorted": written([HEADER, *ROWS[::-1]]).encode(),
+    "NA of R in texts": OURS.replace("slow,,", "slow,NA,")
+    .replace(",,,,,,,,", ",NA,NA,NA,NA,NA,NA,NA,NA")
+    .encode(),
+    "NaN and missing of MATLAB": OURS.replace("slow,,", "slow,<missing>,")
+    .replace(",,,,,,,,", ",NaN,NaN,NaN,NaN,NaN,NaN,NaN,NaN")
+    .encode(),
+    "dots of SAS": OURS.replace(",,,,,,,,", ",.,.,.,.,.,.,.,.").encode(),
+    "columns in another order": written([line[::-1] for line in (HEADER, *ROWS)]).encode(),
+    "row names of R": "".join(
+        ",".join([f'"{n or ""}"', *(f'"{c}"' if not c[-1:].isdigit() else c for c in row)]) + "\n"
+        for n, row in enumerate((HEADER, *ROWS))
+    ).encode(),
     "NA of R": OURS.replace(",,,,,,,,", ",NA,NA,NA,NA,NA,NA,NA,NA").encode(),
     "floats of pandas": OURS.replace("ada,1,2,2,0", "ada,1.0,2.0,2.0,0.0").encode(),
+    "exponent": written().replace(",0.125,", ",1.25E-01,").encode(),
     "time without a zone": written().replace("09+00:00", "09").encode(),
     "no zeros before the point": written().replace(",0.9", ",.9").replace(",-0.25", ",-.25").encode(),
+    "trailing cells are left out": written().replace(",,,,,,,,\r\n", "\r\n").encode(),
 }
 
 
@@ -83,11 +130,17 @@ def test_table_of_another_program_is_refused_and_a_new_folder_begins_again(
     ("before", "after", "sentence"),
     [
         (",2.5,", ",2. May,", "line 2: selection_s is '2. May', not a number or empty"),
+        ("1.125", '"1,125"', "line 4: selection_s is '1,125', not a number or empty"),
+        ("2026-02-03T10:00:09+00:00", "03.02.2026 10:00", "line 4: began_utc is '03.02.2026 10:00', not a"),
         ("2026-02-03T10:00:09+00:00", "2026-02-03", "line 4: began_utc is '2026-02-03', not a time such as"),
         ("participant,", "Teilnehmer,", "line 1 has 'Teilnehmer,block,"),
+        ("participant,", "participant,participant,", "the study writes 'rticipant,block,"),
+        ("outcome,", "outcome,comment,", "line 1 has 'n,outcome,comment,began"),
         ("coughed", "hust\xf6te", "line 3: 'utf-8' codec can't decode"),
+        (',"repeated', ',repeated"', "line 3: not 17 values"),
         ("0.9,1.25,0.5,1.025", "0.9", "line 4: not 17 values"),
         ("ada,1,2,2", "ada,1,2.5,2", "line 4: trial is '2.5', not a whole number"),
+        ("x_m,target_y", "x_m," + "x" * 200_000, "line 1 has"),
         ("coughed", "x" * 200_000, "line 3: field larger than field limit"),
     ],
 )

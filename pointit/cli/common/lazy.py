@@ -1,6 +1,13 @@
-"""Groups of commands, ours and of installed packages, that import one when it is called."""
+"""Groups of commands, ours and of installed packages, that import one when it is called.
+
+They are listed from the packages' files, since `importlib.metadata` takes as long as the rest of the help,
+and `pathlib` a twentieth of it. They are imported when they are called.
+"""
 
 import contextlib
+import os
+import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -239,10 +246,35 @@ def load(package: str, name: str) -> click.Command:
 
 
 def declared() -> Iterator[DeclaredCommand]:
-    """Yield the commands of all installed packages. Of two versions of one, the first on the path counts."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - only where all commands are listed
+    """Yield the commands of all installed packages. Of two with one name, the first on the path counts."""
+    seen = set[str]()
+    for folder in dict.fromkeys(sys.path):
+        for name in _packages(folder or "."):
+            with contextlib.suppress(OSError, ValueError):  # `load` says more if it is called
+                text = _content(f"{folder or '.'}/{name}/entry_points.txt")
+                section = "\n".join(["", text.partition(f"[{GROUP}]\n")[2]]).partition("\n[")[0]
+                distribution = name.partition("-")[0].lower()
+                if not section or distribution in seen:
+                    continue
+                seen.add(distribution)
+                head = _content(f"{folder or '.'}/{name}/METADATA").partition("\n\n")[0]
+                package, summary = _field("Name", head), _field("Summary", head)
+                for command in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
+                    yield DeclaredCommand(name=command, package=package, summary=summary)
 
-    for entry in entry_points(group=GROUP):
-        head = None if entry.dist is None else entry.dist.metadata
-        if head is not None and "Name" in head:
-            yield DeclaredCommand(entry.name, head["Name"], (head.get_all("Summary") or [""])[0])
+
+def _packages(folder: str) -> list[str]:
+    try:
+        return sorted(name for name in os.listdir(folder) if name.endswith(".dist-info"))  # noqa: PTH208 - see above
+    except OSError:  # such as an archive
+        return []
+
+
+def _content(path: str) -> str:
+    with open(path, encoding="utf-8") as file:  # noqa: PTH123 - see above
+        return file.read()
+
+
+def _field(name: str, head: str) -> str:
+    found = re.search(rf"^{name}: *(.*)$", head, re.MULTILINE)
+    return found[1] if found else ""

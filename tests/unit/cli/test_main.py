@@ -89,7 +89,7 @@ def test_the_front_page_loads_no_command() -> None:
     loaded = loaded_after("--help")
     rooms = ("run", "inspect", "people", "maps", "site")
     assert not [name for name in loaded if name.startswith(tuple(f"pointit.cli.{room}" for room in rooms))]
-    assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy", "pointit_lab"}
+    assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy", "pointit_lab", "importlib.metadata"}
 
 
 @pytest.mark.parametrize(
@@ -291,3 +291,19 @@ def test_commands_of_the_laboratory_say_what_to_install(monkeypatch: pytest.Monk
         assert refusal(name, "--help") == (
             f"`pointit {name}` is a command of {LAB}, which is not installed; run {remedy('lab')}"
         )
+
+
+def test_the_first_version_on_the_path_counts_and_an_empty_section_has_no_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder, package, text in (
+        ("first", "waves-2.0", "[pointit.commands]\nwave = new:wave\n"),
+        ("second", "waves-1.0", "[pointit.commands]\nwave = old:wave\nold = old:old\n"),
+        ("second", "silent-1.0", "[pointit.commands]\n[console_scripts]\nscript = silent:main\n"),
+    ):
+        info = tmp_path / folder / f"{package}.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(f"Name: {package.partition('-')[0]}\n", encoding="utf-8")
+        (info / "entry_points.txt").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "first"), str(tmp_path / "second")])
+    assert [(each.name, each.package) for each in lazy.declared()] == [("wave", "waves")]

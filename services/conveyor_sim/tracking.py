@@ -14,7 +14,7 @@ class PackageTracker:
     """Delays exact reports as configured."""
 
     def __init__(self, config: TrackingConfig) -> None:
-        self._latency_ns = config.latency_s * NS_PER_S
+        self._latency_ns = round(config.latency_s * NS_PER_S)
         self._late: deque[TrackedObjects] = deque()
 
     def report(self, exact: TrackedObjects) -> TrackedObjects | None:

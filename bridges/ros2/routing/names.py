@@ -11,6 +11,9 @@ WORLD = "{world}"
 PERSON = "{person}"
 """Stands for a person's frame {H} in a route."""
 
+MAX_FRAME_NAMES = 10_000
+"""Maximum number of distinct names: people and robots come and go for years."""
+
 FIXED_FRAMES = frozenset({"earth", "map", "odom", "world"})
 """Frames of REP 105 that no robot carries along, also in a namespace, as in agv1/odom."""
 
@@ -42,18 +45,24 @@ class RosNames:
 
     def __init__(self) -> None:
         self._of: dict[str, str] = {}
+        self._taken: set[str] = set()
 
     def of(self, name: str) -> str:
         """Return the ROS name of `name`: unchanged where possible, always the same, unique."""
-        if name not in self._of:
-            self._of[name] = self._free(_NOT_ROS.sub("_", name) or "_")
-        return self._of[name]
+        made = self._of.get(name)
+        if made is None:
+            made = self._free(_NOT_ROS.sub("_", name) or "_")
+            if len(self._of) >= MAX_FRAME_NAMES:
+                self._taken.discard(self._of.pop(next(iter(self._of))))
+            self._of[name] = made
+            self._taken.add(made)
+        return made
 
     def _free(self, wanted: str) -> str:
         if wanted[0].isdigit():
             wanted = f"_{wanted}"
         made, count = wanted, 1
-        while made in self._of.values():
+        while made in self._taken:
             count += 1
             made = f"{wanted}_{count}"
         return made

@@ -19,10 +19,12 @@ from pointit.schemas import (
     SetFeeding,
     SetSpeed,
     Strip,
+    TrackedObjects,
     topics,
 )
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, TrackingConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
+from pointit.services.conveyor_sim.tracking import PackageTracker
 from pointit.services.registry import process
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import FORK
@@ -176,6 +178,13 @@ async def test_reports_are_as_late_as_configured() -> None:
         await until(lambda: len(ages_s) >= 5)
         assert min(ages_s) >= 0.3
         assert max(ages_s) < 0.3 + 2 / 25
+
+
+def test_a_tracker_without_latency_reports_each_time_of_today_at_once() -> None:
+    tracker = PackageTracker(TrackingConfig())
+    for step in range(200):
+        exact = TrackedObjects(stamp_ns=1_764_417_600_000_000_000 + step * 40_000_123)
+        assert tracker.report(exact) is exact
 
 
 async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
+from pointit.bridges.ros2.routing import names as ros_names
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.names import MAX_NUMBER, Frames, Kinds, RosNames, Uids
 from pointit.bridges.ros2.routing.routes import Routes, routes
@@ -117,6 +118,13 @@ def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
     frames = Frames(names)
     assert frames.person("anna.b") == "anna_b_2/human_footprint"
     assert frames.resolve("{world}", "anna.b") == "world"
+
+
+def test_names_that_have_come_first_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_names, "MAX_FRAME_NAMES", 2)
+    names = RosNames()
+    assert [names.of(name) for name in ("a-b", "a.b", "c")] == ["a_b", "a_b_2", "c"]
+    assert [names.of(name) for name in ("a_b", "a.b")] == ["a_b", "a_b_2"]
 
 
 DOCS = Path(__file__).parents[3] / "docs"

@@ -4,6 +4,7 @@ import asyncio
 import sys
 import traceback
 from collections.abc import AsyncIterator, Generator, Iterator
+from pathlib import Path
 
 import pytest
 import pytest_asyncio
@@ -27,7 +28,9 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
         stacks = ["".join(traceback.format_stack(frame, 8)) for frame in sys._current_frames().values()]
         report.sections.append(("site", site.command.err))
         report.sections.append((f"doctor ended with {code}", doctor))
-        report.sections.append(("threads of this process", "\n".join(stacks)))
+        tasks = Path("/proc/self/task").glob("*")
+        waits = [f"{(task / 'comm').read_text().strip()} {(task / 'wchan').read_text()}" for task in tasks]
+        report.sections.append(("threads of this process", "\n".join([*stacks, *waits])))
     return report
 
 

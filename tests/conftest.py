@@ -30,13 +30,16 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C and the width of tables, and validate what services calculate.
+    """Restore Ctrl-C and the width of tables, validate what services calculate, and receive by two threads.
 
-    A shell starts background jobs with SIGINT ignored, and children inherit that. Workers of pytest-xdist set
-    COLUMNS, which would make tables as narrow as a terminal.
+    Zenoh receives for all sessions of a process by two threads, and PointIt has it use one. A process of
+    tests opens thousands of sessions: one thread that is stuck must not make all later ones deaf. Commands
+    that tests start have the one. A shell starts background jobs with SIGINT ignored, and children inherit
+    that. Workers of pytest-xdist set COLUMNS, which would make tables as narrow as a terminal.
     """
     ConstructorChecks.are_on = True
     os.environ.pop("COLUMNS", None)
+    os.environ["ZENOH_RUNTIME"] = "(rx: (worker_threads: 2))"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -11,7 +11,7 @@ LEAVES = {
     "assistants": (("pointit.assistants", "pointit.cli.assistants"), 24),
     "foxglove": (("pointit.bridges.foxglove",), 5),
     "speech": (("pointit.speech", "pointit.services.listener"), 11),
-    "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 36),
+    "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 35),
     "testing": (("pointit.testing", "pointit.cli.plugins"), 16),
     "vda5050": (("pointit.vda5050", "pointit.services.robot.vda5050", "pointit.bridges.agv_tracker"), 8),
 }

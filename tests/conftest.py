@@ -32,10 +32,8 @@ settings.load_profile("repeatable")
 def pytest_configure() -> None:
     """Restore Ctrl-C and the width of tables, validate what services calculate, and receive by two threads.
 
-    Zenoh receives for all sessions of a process by two threads, and PointIt has it use one. A process of
-    tests opens thousands of sessions: one thread that is stuck must not make all later ones deaf. Commands
-    that tests start have the one. A shell starts background jobs with SIGINT ignored, and children inherit
-    that. Workers of pytest-xdist set COLUMNS, which would make tables as narrow as a terminal.
+    Shells start background jobs with SIGINT ignored; workers of pytest-xdist set COLUMNS, which would make
+    tables as narrow as a terminal. One receiving thread, if stuck, would make all later tests deaf.
     """
     ConstructorChecks.are_on = True
     os.environ.pop("COLUMNS", None)

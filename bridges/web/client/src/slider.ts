@@ -35,11 +35,17 @@ export function slider({ label, min, max, step, unit, initial, send: request, on
   let isBusy = false;
   let wanted: number | null = null;
   let movedAt = -Infinity;
+  /** Text that the field got from here or that was sent: another one is being typed. */
+  let known = field.value;
 
   const text = (value: number): string => String(Number(value.toFixed(Math.max(digits, 2))));
 
+  function fill(value: number): void {
+    known = field.value = text(value);
+  }
+
   function display(value: number): void {
-    if (document.activeElement !== field || isBusy) field.value = text(value);
+    if (document.activeElement !== field || field.value === known) fill(value);
     mark(input, "aria-valuetext", `${text(value)} ${unit}`);
     offerReset(value);
   }
@@ -84,13 +90,14 @@ export function slider({ label, min, max, step, unit, initial, send: request, on
   input.addEventListener("input", () => void send(Number(input.value)));
   field.addEventListener("focus", () => field.select());
   field.addEventListener("blur", () => {
-    if (inUse !== null && !isBusy) field.value = text(inUse);
+    if (inUse !== null && !isBusy) fill(inUse);
   });
   field.addEventListener("change", () => {
     const value = typedNumber(field.value, unit);
+    known = field.value;
     if (value !== null) return void send(value);
     onInvalid(`${label}: “${field.value.trim()}” is no number. Type one in ${unit}, such as ${text(inUse ?? min)}.`);
-    if (inUse !== null) field.value = text(inUse);
+    if (inUse !== null) fill(inUse);
   });
   return {
     element: el("div", { className: "slider" }, el("label", { for: id, text: label }), reset, el("span", { className: "typed" }, field, el("span", { text: unit })), input),

@@ -78,18 +78,18 @@ class FollowedFigure:
 
 
 def figures(
-    start_m: Vec3, people: Sequence[AssumedPerson], *, length_m: float, duration_s: float, is_flying: bool
+    start_m: Vec3, people: Sequence[AssumedPerson], *, speed_mps: float, duration_s: float, is_flying: bool
 ) -> list[FollowedFigure]:
     """Return the figures through `start_m` that keep away from `people`, the most informative first.
 
     Args:
         start_m: place of the robot, {W}.
         people: places at which the person may stand, equally probable; at least one.
-        length_m: length of the course.
-        duration_s: time that the robot takes for it.
+        speed_mps: of the robot along the course.
+        duration_s: time that it takes for it.
         is_flying: True if the height may change.
     """
-    courses = np.stack(list(_courses(length_m, is_flying=is_flying))) + start_m
+    courses = np.stack(list(_courses(speed_mps * duration_s, is_flying=is_flying))) + start_m
     places = np.array([person.place_m for person in people])
     apart = np.linalg.norm(courses[:, None, :, :2] - places[:, None, :2], axis=3).min(axis=2)
     is_clear = (apart >= [person.keep_out_m for person in people]).all(axis=1)
@@ -257,11 +257,10 @@ class FigureFlight:
             self._is_begun = True
             return TakeOff(order.next(), height_m)
         people = self.people(report.position_m, is_flying=report.is_flying)
-        duration_s = self._config.figure.duration_s
         ranked = figures(
             report.position_m, people,
-            length_m=self._config.max_speed_mps * duration_s,
-            duration_s=duration_s,
+            speed_mps=self._config.max_speed_mps,
+            duration_s=self._config.figure.duration_s,
             is_flying=self._config.kind == "quadrotor",
         )  # fmt: skip
         chosen = next((each for each in ranked if not safety.way_problem(each.points_m)), None)

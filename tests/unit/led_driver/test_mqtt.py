@@ -1,5 +1,6 @@
 """Messages of smart lights, whatever a broker may deliver, and commands at rates that bulbs take."""
 
+import asyncio
 import itertools
 import json
 from typing import Any
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from pointit.runtime.mqtt.broker import uncancelled
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.light_protocol import (
     DARK,
@@ -324,3 +326,14 @@ def test_whatever_is_shown_each_lamp_ends_with_its_newest_colour_within_the_rate
         own = [at_s for at_s, lamp, _ in sent if lamp == lamp_id]
         assert all(after - before >= 0.2 - 1e-9 for before, after in itertools.pairwise(own))
     assert set(sender.lit) == {lamp_id for lamp_id, color in wanted.items() if color != DARK}
+
+
+async def test_a_cancellation_that_arrives_with_a_confirmation_is_not_lost() -> None:
+    confirmation: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    call = asyncio.wait_for(confirmation, 60.0)  # noqa: TID251 - as aiomqtt does
+    publishing = asyncio.create_task(uncancelled(call))
+    await asyncio.sleep(0.01)
+    confirmation.set_result(None)
+    publishing.cancel()
+    await asyncio.wait({publishing})
+    assert publishing.cancelled()

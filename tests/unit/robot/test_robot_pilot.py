@@ -463,6 +463,16 @@ def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_f
     assert flight.command(STANDS, CurrentOrder(), safety, 0) is not None
 
 
+def test_a_figure_takes_the_time_that_is_configured() -> None:
+    config = GROUND.model_copy(update={"max_speed_mps": 0.5, "figure": FigureConfig(duration_s=8.0)})
+    flight = FigureFlight(config, ROBOT)
+    flight.on_localization("ben", SAMPLING)
+    path = flight.command(STANDS, CurrentOrder(), Permits(), 0)
+    assert isinstance(path, FollowPath)
+    points_m = np.array([STANDS.position_m, *path.points_m])
+    assert np.linalg.norm(np.diff(points_m, axis=0), axis=1).sum() == pytest.approx(0.5 * 8.0, rel=0.01)
+
+
 AWAY: Vec3 = (2.5, 0.5, 1.2)
 PERSON = AssumedPerson((0.0, 0.0, 0.0), 1.5)
 
@@ -473,7 +483,7 @@ def sigma_m(points: np.ndarray) -> float:
 
 @pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
 def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(start: Vec3) -> None:
-    best = figures(start, [PERSON], length_m=5.0, duration_s=5.0, is_flying=start[2] > 0.0)[0]
+    best = figures(start, [PERSON], speed_mps=1.0, duration_s=5.0, is_flying=start[2] > 0.0)[0]
     turned = np.linspace(0.0, math.tau, 25)
     radius_m = 5.0 / math.tau
     away = np.array(start) + np.stack(
@@ -483,7 +493,7 @@ def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(
     assert best.sigma_m < 0.8 * sigma_m(away)
     assert best.sigma_m < 0.8 * sigma_m(across)
     assert best.sigma_m < 0.3
-    longer = figures(start, [PERSON], length_m=5.0, duration_s=20.0, is_flying=start[2] > 0.0)[0]
+    longer = figures(start, [PERSON], speed_mps=0.25, duration_s=20.0, is_flying=start[2] > 0.0)[0]
     assert longer.sigma_m < 0.8 * best.sigma_m
 
 
@@ -493,7 +503,7 @@ def test_figures_are_closed_as_long_as_asked_and_away_from_people(
     reach_m: float, way_rad: float, length_m: float, height_m: float
 ) -> None:
     start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)
-    found = figures(start, [PERSON], length_m=length_m, duration_s=5.0, is_flying=height_m > 0.0)
+    found = figures(start, [PERSON], speed_mps=length_m / 5.0, duration_s=5.0, is_flying=height_m > 0.0)
     assert found == sorted(found, key=lambda figure: figure.sigma_m)
     for each in found:
         points = np.array(each.points_m)
@@ -510,7 +520,9 @@ def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle
 ) -> None:
     """The tracker is late, at constant speed: a circle turns the pose by it, and no residual tells."""
     best = even(
-        np.array(figures(start, [PERSON], length_m=4.0, duration_s=5.0, is_flying=start[2] > 0.0)[0].points_m)
+        np.array(
+            figures(start, [PERSON], speed_mps=0.8, duration_s=5.0, is_flying=start[2] > 0.0)[0].points_m
+        )
     )
     turned = np.linspace(0.0, math.tau, 101)
     circle = np.array(start) + 4.0 / math.tau * np.stack(

@@ -30,14 +30,13 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C and the width of tables, validate what services calculate, and receive by two threads.
+    """Restore Ctrl-C and the width of tables, and validate what services calculate.
 
-    Shells start background jobs with SIGINT ignored; workers of pytest-xdist set COLUMNS, which would make
-    tables as narrow as a terminal. One receiving thread, if stuck, would make all later tests deaf.
+    A shell starts background jobs with SIGINT ignored, and children inherit that. Workers of pytest-xdist set
+    COLUMNS, which would make tables as narrow as a terminal.
     """
     ConstructorChecks.are_on = True
     os.environ.pop("COLUMNS", None)
-    os.environ["ZENOH_RUNTIME"] = "(rx: (worker_threads: 2))"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -73,7 +73,7 @@ class Command:
         inherited = {
             name: value
             for name, value in os.environ.items()
-            if not name.startswith(("POINTIT_", "ZENOH_"))
+            if not name.startswith("POINTIT_")
             or name == "POINTIT_STATE"  # the test's own, not this machine's
         }
         whole = {**inherited, "TMPDIR": str(folder), **environment}

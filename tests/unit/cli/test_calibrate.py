@@ -207,8 +207,7 @@ async def test_the_truth_of_a_person_is_that_of_the_tracker_that_sees_them() -> 
             bench.put(topics.OBJECTS, TrackedObjects(stamp_ns=10 * S, objects=(each,)), tracker)
         await bench.settle()
         assert await truth.wait(0.0) is not None
-    error = truth.error_of(pose(method="static_targets", yaw_rad=0.4))
-    assert error is not None
+    error = there(truth.error_of(pose(method="static_targets", yaw_rad=0.4)))
     assert (error.position_m, error.yaw_rad) == pytest.approx((0.5, -0.1))
     assert truth.error_of(pose(method="external")) is None  # it is of the same cameras
 
@@ -351,7 +350,6 @@ def test_a_rest_counts_from_the_last_movement() -> None:
     assert stillness.moved_rad == pytest.approx(0.5)
     for step in range(1, 10):
         assert stillness.add(at(0.5), 0.9 + 0.1 * step) is None
-    found = stillness.add(at(0.5), 2.0)
-    assert found is not None
+    found = there(stillness.add(at(0.5), 2.0))
     assert_same(found.mean_xyzw, at(0.5))
     assert found.samples == 11

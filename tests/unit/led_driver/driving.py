@@ -1,10 +1,14 @@
 """Shared parts of the tests of the service: a fast driver, a map of two strips, objects on them."""
 
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
 from pointit.schemas import Cursor, Environment, Strip, StripsFrame, TrackedObject, TrackedObjects
 from pointit.schemas.topics import MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.service import LedDriver
-from tests.support.bench import Bench, ManualClock, until
+from pointit.testing import UdpDevice
+from tests.support.bench import Bench, ManualClock, memory_bench, until
 
 FAST = LedDriverConfig(
     max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}, tail_s=0.0)
@@ -51,6 +55,26 @@ async def started(bench: Bench, config: LedDriverConfig = FAST) -> list[StripsFr
     bench.put(MAP, MAP_MESSAGE)
     await until(lambda: len(frames) == 1)
     return frames
+
+
+@asynccontextmanager
+async def driven(
+    config: LedDriverConfig = FAST,
+) -> AsyncGenerator[tuple[Bench, ManualClock, list[StripsFrame]]]:
+    """Run a driver that has the map. Yield the bench, its clock, and the frames, of which one is drawn."""
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        yield bench, clock, await started(bench, config)
+
+
+@asynccontextmanager
+async def receiver() -> AsyncGenerator[UdpDevice]:
+    """Yield a device that receives datagrams."""
+    device = UdpDevice()
+    await device.plug()
+    yield device
+    await device.unplug()
+    device.close()
 
 
 async def next_frame(frames: list[StripsFrame]) -> StripsFrame:

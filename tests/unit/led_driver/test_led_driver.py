@@ -25,13 +25,20 @@ from pointit.services.led_driver.render import Layout
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.led_driver.strip_content import StripContent
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
+from tests.unit.led_driver.driving import (
+    FAST,
+    MAP_MESSAGE,
+    cursor,
+    driven,
+    next_frame,
+    package,
+    pixels,
+    started,
+)
 
 
 async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         assert frames[0].stamp_ns == clock.now_ns()
         await asyncio.sleep(0.005)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3), cursor_width_m=0.3), "anna")
@@ -59,9 +66,7 @@ def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> N
 
 async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:
     """Else a wrist that fell silent looks like latency as long as its cursor is lit."""
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         bench.put(at.CURSOR, cursor(clock, 0.55), "anna")
         assert (await next_frame(frames)).stamp_ns == clock.now_ns() - 5_000_000
         clock.advance(0.3)
@@ -72,9 +77,7 @@ async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:
 
 
 async def test_objects_move_on_between_messages_and_show_their_state() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         bench.put(at.OBJECTS, package(clock, speed_mps=1.0), "conveyor")
         assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
         clock.advance(0.2)
@@ -92,9 +95,7 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
 
 
 async def test_an_object_of_a_slow_tracker_moves_on_without_any_message() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         bench.put(at.OBJECTS, package(clock, speed_mps=1.0), "conveyor")
         assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
         for _ in range(4):
@@ -104,9 +105,7 @@ async def test_an_object_of_a_slow_tracker_moves_on_without_any_message() -> Non
 
 
 async def test_a_person_who_points_at_no_object_still_causes_no_frame() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, _clock, frames):
         for object_id in ("p1", ""):
             bench.put(at.HOVER, Hover(stamp_ns=1, object_id=object_id), "anna")
             await next_frame(frames)
@@ -118,9 +117,7 @@ async def test_a_person_who_points_at_no_object_still_causes_no_frame() -> None:
 
 
 async def test_trackers_do_not_take_each_others_objects_away() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         bench.put(at.OBJECTS, package(clock), "one")
         await next_frame(frames)
         bench.put(at.OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "two")
@@ -131,9 +128,7 @@ async def test_trackers_do_not_take_each_others_objects_away() -> None:
 
 async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
     config = FAST.model_copy(update={"cursor_timeout_s": 0.1, "objects_timeout_s": 0.2})
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench, config)
+    async with driven(config) as (bench, clock, frames):
         bench.put(at.OBJECTS, package(clock), "conveyor")
         bench.put(at.CURSOR, cursor(clock, 1.5), "anna")
         await until(lambda: {3, 15} <= set(pixels(frames[-1], "a")))
@@ -144,14 +139,12 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
 
 
 async def test_a_request_sets_the_brightness() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
+    async with driven() as (bench, clock, frames):
         reports = bench.collect(at.HEALTH)
 
         def shown() -> dict[str, float]:
             return {figure.name: figure.value for figure in reports[-1].figures} if reports else {}
 
-        frames = await started(bench)
         await until(lambda: shown() == {"brightness": 1.0, "default brightness": 1.0})
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         assert max(pixels(await next_frame(frames), "a").values()) == (255, 255, 255)
@@ -166,9 +159,8 @@ async def test_a_request_sets_the_brightness() -> None:
 
 
 async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
-    async with memory_bench() as bench:
+    async with driven() as (bench, _clock, frames):
         reports = bench.collect(at.HEALTH)
-        frames = await started(bench)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_colormap="rainbow"), "anna")
         await until(lambda: bool(reports) and any("no colormap 'rainbow'" in w for w in reports[-1].warnings))
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_colormap="viridis"), "anna")
@@ -233,10 +225,8 @@ async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None
 
 @pytest.mark.parametrize("value", [FARTHEST, -FARTHEST, 5e-324])
 async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
+    async with driven() as (bench, clock, frames):
         health = bench.collect(at.HEALTH)
-        frames = await started(bench)
         nonsense = TrackedObject(
             id="evil",
             kind="red",

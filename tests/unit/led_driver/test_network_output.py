@@ -18,6 +18,7 @@ from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, U
 from pointit.testing import UdpDevice
 from tests.support.bench import until
 from tests.support.running_source import Health
+from tests.unit.led_driver.driving import receiver
 
 pytestmark = pytest.mark.wall_time
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
@@ -47,15 +48,6 @@ async def running(
     yield output
     work.cancel()
     await asyncio.wait({work})
-
-
-@asynccontextmanager
-async def receiver() -> AsyncGenerator[UdpDevice]:
-    device = UdpDevice()
-    await device.plug()
-    yield device
-    await device.unplug()
-    device.close()
 
 
 async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from pointit.services.led_driver.output.expander import ExpanderConfig
 from pointit.services.led_driver.outputs import GuardedOutput, LedOutput, OutputConfig, make_outputs
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, started
+from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, driven, next_frame
 
 A, B, LIT = StripFrame(id="a", rgb=bytes(60)), StripFrame(id="b", rgb=bytes(60)), bytes(57) + b"\1\2\3"
 
@@ -136,9 +136,7 @@ async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch:
         return made
 
     monkeypatch.setattr("pointit.services.led_driver.service.make_outputs", make_outputs)
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         at_a.light_s, at_b.light_s = 0.01, 0.3
         bench.put(CURSOR, cursor(clock, 0.3, "b"), "ben")
         assert (await next_frame(frames)).light_s == 0.3, "the frame before was new to both"
@@ -240,22 +238,20 @@ def names(*outputs: dict[str, Any]) -> list[str]:
     return given
 
 
-@pytest.mark.parametrize("kind", ["e131", "artnet", "spotlight"])
-def test_outputs_at_one_node_have_a_universe_each(kind: str) -> None:
-    node = {"kind": kind, "host": "10.0.0.5"}
-    assert names(node | {"universe": 2}, node | {"universe": 3}) == [
-        "10.0.0.5 universe 2",
-        "10.0.0.5 universe 3",
-    ]
-    with pytest.raises(ConfigError, match=r"outputs.1.host: 10.0.0.5 universe 2 is used .* `universe`"):
-        names(node | {"universe": 2}, node | {"universe": 2})
-
-
-def test_outputs_at_one_host_have_a_port_each() -> None:
-    host = {"kind": "ddp", "host": "10.0.0.5"}
-    assert names(host, host | {"port": 4049}) == ["10.0.0.5 port 4048", "10.0.0.5 port 4049"]
-    with pytest.raises(ConfigError, match=r"outputs.1.host: 10.0.0.5 port 4048 is used .* `port`"):
-        names(host, host)
+@pytest.mark.parametrize(
+    ("kind", "key", "values"),
+    [
+        *((kind, "universe", (2, 3)) for kind in ("e131", "artnet", "spotlight")),
+        ("ddp", "port", (4048, 4049)),
+    ],
+)
+def test_outputs_at_one_address_have_a_universe_or_port_each(
+    kind: str, key: str, values: tuple[int, int]
+) -> None:
+    first, second = ({"kind": kind, "host": "10.0.0.5", key: value} for value in values)
+    assert names(first, second) == [f"10.0.0.5 {key} {value}" for value in values]
+    with pytest.raises(ConfigError, match=rf"outputs.1.host: 10.0.0.5 {key} {values[0]} is used .* `{key}`"):
+        names(first, first)
 
 
 def test_address_that_nothing_divides_has_one_output() -> None:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
 from pointit.schemas.topics import CURSOR
 from pointit.services.led_driver.light_state import FrameLimiter, LightState
-from tests.support.bench import ManualClock, memory_bench
-from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, pixels, started
+from tests.support import there
+from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, driven, next_frame, pixels
 
 
 def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
@@ -84,9 +84,7 @@ def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: s
     for step in range(200):
         now_ns = step * NS_PER_S // 100
         assert lights.on_cursor("anna", passing(now_ns, 2.0, strip_id), now_ns) == (step == 0)
-        frame = lights.frame(now_ns)
-        assert frame is not None
-        seen.append(pixels(frame, strip_id))
+        seen.append(pixels(there(lights.frame(now_ns)), strip_id))
     last = 19 if strip_id == "a" else 0  # the other runs backwards
     assert all(each in ({}, {last: (100, 50, 0)}) for each in seen)
     changes = sum(before != after for before, after in pairwise(seen))
@@ -102,9 +100,7 @@ async def test_who_points_past_takes_nobodys_place_in_time(monkeypatch: pytest.M
         return wish(pacer, now_s, fresh=fresh)
 
     monkeypatch.setattr(FrameLimiter, "request_frame", noted)
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         wished.clear()
         for message in (passing(clock.now_ns(), 1.55), cursor(clock, 1.05)):
             bench.put(CURSOR, message, "anna")

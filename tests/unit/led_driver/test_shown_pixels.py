@@ -5,16 +5,13 @@ import pytest
 from pointit.runtime.errors import RequestError
 from pointit.schemas import LitPixels, ShowPixels
 from pointit.schemas import topics as at
-from tests.support.bench import ManualClock, memory_bench
-from tests.unit.led_driver.driving import MAP_MESSAGE, cursor, next_frame, pixels, started
+from tests.unit.led_driver.driving import MAP_MESSAGE, cursor, driven, next_frame, pixels
 
 MARK = LitPixels(id="a", pixels=(3,), color=(0, 128, 0))
 
 
 async def test_shown_pixels_replace_cursors_until_their_time_is_over() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         bench.put(at.CURSOR, cursor(clock, 0.55, "b"), "anna")
         assert pixels(await next_frame(frames), "b")
         count = len(frames)
@@ -30,9 +27,7 @@ async def test_shown_pixels_replace_cursors_until_their_time_is_over() -> None:
 
 
 async def test_the_strips_are_given_back_without_another_message() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, clock, frames):
         await bench.bus.call(at.SHOW_PIXELS, ShowPixels(lit=(MARK,), for_s=0.05))
         assert pixels(frames[-1], "a")
         clock.advance(0.05)
@@ -40,8 +35,7 @@ async def test_the_strips_are_given_back_without_another_message() -> None:
 
 
 async def test_a_new_map_ends_what_was_shown() -> None:
-    async with memory_bench(ManualClock()) as bench:
-        frames = await started(bench)
+    async with driven() as (bench, _clock, frames):
         await bench.bus.call(at.SHOW_PIXELS, ShowPixels(lit=(MARK,), for_s=60))
         bench.put(at.MAP, MAP_MESSAGE.model_copy(update={"stamp_ns": 2}))
         assert not pixels(await next_frame(frames), "a")
@@ -55,7 +49,6 @@ async def test_a_new_map_ends_what_was_shown() -> None:
     ],
 )
 async def test_pixels_that_do_not_fit_the_map_are_refused(wrong: LitPixels, sentence: str) -> None:
-    async with memory_bench(ManualClock()) as bench:
-        await started(bench)
+    async with driven() as (bench, _clock, _frames):
         with pytest.raises(RequestError, match=sentence):
             await bench.bus.call(at.SHOW_PIXELS, ShowPixels(lit=(wrong,)))

@@ -8,7 +8,6 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
-import pytest_asyncio
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -35,8 +34,10 @@ from pointit.services.led_driver.output.spotlight import (
 )
 from pointit.testing import UdpDevice
 from pointit_lab.devices.contracts.led import e131_frames
+from tests.support import there
 from tests.support.bench import until
 from tests.support.running_source import Health
+from tests.unit.led_driver.driving import receiver
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 WIDE = HeadLimits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
@@ -65,18 +66,15 @@ def test_nearby_points_are_reached_by_a_small_turn(start: Angles, pan: float, ti
     assume(abs(start.tilt_rad) > 0.2)
     near = Angles(start.pan_rad + pan, start.tilt_rad + tilt)
     assume(WIDE.allow(near))
-    angles = HANGING.angles(vector.add(HANGING.position_m, HANGING.beam(near)), start, WIDE)
-    assert angles is not None
+    angles = there(HANGING.angles(vector.add(HANGING.position_m, HANGING.beam(near)), start, WIDE))
     assert angles.pan_rad == pytest.approx(near.pan_rad, abs=1e-6)
     assert angles.tilt_rad == pytest.approx(near.tilt_rad, abs=1e-6)
 
 
 def test_hanging_head_points_down_and_around() -> None:
-    down = HANGING.angles((0.0, 0.0, 0.0), Angles(0.7, 0.3), WIDE)
-    assert down is not None
+    down = there(HANGING.angles((0.0, 0.0, 0.0), Angles(0.7, 0.3), WIDE))
     assert (down.pan_rad, down.tilt_rad) == pytest.approx((0.7, 0.0))  # any pan will do, and it stays
-    aside = HANGING.angles((2.0, 0.0, 3.0), HOME, WIDE)
-    assert aside is not None
+    aside = there(HANGING.angles((2.0, 0.0, 3.0), HOME, WIDE))
     assert (aside.pan_rad, aside.tilt_rad) == pytest.approx((0.0, math.pi / 2))
     assert HANGING.angles((0.0, 0.0, 9.0), HOME, WIDE) is None
 
@@ -182,15 +180,6 @@ def test_impossible_fixtures_are_refused(values: dict[str, object]) -> None:
         SpotlightConfig.model_validate(values)
 
 
-@pytest_asyncio.fixture
-async def device() -> AsyncGenerator[UdpDevice]:
-    device = UdpDevice()
-    await device.plug()
-    yield device
-    await device.unplug()
-    device.close()
-
-
 @asynccontextmanager
 async def shining(device: UdpDevice) -> AsyncGenerator[Spotlight]:
     """Yield a hanging head 3 m above the room's origin, which has turned 90° within 50 ms."""
@@ -216,18 +205,17 @@ def newest(device: UdpDevice) -> bytes:
     return (e131_frames(bytes(device.received)) or [bytes(512)])[-1]
 
 
-async def test_beam_follows_the_cursor_and_is_dark_where_it_is_without_one_and_at_the_end(
-    device: UdpDevice,
-) -> None:
-    async with shining(device) as spotlight:
-        spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
-        await until(lambda: newest(device)[:8] == THERE + bytes((255, 255, 0, 0)))
-        spotlight.show_cursor("ann", cursor(None), RED)
-        await until(lambda: newest(device)[:8] == THERE + bytes(4))
-        spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
-        await until(lambda: newest(device)[:5] == THERE + bytes((255,)))
-    await until(lambda: [packet[112] for packet in device.datagrams[-4:]] == [0, 0x40, 0x40, 0x40])
-    assert all(packet[126:134] == THERE + bytes(4) for packet in device.datagrams[-4:])
+async def test_beam_follows_the_cursor_and_is_dark_where_it_is_without_one_and_at_the_end() -> None:
+    async with receiver() as device:
+        async with shining(device) as spotlight:
+            spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
+            await until(lambda: newest(device)[:8] == THERE + bytes((255, 255, 0, 0)))
+            spotlight.show_cursor("ann", cursor(None), RED)
+            await until(lambda: newest(device)[:8] == THERE + bytes(4))
+            spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
+            await until(lambda: newest(device)[:5] == THERE + bytes((255,)))
+        await until(lambda: [packet[112] for packet in device.datagrams[-4:]] == [0, 0x40, 0x40, 0x40])
+        assert all(packet[126:134] == THERE + bytes(4) for packet in device.datagrams[-4:])
 
 
 async def test_cursor_out_of_reach_is_named_until_it_is_back() -> None:
@@ -282,8 +270,7 @@ def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: 
     assert turn_rad(found, truth) < math.radians(3.0)
     for place in ((2.0, 2.0, 0.0), (1.0, 3.0, 1.0)):  # where nobody pointed
         way = vector.subtract(place, truth.position_m)
-        angles = found.angles(place, HOME, HeadLimits(math.radians(540), math.tau, 1.0, 1.0))
-        assert angles is not None
+        angles = there(found.angles(place, HOME, HeadLimits(math.radians(540), math.tau, 1.0, 1.0)))
         assert vector.angle_between(truth.beam(angles), way) * vector.norm(way) < 0.05
 
 

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME
+from pointit.schemas.topics import CURSOR, HEALTH
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.service import LedDriver
 from tests.support import strangers
-from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.led_driver.driving import MAP_MESSAGE, cursor
+from tests.support.bench import until
+from tests.unit.led_driver.driving import cursor, driven
 
 MODULE = """
 import asyncio
@@ -90,15 +89,10 @@ def _installed(tmp_path: Path) -> Iterator[None]:
 
 
 async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_nothing() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames, health = bench.collect(STRIPS_FRAME), bench.collect(HEALTH, "led-driver")
-        outputs = [{"kind": "broken"}, {"kind": "counting"}]
-        bench.start(LedDriver, LedDriverConfig.model_validate({"outputs": outputs}))
-        await bench.settle()
-        bench.put(MAP, MAP_MESSAGE)
+    config = LedDriverConfig.model_validate({"outputs": [{"kind": "broken"}, {"kind": "counting"}]})
+    async with driven(config) as (bench, clock, _frames):
+        health = bench.collect(HEALTH, "led-driver")
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
-        await until(lambda: len(frames) >= 1)
         await until(lambda: any(figure.name == "shown" for figure in health[-1].figures) if health else False)
         bench.put(CURSOR, cursor(clock, 1.0), "anna")  # the next frame reads the latency of the one before
         late = "LED output 'counting' of strangers-parts: light_s failed (ValueError: could not convert "
@@ -114,15 +108,12 @@ async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_not
 
 
 async def test_two_outputs_of_one_kind_share_neither_warnings_nor_metrics_nor_stored_state() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames, health = bench.collect(STRIPS_FRAME), bench.collect(HEALTH, "led-driver")
-        outputs = [{"kind": "numbered", "number": 1}, {"kind": "numbered", "number": 2}]
-        bench.start(LedDriver, LedDriverConfig.model_validate({"outputs": outputs}))
-        await bench.settle()
-        bench.put(MAP, MAP_MESSAGE)
+    config = LedDriverConfig.model_validate(
+        {"outputs": [{"kind": "numbered", "number": 1}, {"kind": "numbered", "number": 2}]}
+    )
+    async with driven(config) as (bench, clock, _frames):
+        health = bench.collect(HEALTH, "led-driver")
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
-        await until(lambda: len(frames) >= 1)
         await until(
             lambda: any("number" in figure.name for figure in health[-1].figures) if health else False
         )

@@ -24,6 +24,7 @@ from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.lamps import DARK, TARGET
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.pui.tracked_objects import listing
+from tests.support import there
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, started
 from tests.unit.led_driver.stage import BLACK, FORTH, GREEN, NOW_NS, Color, colors, item
@@ -180,8 +181,7 @@ def test_part_of_a_strip_shows_its_thing_and_leaves_the_next_one_as_it_is(
     shining.content.set_selection(selection(*([("screws", owner)] if owner else [])))
     if progress is not None:
         shining.content.set_hover("anna", hover(progress, "screws"), NOW_NS)
-    frame = shining.frame(NOW_NS)
-    assert frame is not None
+    frame = there(shining.frame(NOW_NS))
     assert colors(frame.strips[0].rgb) == [*[BLACK] * 2, *screws, *[DIM] * 4, *[BLACK] * 8]
 
 
@@ -190,9 +190,7 @@ def test_what_moves_over_the_light_of_a_thing_is_above_it() -> None:
     moving = TrackedObjects(stamp_ns=NOW_NS, objects=(item(0.5, 0.2, kind="red"),))
     shining.content.set_objects("conveyor", moving, NOW_NS)
     shining.content.set_objects("things", listing(ROOM, NOW_NS), NOW_NS)
-    frame = shining.frame(NOW_NS)
-    assert frame is not None
-    shown = colors(frame.strips[0].rgb)
+    shown = colors(there(shining.frame(NOW_NS)).strips[0].rgb)
     assert [color == DIM for color in shown[2:8]] == [True, True, False, False, True, True]
 
 

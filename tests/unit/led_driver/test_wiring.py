@@ -21,11 +21,12 @@ from pointit.services.led_driver.output.expander import (
 )
 
 
+def strip(name: str, pixels: int) -> Strip:
+    return Strip(id=name, line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)
+
+
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
-    return tuple(
-        Strip(id=str(number), line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)
-        for number, pixels in enumerate(counts)
-    )
+    return tuple(strip(str(number), pixels) for number, pixels in enumerate(counts))
 
 
 def shown(counts: Sequence[int], **fields: object) -> str:
@@ -142,10 +143,6 @@ def test_segments_of_a_channel_with_several_orders_are_told() -> None:
 def test_segments_without_a_channel_of_their_own_are_refused(fields: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ExpanderConfig.model_validate(fields)
-
-
-def strip(name: str, pixels: int) -> Strip:
-    return Strip(id=name, line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)
 
 
 def test_set_channel_frame_matches_the_golden_bytes() -> None:

@@ -19,6 +19,7 @@ from pointit.services.robot.command_planner import (
 )
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
 from pointit.services.robot.stop_reason import StopReason
+from tests.support import there
 from tests.unit.robot.flight import ROBOT
 from tests.unit.robot.permits import Desk
 from tests.unit.robot.test_robot_pilot import desk_of
@@ -114,9 +115,7 @@ def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) 
 def test_a_robot_that_stands_on_its_way_is_said_until_it_goes_on() -> None:
     desk = desk_of()
     desk.send("anna", THERE, robot=ROBOT)
-    order = desk.step()
-    assert order is not None
-    desk.pilot.on_item(OrderStatus(order.order, "active"), desk.now_ns)
+    desk.pilot.on_item(OrderStatus(there(desk.step()).order, "active"), desk.now_ns)
     for seconds in (0.05, 14.0, 0.9):
         desk.step(seconds)
         assert desk.pilot.reason == ""

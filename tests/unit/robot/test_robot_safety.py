@@ -10,6 +10,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
 from pointit.services.robot.safety.people import PeopleNearRobot
 from pointit.services.robot.safety.safety import Safety
+from tests.support import there
 from tests.unit.robot.flight import cursor_at
 from tests.unit.robot.steered_robot import START_NS, Steered, fence
 
@@ -133,8 +134,7 @@ def test_a_ground_robot_whose_person_points_at_a_lamp_stands_and_stays_theirs(ki
     robot = steered(GROUND.model_copy(update={"kind": kind}))
     robot.run(0.1)
     robot.interact("localizing")
-    stop = robot.safety.stop("ada", "goals", robot.now_ns)
-    assert stop is not None
+    stop = there(robot.safety.stop("ada", "goals", robot.now_ns))
     assert stop.is_freeing == (kind == "quadrotor")
     assert robot.safety.take_problem("ada", robot.now_ns) == stop.text
 
@@ -148,9 +148,7 @@ def test_nothing_moves_before_the_map_has_come() -> None:
     said = "the map of the room has not come yet"
     assert safety.take_problem("ada", now_ns).startswith(said)
     assert safety.way_problem([(1.0, 0.0, 0.0)]).startswith(said)
-    stop = safety.stop("", "none", now_ns)
-    assert stop is not None
-    assert stop.text.startswith(said)
+    assert there(safety.stop("", "none", now_ns)).text.startswith(said)
     safety.on_map(Environment(stamp_ns=now_ns, name="room"))
     assert not safety.take_problem("ada", now_ns)
     assert not safety.way_problem([(1.0, 0.0, 0.0)])

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.services.selector.methods.gauge import Gauges, RaySpeedEstimator
+from tests.support import there
 
 MS = 1_000_000
 
@@ -107,9 +108,7 @@ S = 1_000_000_000
 
 
 def speed_deg_s(steadiness: RaySpeedEstimator) -> float:
-    rate = steadiness.rate()
-    assert rate is not None
-    return math.degrees(math.hypot(*rate))
+    return math.degrees(math.hypot(*there(steadiness.rate())))
 
 
 @given(st.lists(st.integers(1, 60), min_size=3, max_size=12), st.floats(-40, 40), st.floats(-40, 40))
@@ -124,8 +123,7 @@ def test_it_has_that_speed_at_whatever_times_the_rays_come(
         steadiness.add(
             time_ms * 1_000_000, vector.direction(math.radians(turned_deg_s * time_ms / 1000), elevation)
         )
-    rate = steadiness.rate()
-    assert rate is not None
+    rate = there(steadiness.rate())
     assert math.degrees(rate[0]) == pytest.approx(turned_deg_s * math.cos(elevation), abs=1e-6)
     assert math.degrees(rate[1]) == pytest.approx(raised_deg_s, abs=1e-6)
 
@@ -176,6 +174,4 @@ def test_speed_does_not_jump_where_the_azimuth_does(turned_deg_s: float) -> None
     for index in range(11):
         turned_deg = 180.0 + turned_deg_s * (index - 5) / 100
         steadiness.add(index * S // 100, vector.direction(math.radians(turned_deg), 0.0))
-    rate = steadiness.rate()
-    assert rate is not None
-    assert math.degrees(rate[0]) == pytest.approx(turned_deg_s)
+    assert math.degrees(there(steadiness.rate())[0]) == pytest.approx(turned_deg_s)

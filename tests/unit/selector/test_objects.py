@@ -11,6 +11,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.services.selector.object_positions import MAX_TRACKERS, ObjectPositions
 from pointit.services.selector.seen_objects import SeenObjects, View
+from tests.support import there
 from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
 
 SNAP = math.radians(1.5)
@@ -24,9 +25,7 @@ def scene(*objects: TrackedObject, time_s: float = 0.0) -> SeenObjects:
 
 
 def look(looked: SeenObjects, cursor: Cursor) -> View:
-    view = looked.view_from(cursor)
-    assert view is not None
-    return view
+    return there(looked.view_from(cursor))
 
 
 def picked(looked: SeenObjects, cursor: Cursor, kept: str | None = None) -> str | None:
@@ -101,8 +100,7 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
     eyes = (3.0, -1.0, 1.6)
     direction = vector.normalized(vector.subtract(expected, eyes))
     view = look(looked, Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction))
-    seen = view.snapped("a", Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction), SNAP)
-    assert seen is not None
+    seen = there(view.snapped("a", Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction), SNAP))
     # nearest to a ray through its centre is that centre; a short way on an arc is taken to be straight, so
     # that the ray passes it by a little, by more along the arc where that is seen aslant
     passed_rad = vector.angle_between(direction, vector.subtract(seen[0], eyes))
@@ -148,8 +146,7 @@ def test_snapping_is_bounded_and_touches_the_object(beside_m: float, length_m: f
 def test_a_ray_that_meets_nothing_is_drawn_to_the_object_nearby() -> None:
     cursor = pointing(0, 5.0, raised_rad=0.02).model_copy(update={"surface": "none", "point_m": None})
     view = look(scene(package("a", 5.0)), cursor)
-    snapped = view.snapped("a", cursor, SNAP)
-    assert snapped is not None
+    snapped = there(view.snapped("a", cursor, SNAP))
     assert snapped[0] == pytest.approx((5.0, 0.0, 0.9), abs=0.02)
     assert snapped[1] is None
     assert view.snapped("a", cursor, 0.01) is None
@@ -158,8 +155,7 @@ def test_a_ray_that_meets_nothing_is_drawn_to_the_object_nearby() -> None:
 def test_confidence_is_shared_by_what_is_near() -> None:
     view = look(scene(package("a", 4.9), package("b", 5.1)), pointing(0, 5.0))
     assert view.confidence("a", 0.026) == pytest.approx(0.5)
-    nearer = look(scene(package("a", 4.9), package("b", 5.1)), pointing(0, 4.9)).confidence("a", 0.026)
-    assert nearer is not None
+    nearer = there(look(scene(package("a", 4.9), package("b", 5.1)), pointing(0, 4.9)).confidence("a", 0.026))
     assert 0.6 < nearer < 1.0
     assert look(scene(package("a", 5.0)), pointing(0, 5.0)).confidence("a", 0.026) == 1.0
 
@@ -186,8 +182,7 @@ def test_who_sees_the_cursor_on_an_object_is_on_it_however_far_the_ray_passes_th
     expected = "a" if abs(raised_deg) < 3.5 else None
     if abs(abs(raised_deg) - 4.0) > 0.6:
         assert picked(looked, off_the_line) == expected  # where there is no cursor the ray itself counts
-    miss = look(looked, cursor).miss_rad("a", cursor)
-    assert miss is not None
+    miss = there(look(looked, cursor).miss_rad("a", cursor))
     assert (
         miss >= math.radians(abs(raised_deg)) - half_width(5.0, 0.3) - 1e-3
     )  # of the ray, whatever is shown

@@ -17,6 +17,7 @@ from pointit.services.selector.roles import _done_message
 from pointit.services.selector.seen_objects import MAX_SOLIDS, SeenObjects
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.selection_publisher import Output
+from tests.support import there
 from tests.unit.selector.room import MAP, at, package, packages, pointing
 
 EYES: Vec3 = (0.0, 0.0, 1.6)
@@ -226,8 +227,7 @@ def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> No
     ray = vector.subtract(row[aimed].center_m, EYES)
     length_m = math.hypot(*ray)
     x, y, z = (each / length_m for each in ray)
-    view = seen.view_from(Cursor(stamp_ns=at(0.0), origin_m=EYES, direction=(x, y, z)))
-    assert view is not None
+    view = there(seen.view_from(Cursor(stamp_ns=at(0.0), origin_m=EYES, direction=(x, y, z))))
     names = {int(each.id) for each in view.seen}
     assert len(names) == MAX_SOLIDS
     assert aimed in names
@@ -320,8 +320,6 @@ def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
     seen.update(TRACKER, box.model_copy(update={"objects": (moving,)}))
     for time_s in (0.0, 0.4, 0.8):
         ray = vector.normalized(vector.subtract((2.6, time_s, 1.4), EYES))
-        view = seen.view_from(Cursor(stamp_ns=at(time_s), origin_m=EYES, direction=ray))
-        assert view is not None
-        (one,) = view.seen
+        (one,) = there(seen.view_from(Cursor(stamp_ns=at(time_s), origin_m=EYES, direction=ray))).seen
         assert one.outline_m is None
         assert one.center_m == pytest.approx((2.6, time_s, 1.4))

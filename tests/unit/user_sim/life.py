@@ -37,6 +37,7 @@ from pointit.services.user_sim.config import (
 )
 from pointit.services.user_sim.person import SimulatedPerson
 from pointit.sim.aim import Stance
+from tests.support import there
 
 PERIOD_NS = NS_PER_S // 50
 ROOM = Environment(
@@ -148,9 +149,7 @@ class Life:
             if past is not None:
                 self.past.append(past)
                 self.person.see(self.now_ns, past)
-        frame = lights.frame(self.now_ns)
-        assert frame is not None
-        self.person.see(self.now_ns, frame)
+        self.person.see(self.now_ns, there(lights.frame(self.now_ns)))
 
     def ray(self, sample: ImuSample) -> Vec3:
         """Return the direction from the eyes over the finger in {H}, for a body as it usually is."""

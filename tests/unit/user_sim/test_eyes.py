@@ -24,6 +24,7 @@ from pointit.schemas import (
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.eyes import Eyes, Kind, ObservedAppearance, SeenCursor, Span
+from tests.support import there
 
 PITCH_M = 5.0 / 150
 GREEN = (0, 158, 115)
@@ -84,14 +85,10 @@ class Bench:
         self.lights.content.set_selection(Selection(stamp_ns=0, objects=objects))
 
     def open(self) -> None:
-        frame = self.lights.frame(0)
-        assert frame is not None
-        self.eyes.open(frame)
+        self.eyes.open(there(self.lights.frame(0)))
 
     def find(self, kind: Kind = "strip") -> SeenCursor:
-        seen = self.look(kind)
-        assert seen is not None
-        return seen
+        return there(self.look(kind))
 
     def look_long(self) -> SeenCursor:
         """Look until the eyes have adapted to dimmed strips."""
@@ -114,9 +111,7 @@ class Bench:
         thing = next(thing for thing in self.things if thing.id == name)
         assert thing.surface in ("strip", "belt")
         key: tuple[Kind, str] = (thing.surface, thing.surface_id)
-        looks = self.eyes.looks(thing.kind, key, thing.surface_position_m, thing.length_m)
-        assert looks is not None
-        return looks
+        return there(self.eyes.looks(thing.kind, key, thing.surface_position_m, thing.length_m))
 
 
 def profile(color: tuple[int, int, int] = WHITE, **more: object) -> UserProfile:

@@ -92,8 +92,7 @@ class Look:
             self.now_ns += STEP_NS
             tracked = listing(ROOM, self.now_ns)
             self.lights.content.set_objects("things", tracked, self.now_ns)
-            frame = self.lights.frame(self.now_ns)
-            assert frame is not None
+            frame = there(self.lights.frame(self.now_ns))
             self.sight.show(self.now_ns, tracked, "things")
             self.sight.show(self.now_ns, frame)
             self.sight.look(self.now_ns)
@@ -102,9 +101,7 @@ class Look:
             self.correction.remember(self.now_ns, (0.0, 0.0))
 
     def looks(self, name: str) -> ObservedAppearance:
-        seen = self.sight.find(name, self.now_ns)
-        assert seen is not None
-        return there(self.sight.looks(seen))
+        return there(self.sight.looks(there(self.sight.find(name, self.now_ns))))
 
     def learned_rad(self) -> tuple[float, float]:
         self.correction.settle(self.goal, NEXT)

@@ -9,6 +9,7 @@ from pointit.bridges.web.pages.page_session import LATENCIES_S, Latencies
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, SELECTION_EVENTS, STRIPS_FRAME
+from tests.support import there
 
 FAST_HZ = 1e6
 
@@ -18,8 +19,7 @@ def test_a_batch_travels_as_the_wire_says() -> None:
     feed = cache.open(60.0)
     cache.put(CURSOR, "anna", b"\x81")
     cache.put(SELECTION_EVENTS, "", b"\x82")
-    batch = feed.take(0.0)
-    assert batch is not None
+    batch = there(feed.take(0.0))
     expected = [1, 5, 2.0, [["users/{user}/cursor", "anna", b"\x81"]], [["selection/events", "", b"\x82"]], 0]
     assert batch.packed(5, 2.0) == pack(expected)
 
@@ -39,8 +39,7 @@ def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
     assert feed.take(0.15) is None
     assert feed.wait_s(0.15) == pytest.approx(0.15), "a batch is reserved for what is urgent"
     cache.put(STRIPS_FRAME, "", b"5", urgent=True)
-    batch = feed.take(0.2001)
-    assert batch is not None
+    batch = there(feed.take(0.2001))
     assert [payload for _, _, payload in batch.states] == [b"4", b"5"]
 
 
@@ -58,9 +57,7 @@ def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> No
     assert feed.ack(3)
     assert feed.ack(1), "told once more: nothing new"
     assert feed.in_flight == 0
-    batch = feed.take(11.0)
-    assert batch is not None
-    assert batch.states == (("users/{user}/cursor", "anna", bytes([9])),)
+    assert there(feed.take(11.0)).states == (("users/{user}/cursor", "anna", bytes([9])),)
 
 
 def test_forgotten_keys_that_pages_know_make_room() -> None:

@@ -28,6 +28,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import CURSOR, RAY, TOPICS
+from tests.support import there
 
 OPEN_METRICS = "application/openmetrics-text;version=1.0.0"
 NS_PER_S = 1_000_000_000
@@ -106,9 +107,7 @@ def durations(*values_s: float) -> Quantiles:
     window = DurationWindow()
     for value_s in values_s:
         window.values.append(value_s)
-    reported = window.take()
-    assert reported is not None
-    return reported
+    return there(window.take())
 
 
 def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: TakenMetrics) -> None:

@@ -51,6 +51,7 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.host.store import acquire_lock
 from pointit.schemas import NS_PER_S, CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.registry import SHOWN
+from tests.support import there
 from tests.support.recorded import session, write_recording
 
 BY_NAME = {action.name: action for action in ACTIONS}
@@ -264,8 +265,7 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
 
 
 def recording_in(html: str) -> list[Any]:
-    found = re.search(r'<script id="recording" type="text/plain"[^>]*>([^<]*)</script>', html)
-    assert found is not None
+    found = there(re.search(r'<script id="recording" type="text/plain"[^>]*>([^<]*)</script>', html))
     packed = zlib.decompress(base64.b64decode(found[1]), wbits=31)
     return list(msgpack.Unpacker(io.BytesIO(packed)))
 
@@ -309,8 +309,7 @@ def test_file_has_the_greeting_the_timeline_and_all_frames(past: Past) -> None:
 
 def test_file_loads_nothing(past: Past) -> None:
     html = page_file(past)
-    imports = re.search(r'<script type="importmap">(.*?)</script>', html, re.DOTALL)
-    assert imports is not None
+    imports = there(re.search(r'<script type="importmap">(.*?)</script>', html, re.DOTALL))
     modules = {name: unquote(each) for name, each in json.loads(imports[1])["imports"].items()}
     assert len(modules["app.js"]) > 100_000
     named = {name for code in modules.values() for name in re.findall(r'"(\./)?(chunk-\w+\.js)"', code)}
@@ -366,8 +365,7 @@ def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
 def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(devices, "LOCK_TIMEOUT_S", 0.0)
     path = tmp_path / "count.json"
-    lock = acquire_lock(path.with_suffix(".lock"))
-    assert lock is not None
+    lock = there(acquire_lock(path.with_suffix(".lock")))
     with contextlib.closing(lock), pytest.raises(ConfigError, match="another process is changing it"):
         update_stored(StateFile[Counted].at(path, Counted), lambda _stored: Counted())
     assert not path.exists()

@@ -36,6 +36,7 @@ from pointit.schemas import (
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE
+from tests.support import there
 from tests.support.recorded import write_recording
 
 LENGTH_S = 20.0
@@ -172,12 +173,10 @@ def test_a_seek_shows_what_playing_until_then_shows(past: Past, seconds: float) 
 def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
     playback = Playback(past, 0.0)
     feed = playback.model.cache.open(60.0)
-    first = feed.take(0.0)
-    assert first is not None
+    first = there(feed.take(0.0))
     assert ("map", "") in {news[:2] for news in first.states}
     playback.seek(at(14.0), 0.0)
-    batch = feed.take(1.0)
-    assert batch is not None
+    batch = there(feed.take(1.0))
     assert {news[:2]: news[2] is not None for news in batch.states} == {
         ("users/{user}/pose", "anna"): True,
         ("users/{user}/pose", "ben"): False,

@@ -12,6 +12,7 @@ from pointit.bridges.web.wire import AimAt, Turn
 from pointit.bridges.web.wrists.wrist_control import AssumedPose, WristControl, choose_pose, middle, places
 from pointit.geometry import rotation, vector
 from pointit.services.pointing.pointer import ArmRay
+from tests.support import there
 
 START = 1_700_000_000 * models.NS_PER_S
 TICK = models.NS_PER_S // 60
@@ -66,9 +67,7 @@ def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(
     wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
-    ray = ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw)
-    assert ray is not None
-    origin, direction = ray
+    origin, direction = there(ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw))
     start_m = vector.add((-1.0, 2.0, 0.0), vector.rotate_z(origin, 1.0))
     sight = vector.subtract((4.0, 2.0, 1.0), start_m)
     assert vector.angle_between(vector.rotate_z(direction, 1.0), sight) < 1e-6
@@ -111,8 +110,7 @@ def test_people_have_their_own_wrists(wrists: WristControl) -> None:
 
 def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: WristControl) -> None:
     held = rotation.from_axis_angle((1.0, 0.0, 0.0), 0.3)
-    sample = wrists.turn("anna", "phone1", turn(12.5, q=held), START)
-    assert sample is not None
+    sample = there(wrists.turn("anna", "phone1", turn(12.5, q=held), START))
     assert (sample.device, sample.orientation_xyzw) == ("phone", held)
     assert (sample.device_time_ns, sample.battery, sample.stamp_ns) == (12_500_000, 0.5, START)
     assert wrists.holder("anna") == ("phone1", "phone")
@@ -155,9 +153,7 @@ def test_a_phone_silent_by_the_walls_time_lets_go_until_it_comes_back(
 def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: WristControl) -> None:
     def number(page: str, session: int, seconds: float) -> int:
         wrists.acquire("anna", page, "phone")
-        sample = wrists.turn("anna", page, turn(session=session), at(seconds))
-        assert sample is not None
-        return sample.session
+        return there(wrists.turn("anna", page, turn(session=session), at(seconds))).session
 
     first, again = number("phone1", 0, 0.0), number("phone1", 0, 0.1)
     loaded, other = number("phone1", 1, 0.2), number("phone2", 0, 0.3)

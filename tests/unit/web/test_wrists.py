@@ -21,6 +21,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, Announced, Candidate, Feedback, Interaction, Localization
 from pointit.services.pointing.pointer import ArmRay
+from tests.support import there
 
 STEP_NS = NS_PER_S // 60
 SAMPLING: dict[str, Any] = {"stamp_ns": 0, "phase": "sampling"}
@@ -90,22 +91,19 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
     cues = PhoneCues()
     sure = Interaction(stamp_ns=0, state="pointing", next_step="hold on a package")
     for state in (sure, sure.model_copy(update={"is_unsure": True})):
-        cue = cues.interaction(state)
-        assert cue is not None
+        cue = there(cues.interaction(state))
         assert (cue.state, cue.next_step) == ("pointing", "hold on a package")
         assert cue.wants_double == state.is_unsure
         assert cues.interaction(state) is None
         assert cues.current == cue
-    feedback = cues.feedback(Feedback(stamp_ns=0, cue="selected"))
-    assert feedback is not None
+    feedback = there(cues.feedback(Feedback(stamp_ns=0, cue="selected")))
     assert (feedback.state, feedback.wants_double) == ("pointing", True)
 
 
 def test_names_are_cues_and_a_phone_that_connects_before_one_is_spoken_knows_that_it_can_step() -> None:
     cues = PhoneCues()
     assert not cues.current.has_names
-    first = cues.feedback(Announced(stamp_ns=1))
-    assert first is not None
+    first = there(cues.feedback(Announced(stamp_ns=1)))
     assert first.has_names
     assert first.announced == ""
     assert cues.current == first
@@ -121,15 +119,10 @@ def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
         return Localization.model_validate({**SAMPLING, **target, "samples": samples})
 
     cues = PhoneCues()
-    first = cues.localization(at(0, 0))
-    assert first is not None
-    assert first.text == "point at led_0, 1 of 3"
+    assert there(cues.localization(at(0, 0))).text == "point at led_0, 1 of 3"
     assert cues.localization(at(5, 0)) is None
-    second = cues.localization(at(5, 1))
-    assert second is not None
-    assert second.text == "point at led_1, 2 of 3"
-    refused = cues.localization(Localization(stamp_ns=0, phase="refused", reason="hold more steadily"))
-    assert refused is not None
+    assert there(cues.localization(at(5, 1))).text == "point at led_1, 2 of 3"
+    refused = there(cues.localization(Localization(stamp_ns=0, phase="refused", reason="hold more steadily")))
     assert refused.text == "hold more steadily"
     assert cues.localization(Localization(stamp_ns=0, phase="idle")) is None
 
@@ -146,8 +139,7 @@ def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
     assert shares[-1] == 1.0
     assert len(shares) == STEPS + 1
     assert [cue.text for cue in told if cue is not None and cue.text] == ["point at led_0"]
-    ended = cues.localization(at(1.0, phase="solved"))
-    assert ended is not None
+    ended = there(cues.localization(at(1.0, phase="solved")))
     assert ended.progress is None
     assert ended.text == ""
     assert cues.localization(at(0.0, target_id="", ahead=("ben",))) is None  # who waits points at nothing
@@ -160,28 +152,22 @@ def test_a_robot_that_may_be_one_of_several_is_no_step() -> None:
         Candidate(object_id=name, probability=share) for name, share in (("r1", 0.6), ("r2", 0.4))
     )
     meant = {"target_id": "r1", "target_count": 3, "candidates": candidates}
-    cue = cues.localization(Localization.model_validate({**SAMPLING, **meant}))
-    assert cue is not None
-    assert cue.text == "point at r1"
+    assert there(cues.localization(Localization.model_validate({**SAMPLING, **meant}))).text == "point at r1"
 
 
 def test_a_token_makes_a_phone_one_persons() -> None:
     pairing = Pairing()
     token, replaced = pairing.pair("anna", 0.0)
     assert replaced == ""
-    secret = pairing.redeem(token, 1.0)
-    assert secret is not None
+    secret = there(pairing.redeem(token, 1.0))
     assert secret != token
-    phone = pairing.phone(secret)
-    assert phone is not None
+    phone = there(pairing.phone(secret))
     assert (phone.user, phone.page) == ("anna", pairing.paired("anna", 1.0))
     assert pairing.phone(token) is None
     assert pairing.phone("") is None
     assert pairing.redeem("other", 1.0) is None
     assert pairing.redeem("", 1.0) is None
-    other_browsers = pairing.redeem(token, 2.0)
-    assert other_browsers is not None
-    assert pairing.phone(other_browsers) is phone
+    assert pairing.phone(there(pairing.redeem(token, 2.0))) is phone
     assert pairing.phone(secret) is None
 
 
@@ -203,15 +189,13 @@ def test_an_unused_token_expires_a_used_ones_phone_stays() -> None:
 def test_pairing_anew_and_unpairing_revoke() -> None:
     pairing = Pairing()
     token, _ = pairing.pair("anna", 0.0)
-    secret = pairing.redeem(token, 1.0)
-    assert secret is not None
+    secret = there(pairing.redeem(token, 1.0))
     page = pairing.paired("anna", 1.0)
     newer, replaced = pairing.pair("anna", 2.0)
     assert replaced == page
     assert pairing.phone(secret) is None
     assert pairing.redeem(token, 3.0) is None
-    other = pairing.redeem(newer, 3.0)
-    assert other is not None
+    other = there(pairing.redeem(newer, 3.0))
     assert pairing.unpair("anna") not in ("", page)
     assert pairing.phone(other) is None
     assert pairing.paired("anna", 3.0) == ""
@@ -265,8 +249,7 @@ def wrists() -> WristControl:
 def wear(
     wrists: WristControl, part: HeadsetMotion, now_ns: int = START
 ) -> tuple[models.UserPose, models.WristSample]:
-    measured = wrists.move_by_headset("page1", part, now_ns)
-    assert measured is not None
+    measured = there(wrists.move_by_headset("page1", part, now_ns))
     assert measured[0] is not None
     return measured[0], measured[1]
 
@@ -275,8 +258,7 @@ def error_rad(
     pose: models.UserPose, sample: models.WristSample, profile: models.UserProfile, at_m: Vec3
 ) -> float:
     """Return the angle between the person's ray and the line from its origin to `at_m`."""
-    ray = ArmRay.from_profile(profile).ray(sample.orientation_xyzw)
-    assert ray is not None
+    ray = there(ArmRay.from_profile(profile).ray(sample.orientation_xyzw))
     origin_m, direction = (vector.rotate_z(each, pose.yaw_rad) for each in ray)
     return vector.angle_between(direction, vector.subtract(at_m, vector.add(pose.position_m, origin_m)))
 
@@ -312,9 +294,7 @@ def test_an_arm_hangs_while_no_hand_is_tracked_near_the_eyes(
 ) -> None:
     wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
     pose, sample = wear(wrists, motion(tip_m=tip_m), at(2.0))
-    ray = ArmRay().ray(sample.orientation_xyzw)
-    assert ray is not None
-    assert vector.elevation(ray[1]) < math.radians(-80.0)
+    assert vector.elevation(there(ArmRay().ray(sample.orientation_xyzw))[1]) < math.radians(-80.0)
     assert math.dist(pose.position_m[:2], EYES_M[:2]) < 1e-6
 
 

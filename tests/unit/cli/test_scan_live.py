@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.cli.run.run import run
@@ -13,6 +12,7 @@ from pointit.maps.file import load_map
 from pointit.runtime.config.yaml_file import parse_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
+from tests.support.invoked import printed
 
 
 class Started:
@@ -49,26 +49,12 @@ def started(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Started:
 
 
 def scan(*arguments: str) -> None:
-    result = CliRunner().invoke(command, ["map", "scan", *arguments], standalone_mode=False)
-    if result.exception is not None:
-        raise result.exception
+    printed(command, "map", "scan", *arguments)
 
 
 def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_path: Path) -> None:
-    scan(
-        "-o",
-        "hall.yaml",
-        "--strip",
-        "shelf=90",
-        "--strip",
-        "desk=60",
-        "--leds-per-m",
-        "30",
-        "--leds",
-        "ddp:10.0.0.9",
-        "--",
-        "--no-browser",
-    )
+    strips = "--strip shelf=90 --strip desk=60 --leds-per-m 30"
+    scan(*f"-o hall.yaml {strips} --leds ddp:10.0.0.9 -- --no-browser".split())
     assert started.strips == {"shelf": 90, "desk": 60}
     assert started.map is not None
     assert [math.dist(*strip.line_m) for strip in started.map.strips] == [3.0, 2.0]

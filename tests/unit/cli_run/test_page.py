@@ -76,9 +76,8 @@ def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) 
 def test_a_port_that_was_asked_for_and_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
     with socket.create_server(("127.0.0.1", port)):
-        error = invoke(monkeypatch, "dashboard", "--port", str(port))
-        assert isinstance(error, ListenError)
-        assert str(error).endswith("Address already in use; choose another port with --port")
+        sentence = refused(monkeypatch, "dashboard", "--port", str(port), kind=ListenError)
+        assert sentence.endswith("Address already in use; choose another port with --port")
         for asked, settings in (({"port": port}, ()), ({}, (f"web.port={port}",))):
             with pytest.raises(
                 ListenError,
@@ -182,17 +181,27 @@ def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
-    for module in ("pointit.cli.page", "pointit.cli.page"):
-        monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
+    monkeypatch.setattr("pointit.cli.page.is_available", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
 
 
+def refused(
+    monkeypatch: pytest.MonkeyPatch,
+    *arguments: str,
+    has_extra: bool = True,
+    kind: type[Exception] = ConfigError,
+) -> str:
+    """Return the sentence with which a command ends."""
+    error = invoke(monkeypatch, *arguments, has_extra=has_extra)
+    assert isinstance(error, kind)
+    return str(error)
+
+
 def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: pytest.MonkeyPatch) -> None:
-    error = invoke(monkeypatch, "dashboard", "--host", "192.168.1.5")
-    assert isinstance(error, ConfigError)
-    assert str(error).startswith("--host 192.168.1.5: a page on a network needs HTTPS")
-    assert "use --lan" in str(error)
+    sentence = refused(monkeypatch, "dashboard", "--host", "192.168.1.5")
+    assert sentence.startswith("--host 192.168.1.5: a page on a network needs HTTPS")
+    assert "use --lan" in sentence
 
 
 @pytest.mark.parametrize(
@@ -230,9 +239,7 @@ def test_address_of_a_dashboard_may_have_brackets_and_a_port(
 def test_address_that_a_dashboard_cannot_use_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str
 ) -> None:
-    error = invoke(monkeypatch, "dashboard", *arguments)
-    assert isinstance(error, ConfigError)
-    assert str(error).startswith(sentence)
+    assert refused(monkeypatch, "dashboard", *arguments).startswith(sentence)
 
 
 @pytest.mark.parametrize(
@@ -240,19 +247,16 @@ def test_address_that_a_dashboard_cannot_use_is_one_sentence(
     [("run", "--lan"), ("run", "--web-port", "0"), ("run", "--set", "web.rate_hz=3"), ("dashboard",)],
 )
 def test_without_the_extra_it_is_said(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
-    error = invoke(monkeypatch, *arguments, has_extra=False)
-    assert isinstance(error, ConfigError)
-    assert str(error).endswith("the page needs `scripts/setup web` in the folder of PointIt")
+    sentence = refused(monkeypatch, *arguments, has_extra=False)
+    assert sentence.endswith("the page needs `scripts/setup web` in the folder of PointIt")
 
 
 @pytest.mark.parametrize("arguments", [("--lan",), ("--web-port", "0"), ("--new-link",)])
 def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
-    error = invoke(monkeypatch, "run", "--no-web", *arguments)
-    assert isinstance(error, ConfigError)
-    assert f"--no-web and {arguments[0]} exclude each other" in str(error)
-    error = invoke(monkeypatch, "run", "--no-web", "--set", "web.rate_hz=3")
-    assert isinstance(error, ConfigError)
-    assert "web is not among what this starts" in str(error)
+    sentence = refused(monkeypatch, "run", "--no-web", *arguments)
+    assert f"--no-web and {arguments[0]} exclude each other" in sentence
+    sentence = refused(monkeypatch, "run", "--no-web", "--set", "web.rate_hz=3")
+    assert "web is not among what this starts" in sentence
 
 
 def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(
@@ -296,9 +300,8 @@ def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest
         raise AssertionError("looked for the site")
 
     monkeypatch.setattr("pointit.cli.run.user.inspect_site", look_round)
-    error = invoke(monkeypatch, "person", "add", "anna/x", "--connect", "tcp/127.0.0.1:1")
-    assert isinstance(error, KeyNameError)
-    assert str(error).startswith("user 'anna/x'")
+    arguments = ("person", "add", "anna/x", "--connect", "tcp/127.0.0.1:1")
+    assert refused(monkeypatch, *arguments, kind=KeyNameError).startswith("user 'anna/x'")
 
 
 def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -193,15 +193,14 @@ def test_the_widest_numbers_fit_80_columns() -> None:
     assert "…" not in told
 
 
-async def followed() -> tuple[MemoryBus, Monitor]:
-    bus = MemoryBus(LocalBroker())
+def followed(bus: MemoryBus) -> Monitor:
     monitor = monitor_of()
     monitor.attach(bus)
-    return bus, monitor
+    return monitor
 
 
-async def test_refusals_stay_until_the_next_attempt() -> None:
-    bus, monitor = await followed()
+async def test_refusals_stay_until_the_next_attempt(bus: MemoryBus) -> None:
+    monitor = followed(bus)
     token = bus.announce(topics.USER_ALIVE, "anna")
     localizations, cues = bus.publisher(topics.LOCALIZATION, "anna"), bus.publisher(topics.FEEDBACK, "anna")
     interactions = bus.publisher(topics.INTERACTION, "anna")
@@ -233,11 +232,10 @@ async def test_refusals_stay_until_the_next_attempt() -> None:
     await until(lambda: "anna" not in monitor.poses)
     assert not monitor.refusal("anna")
     assert "anna" in monitor.found  # for the summary
-    await bus.close()
 
 
-async def test_anchors_are_news() -> None:
-    bus, monitor = await followed()
+async def test_anchors_are_news(bus: MemoryBus) -> None:
+    monitor = followed(bus)
     anchors = bus.publisher(topics.ANCHOR, "anna")
     anchor = Anchor(
         stamp_ns=1, target_id="led_1", origin_m=(0.0, 0.0, 1.6), raw_direction=(1.0, 0.0, 0.0),
@@ -250,11 +248,10 @@ async def test_anchors_are_news() -> None:
         "anna: anchor at led_1, the yaw was off by +7.2°",
         "anna: anchor at led_1 rejected: the arm wandered",
     ]
-    await bus.close()
 
 
-async def test_a_monitor_of_one_person_has_no_events_of_others() -> None:
-    bus, monitor = await followed()
+async def test_a_monitor_of_one_person_has_no_events_of_others(bus: MemoryBus) -> None:
+    monitor = followed(bus)
     of_ben = Monitor(monitor.score, monitor.clock, person="ben")
     of_ben.attach(bus)
     anchors = bus.publisher(topics.ANCHOR, "anna")
@@ -268,7 +265,6 @@ async def test_a_monitor_of_one_person_has_no_events_of_others() -> None:
     assert not of_ben.events
     assert of_ben.people() == ["ben"]
     assert of_ben.found.keys() == {"ben"}
-    await bus.close()
 
 
 def test_a_person_without_a_pose_needs_no_table() -> None:

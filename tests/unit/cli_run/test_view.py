@@ -82,15 +82,14 @@ async def test_names_of_strips_are_whole_where_there_is_room_else_marked_as_cut(
     assert "infeed_nort… " in narrow
 
 
-async def test_mark_shows_that_the_site_is_recorded() -> None:
-    bus, monitor = MemoryBus(), monitor_of()
+async def test_mark_shows_that_the_site_is_recorded(bus: MemoryBus) -> None:
+    monitor = monitor_of()
     monitor.attach(bus)
     assert "recording" not in shown(monitor)[0]
     recorder = bus.announce(topics.SERVICE_ALIVE, "recorder")
     await until(lambda: "● recording" in shown(monitor)[0])
     recorder.close()
     await until(lambda: "recording" not in shown(monitor)[0])
-    await bus.close()
 
 
 @pytest.mark.parametrize(("direction", "lit", "pair"), [(1, 0, (RED, BLUE)), (-1, 19, (BLUE, RED))])

@@ -238,34 +238,24 @@ def test_service_with_both_spellings_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("is_scenario", "text", "sentence"),
     [
-        ("selektor: {}", "'selektor' is no service"),
-        ("selector: {window_s: soon}", r"a.yaml, selector: window_s: .*'soon'"),
-        ("[", "is not YAML in line"),
+        (False, "selektor: {}", "'selektor' is no service"),
+        (False, "selector: {window_s: soon}", r"a.yaml, selector: window_s: .*'soon'"),
+        (False, "[", "is not YAML in line"),
+        (True, "about: a\n", "places: is missing"),
+        (True, "about: a\nplaces: [{position_m: [0, 0]}]\n", "places.0.position_m"),
+        (True, GOOD + "sites: {}\n", "no parameter sites; did you mean site"),
+        (True, GOOD + "site: {puj: {}}\n", "site: no service 'puj'"),
+        (True, GOOD + "site: {pui: {mapp: lab}}\n", "pui: no parameter mapp; did you mean map"),
     ],
 )
-def test_a_wrong_file_of_parameters_is_named(tmp_path: Path, text: str, sentence: str) -> None:
+def test_a_wrong_file_of_parameters_or_scenario_is_named(
+    tmp_path: Path, text: str, sentence: str, *, is_scenario: bool
+) -> None:
     path = written(tmp_path / "a.yaml", text)
     with pytest.raises(ConfigError, match=sentence) as caught:
-        site(files=[path])
-    assert str(path) in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("about: a\n", "places: is missing"),
-        ("about: a\nplaces: [{position_m: [0, 0]}]\n", "places.0.position_m"),
-        (GOOD + "sites: {}\n", "no parameter sites; did you mean site"),
-        (GOOD + "site: {puj: {}}\n", "site: no service 'puj'"),
-        (GOOD + "site: {pui: {mapp: lab}}\n", "pui: no parameter mapp; did you mean map"),
-    ],
-)
-def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> None:
-    path = written(tmp_path / "mine.yaml", text)
-    with pytest.raises(ConfigError, match=sentence) as caught:
-        site(str(path))
+        site(str(path)) if is_scenario else site(files=[path])
     assert str(path) in str(caught.value)
 
 

@@ -1,7 +1,7 @@
 """Names of things that are spoken to people: when and in which order, presses, steps to neighbours."""
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
@@ -167,19 +167,23 @@ def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> 
     assert room.press() == [("selected", "middle")]
 
 
-def test_a_press_that_moves_the_arm_still_means_what_was_heard() -> None:
-    room = Listener()
-    room.point(0.0, 1.2)
-    room.point(-15.0, 0.3)
-    assert room.press() == [("selected", "middle")]
-
-
-def test_a_press_long_after_the_hover_is_refused() -> None:
-    room = Listener()
-    room.point(0.0, 1.2)
-    room.point(-15.0, 0.7)
-    assert room.press() == []
-    assert room.cues == ["wait for the name"]
+@pytest.mark.parametrize(
+    ("announce", "moves", "is_confirmed"),
+    [
+        pytest.param({}, [(0.0, 1.2), (-15.0, 0.3)], True, id="the press moves the arm"),
+        pytest.param({}, [(0.0, 1.2), (-15.0, 0.7)], False, id="long after the hover"),
+        pytest.param({}, [(0.0, 2.2), (-15.0, 0.3), (0.0, 1.3)], True, id="spoken anew after its neighbour"),
+        pytest.param({"confirm_within_s": 10.0}, [(0.0, 8.0)], True, id="the time is a parameter"),
+    ],
+)
+def test_a_press_confirms_the_name_that_was_heard_in_time(
+    announce: dict[str, Any], moves: list[tuple[float, float]], *, is_confirmed: bool
+) -> None:
+    room = Listener(**announce)
+    for azimuth_deg, seconds in moves:
+        room.point(azimuth_deg, seconds)
+    assert room.press() == [("selected", "middle")] * is_confirmed
+    assert room.cues == ["wait for the name"] * (not is_confirmed)
 
 
 @pytest.mark.parametrize("is_stepping", [False, True])
@@ -215,15 +219,6 @@ def test_what_was_stepped_to_is_announced_again_after_a_gap_without_cursors() ->
     assert room.press() == [("selected", "right")]
 
 
-def test_a_name_that_is_spoken_anew_after_its_neighbour_was_hovered_can_be_confirmed() -> None:
-    room = Listener()
-    room.point(0.0, 2.2)
-    room.point(-15.0, 0.3)
-    room.point(0.0, 1.3)
-    assert [name for _, name, _ in room.announced][-1] == "middle"
-    assert room.press() == [("selected", "middle")]
-
-
 def test_a_late_press_that_moves_the_arm_does_not_cut_the_name_of_the_neighbour_off() -> None:
     room = Listener()
     room.point(0.0, 4.0)
@@ -235,12 +230,6 @@ def test_a_late_press_that_moves_the_arm_does_not_cut_the_name_of_the_neighbour_
     room.point(-15.0, 0.7)
     assert len(room.announced) == names
     assert room.press() == [("selected", "right")]
-
-
-def test_the_time_for_a_press_is_a_parameter() -> None:
-    room = Listener(confirm_within_s=10.0)
-    room.point(0.0, 8.0)
-    assert room.press() == [("selected", "middle")]
 
 
 def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_business() -> None:

@@ -113,7 +113,10 @@ async def said(client: httpx.AsyncClient, status: int = 200, **what: Any) -> Any
     return response.json() if status == 200 else response.text
 
 
-async def solved(bench: Bench, client: httpx.AsyncClient) -> Any:
+async def solved(bench: Bench, client: httpx.AsyncClient, views: int = 0) -> Any:
+    """Send `views`, and return the state once all is solved."""
+    for _ in range(views):
+        await said(client, **VIEW)
     await until(lambda: not bench.session.state().is_solving)
     return await said(client, kind="look")
 
@@ -227,8 +230,7 @@ async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: 
     await said(phone, **VIEW, gravity=[0.0, 1.0, 0.0])
     assert "second view" in (await solved(bench, phone))["advice"]
     assert bench.solved == []
-    await said(phone, **VIEW)
-    state = await solved(bench, phone)
+    state = await solved(bench, phone, 1)
     (survey,) = bench.solved
     assert [(each.name, each.count, each.pitch_m) for each in survey.strips] == [
         ("shelf", 20, 0.02),
@@ -263,9 +265,7 @@ async def test_views_that_come_while_it_solves_are_solved_together(
 
 async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: httpx.AsyncClient) -> None:
     await said(phone, kind="begin")
-    for _ in range(2):
-        await said(phone, **VIEW)
-    assert (await solved(bench, phone))["is_complete"]
+    assert (await solved(bench, phone, 2))["is_complete"]
     await said(phone, kind="undo")
     state = await solved(bench, phone)
     assert (state["views"], state["is_complete"], state["strips"][0]["line_m"]) == (1, False, [])
@@ -274,9 +274,7 @@ async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: htt
 async def test_lamps_blink_unless_the_person_leaves_them_out(bench: Bench, phone: httpx.AsyncClient) -> None:
     bench.session.set_strips({"shelf": 20, "door": 1})
     assert (await said(phone, kind="begin"))["lights"][-1] == ["door", 0]
-    for _ in range(2):
-        await said(phone, **VIEW)
-    await solved(bench, phone)
+    await solved(bench, phone, 2)
     assert [lamp.name for lamp in bench.solved[0].lamps] == ["door"]
     assert [strip.name for strip in bench.solved[0].strips] == ["shelf"]
     state = await said(phone, kind="begin", has_lamps=False)
@@ -289,9 +287,7 @@ async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.A
     await said(phone, kind="begin")
     thing: dict[str, Any] = {"kind": "thing", "name": "crate", "corners": [[[0, 1, 1], [2, 1, 1]]] * 4}
     assert "nothing is known yet" in await said(phone, 409, **thing)
-    for _ in range(3):
-        await said(phone, **VIEW)
-    await solved(bench, phone)
+    await solved(bench, phone, 3)
     assert (await said(phone, **thing))["strips"][-1]["name"] == "crate"
     assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n# desk\n"
     assert "leading" in await said(phone, 409, **(thing | {"name": "-"}))
@@ -309,12 +305,9 @@ async def test_views_that_determine_nothing_leave_what_was_known(
     bench: Bench, phone: httpx.AsyncClient, fault: Exception, sentence: str
 ) -> None:
     await said(phone, kind="begin")
-    for _ in range(2):
-        await said(phone, **VIEW)
-    await solved(bench, phone)
+    await solved(bench, phone, 2)
     bench.fault = fault
-    await said(phone, **VIEW)
-    state = await solved(bench, phone)
+    state = await solved(bench, phone, 1)
     assert sentence in state["problem"]
     assert state["strips"][0]["line_m"]
 
@@ -323,9 +316,7 @@ async def test_the_map_is_a_new_file_or_a_download(bench: Bench, phone: httpx.As
     await said(phone, kind="begin")
     assert "nothing is known yet" in await said(phone, 409, kind="save", name="room")
     assert (await phone.get("/scan/map.yaml")).status_code == 409
-    for _ in range(2):
-        await said(phone, **VIEW)
-    await solved(bench, phone)
+    await solved(bench, phone, 2)
     state = await said(phone, kind="save", name="room", origin="shelf")
     assert state["saved"] == f"…/{bench.file.parent.name}/room.yaml"
     assert bench.file.read_text() == "# shelf\n"

@@ -29,6 +29,7 @@ from pointit.schemas.environment import Fence
 from pointit.schemas.selection import NOT_DONE
 from pointit.schemas.topics import OUTCOMES, SELECTION_EVENTS
 from tests.support.bench import ManualClock, memory_bench
+from tests.unit.robot.flight import goal_at
 
 MS = 1_000_000
 
@@ -324,17 +325,7 @@ def test_a_goal_is_reached_where_the_robot_ends_near_it() -> None:
 
 
 def sent(robot: str = "rover", goal_ns: int = 5, x_m: float = 2.0) -> Goal:
-    return Goal(
-        stamp_ns=goal_ns,
-        position_m=(x_m, 0.5, 0.0),
-        robot=robot,
-        yaw_rad=0.0,
-        age_s=0.0,
-        position_sigma_m=0.1,
-        clearance_m=2.0,
-        proposed_ns=goal_ns,
-        confirmed_by="press",
-    )
+    return goal_at((x_m, 0.5, 0.0), stamp_ns=goal_ns, robot=robot)
 
 
 def test_summary_has_the_person_and_the_distance_of_each_landing_and_goal() -> None:

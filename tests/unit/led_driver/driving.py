@@ -3,12 +3,13 @@
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
-from pointit.schemas import Cursor, Environment, Strip, StripsFrame, TrackedObject, TrackedObjects
+from pointit.schemas import Cursor, Environment, Strip, StripsFrame, TrackedObjects
 from pointit.schemas.topics import MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.testing import UdpDevice
 from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.led_driver.stage import item
 
 FAST = LedDriverConfig(
     max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}, tail_s=0.0)
@@ -30,17 +31,8 @@ def cursor(clock: ManualClock, position_m: float, strip_id: str = "a") -> Cursor
 
 
 def package(clock: ManualClock, *, speed_mps: float = 0.0) -> TrackedObjects:
-    item = TrackedObject(
-        id="p1",
-        kind="red",
-        position_m=(0, 0, 0),
-        length_m=0.4,
-        surface="strip",
-        surface_id="a",
-        surface_position_m=0.5,
-        surface_speed_mps=speed_mps,
-    )
-    return TrackedObjects(stamp_ns=clock.now_ns(), objects=(item,))
+    moving = item(0.5, 0.4, id="p1", surface_id="a", surface_speed_mps=speed_mps)
+    return TrackedObjects(stamp_ns=clock.now_ns(), objects=(moving,))
 
 
 def pixels(frame: StripsFrame, strip_id: str) -> dict[int, tuple[int, ...]]:

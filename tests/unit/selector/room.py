@@ -46,6 +46,21 @@ def package(object_id: str, x_m: float, *, speed_mps: float = 0.0, length_m: flo
     )
 
 
+def on_strip(
+    object_id: str, position_m: float, *, speed_mps: float = 0.0, strip: str = "0", length_m: float = 0.3
+) -> TrackedObject:
+    moving = package(object_id, position_m, speed_mps=speed_mps, length_m=length_m)
+    return moving.model_copy(update={"surface": "strip", "surface_id": strip})
+
+
+def cursor_on_strip(stamp_ns: int, position_m: float, strip: str = "0") -> Cursor:
+    """Return a cursor without a ray."""
+    return Cursor(
+        stamp_ns=stamp_ns, surface="strip", surface_id=strip, point_m=(position_m, 0.0, 0.9),
+        position_m=position_m,
+    )  # fmt: skip
+
+
 def packages(time_s: float, *objects: TrackedObject) -> TrackedObjects:
     return TrackedObjects(stamp_ns=at(time_s), objects=objects)
 

@@ -4,29 +4,21 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 from pointit.runtime.clock import Clock
-from pointit.schemas import Cursor, Health, TrackedObject, TrackedObjects, topics
+from pointit.schemas import Cursor, Health, TrackedObjects, topics
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.unit.selector.room import cursor_on_strip, on_strip
 
 
 def objects(clock: Clock, *ids: str) -> TrackedObjects:
     """Return `ids`, from a on, as objects at 1, 2, … m of strip 0."""
-    listed = [
-        TrackedObject(
-            id=name, kind="red", position_m=(at_m, 0.0, 0.9), length_m=0.3,
-            surface="strip", surface_id="0", surface_position_m=at_m,
-        )
-        for name in ids for at_m in (ord(name) - ord("a") + 1.0,)
-    ]  # fmt: skip
-    return TrackedObjects(stamp_ns=clock.now_ns(), objects=tuple(listed))
+    listed = tuple(on_strip(name, ord(name) - ord("a") + 1.0) for name in ids)
+    return TrackedObjects(stamp_ns=clock.now_ns(), objects=listed)
 
 
 def cursor(clock: Clock, position_m: float) -> Cursor:
-    place = (position_m, 0.0, 0.9)
-    return Cursor(
-        stamp_ns=clock.now_ns(), surface="strip", surface_id="0", point_m=place, position_m=position_m
-    )
+    return cursor_on_strip(clock.now_ns(), position_m)
 
 
 async def stay(bench: Bench, clock: ManualClock, user: str, position_m: float, *ids: str) -> None:

@@ -46,11 +46,17 @@ SHELF = (
 class Listener:
     """An engine, and a person to whom names are spoken."""
 
-    def __init__(self, *things: Thing, people: str = "anna", **announce: str | float) -> None:
-        config = SelectorConfig.model_validate(
-            {"method": "estimate", "estimate": {"announce": {"people": [people], **announce}}}
-        )
-        self.engine = SelectionEngine(config, lambda _record: None)
+    engine: SelectionEngine | ShardEngine
+
+    def __init__(
+        self, *things: Thing, people: str = "anna", is_shard: bool = False, **announce: str | float
+    ) -> None:
+        method = {"method": "estimate", "estimate": {"announce": {"people": [people], **announce}}}
+        if is_shard:
+            self.engine = ShardEngine(SelectorConfig.model_validate({**method, "people": [people]}))
+            self.engine.has_arbiter = True
+        else:
+            self.engine = SelectionEngine(SelectorConfig.model_validate(method), lambda _record: None)
         self.room = Environment(stamp_ns=0, name="room", things=things or SHELF)
         self.engine.on_map(self.room)
         self.time_s = 0.0
@@ -59,6 +65,8 @@ class Listener:
         self.announced: list[tuple[float, str, str]] = []
         """Times, s, ids and labels of later messages."""
         self.events: list[tuple[str, str]] = []
+        self.claims: list[str] = []
+        """Objects that a shard claims to toggle."""
         self.cues: list[str] = []
 
     def point(
@@ -94,6 +102,8 @@ class Listener:
                 self.announced.append((time_s, message.object_id, message.label))
             elif isinstance(message, SelectionEvent):
                 self.events.append((message.event, message.object_id))
+            elif isinstance(message, Claim) and message.wish == "toggle":
+                self.claims.append(message.object_id)
             elif isinstance(message, Feedback) and message.cue == "refused":
                 self.cues.append(message.text)
 
@@ -345,33 +355,13 @@ def test_a_wrist_whose_clock_was_set_back_hears_names_again() -> None:
 
 
 def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
-    config = SelectorConfig.model_validate(
-        {"method": "estimate", "estimate": {"announce": {"people": ["anna"]}}, "people": ["anna"]}
-    )
-    shard = ShardEngine(config)
-    shard.has_arbiter = True
-    room = Environment(stamp_ns=0, name="room", things=SHELF)
-    shard.on_map(room)
-    messages: list[object] = []
-
-    def point(first: int, last: int) -> None:
-        for index in range(first, last):
-            now_ns = at(index / RATE_HZ)
-            shard.on_objects(TRACKER, listing(room, now_ns))
-            ray = vector.direction(0.0, math.radians(-4.4))
-            messages.extend(
-                each.message
-                for each in shard.on_cursor("anna", Cursor(stamp_ns=now_ns, origin_m=EYES, direction=ray))
-            )
-
-    point(0, 60)
-    messages += [each.message for each in shard.on_step("anna", Step(stamp_ns=at(1.2), by=1))]
-    point(60, 100)
-    messages += [each.message for each in shard.on_button("anna", ButtonEvent(stamp_ns=at(2.0)))]
-    assert [each.object_id for each in messages if isinstance(each, Announced)] == ["", "middle", "right"]
-    assert [each.object_id for each in messages if isinstance(each, Claim) and each.wish == "toggle"] == [
-        "right"
-    ]
+    room = Listener(is_shard=True)
+    room.point(0.0, 1.2)
+    assert room.step(1) == "right"
+    room.point(0.0, 0.8)
+    assert room.press() == []
+    assert [name for _, name, _ in room.announced] == ["middle", "right"]
+    assert room.claims == ["right"]
 
 
 async def test_the_service_announces_and_hears_steps() -> None:

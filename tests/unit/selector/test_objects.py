@@ -12,7 +12,7 @@ from pointit.schemas import Belt, Cursor, Environment, TrackedObject, TrackedObj
 from pointit.services.selector.object_positions import MAX_TRACKERS, ObjectPositions
 from pointit.services.selector.seen_objects import SeenObjects, View
 from tests.support import there
-from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
+from tests.unit.selector.room import EYES, MAP, at, cursor_on_strip, on_strip, package, packages, pointing
 
 SNAP = math.radians(1.5)
 
@@ -191,33 +191,12 @@ def test_who_sees_the_cursor_on_an_object_is_on_it_however_far_the_ray_passes_th
 S = 1_000_000_000
 
 
-def on_strip(
-    object_id: str, position_m: float, *, speed_mps: float = 0.0, strip: str = "0", length_m: float = 0.3
-) -> TrackedObject:
-    return TrackedObject(
-        id=object_id,
-        kind="red",
-        position_m=(position_m, 0.0, 0.0),
-        length_m=length_m,
-        surface="strip",
-        surface_id=strip,
-        surface_position_m=position_m,
-        surface_speed_mps=speed_mps,
-    )
-
-
 def listing(*objects: TrackedObject, stamp_ns: int = S) -> TrackedObjects:
     return TrackedObjects(stamp_ns=stamp_ns, objects=objects)
 
 
 def cursor(position_m: float, *, stamp_ns: int = S, strip: str = "0") -> Cursor:
-    return Cursor(
-        stamp_ns=stamp_ns,
-        surface="strip",
-        surface_id=strip,
-        point_m=(position_m, 0.0, 0.0),
-        position_m=position_m,
-    )
+    return cursor_on_strip(stamp_ns, position_m, strip)
 
 
 def under(whereabouts: ObjectPositions, at: Cursor) -> str | None:
@@ -255,7 +234,7 @@ def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: 
 
 def test_free_objects_count_by_their_distance_to_the_point() -> None:
     robot = TrackedObject(
-        id="robot", kind="robot", position_m=(1.0, 0.3, 0.0), velocity_mps=(0.0, -0.5, 0.0), length_m=0.2
+        id="robot", kind="robot", position_m=(1.0, 0.3, 0.9), velocity_mps=(0.0, -0.5, 0.0), length_m=0.2
     )
     whereabouts = ObjectPositions(margin_m=0.05)
     whereabouts.update("one", listing(robot))

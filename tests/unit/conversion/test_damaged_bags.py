@@ -25,10 +25,10 @@ from zstandard import ZstdCompressor
 from pointit.conversion import bag_file
 from pointit.schemas.topics import IMU
 from tests.unit.conversion.session import at
-from tests.unit.conversion.test_import_bag import ROTATION, TYPES, bag, imported, rotation, run
+from tests.unit.conversion.test_import_bag import ROTATION, TYPES, bag, imported, run, turned
 
 COUNT = 300
-SAID = [rotation(number / 50, z=0.6, w=0.8) for number in range(COUNT)]
+SAID = [turned(number / 50, (0.0, 0.0, 0.6, 0.8)) for number in range(COUNT)]
 IMU_KEY = IMU.at("user1")
 STORAGES = {StoragePlugin.MCAP: ".mcap", StoragePlugin.SQLITE3: ".db3"}
 

@@ -10,13 +10,16 @@ from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 import pointit.schemas as models
-from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.recording.reader import Recording
 from tests.unit.conversion.session import at
+from tests.unit.ros2.scenes import jazzy, pose_at, quaternion, stamped, transform
 
-TYPES = Types("jazzy")
+TYPES = jazzy()
+BACKWARDS = (0.0, 0.0, 1.0, 0.0)
 POSE = "geometry_msgs/msg/PoseStamped"
 MAP = """
 belts:
@@ -33,31 +36,12 @@ def make(kind: str, /, **fields: Any) -> Any:
     return TYPES.make(kind, **fields)
 
 
-def stamped(time_s: float, frame: str = "") -> Any:
-    seconds, rest = divmod(at(time_s), models.NS_PER_S)
-    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def turned(x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0) -> Any:
-    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def pose(time_s: float, place_m: Vec3, **rotation: float) -> Any:
-    x, y, z = place_m
-    place = make("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    inner = make("geometry_msgs/msg/Pose", position=place, orientation=turned(**rotation))
-    return make(POSE, header=stamped(time_s), pose=inner)
+def pose(time_s: float, place_m: Vec3, turned: Quaternion = rotation.IDENTITY) -> Any:
+    return make(POSE, header=stamped(at(time_s)), pose=pose_at(place_m, turned))
 
 
 def frame(time_s: float, child: str, parent: str = "world") -> Any:
-    moved = make(
-        "geometry_msgs/msg/Transform",
-        translation=make("geometry_msgs/msg/Vector3", x=1.0, y=2.0, z=0.0),
-        rotation=turned(z=1.0, w=0.0),
-    )
-    named = {"header": stamped(time_s, parent), "child_frame_id": child}
-    one = make("geometry_msgs/msg/TransformStamped", **named, transform=moved)
+    one = transform(parent, child, (1.0, 2.0, 0.0), BACKWARDS, at(time_s))
     return make("tf2_msgs/msg/TFMessage", transforms=[one])
 
 
@@ -70,7 +54,7 @@ def packages(time_s: float, *placed: tuple[int, str, float]) -> Any:
         make("conveyor_msgs/msg/Package", uid=uid, position=on(line, share), type=1, length=0.4)
         for uid, line, share in placed
     ]
-    return make("conveyor_msgs/msg/PackageList", header=stamped(time_s), packages=made)
+    return make("conveyor_msgs/msg/PackageList", header=stamped(at(time_s)), packages=made)
 
 
 def uids(*numbers: int) -> Any:
@@ -91,10 +75,8 @@ SELECTED = ("/selected_packages", "conveyor_msgs/msg/PackageUIDList")
 POINTERS = ("/pointers", "conveyor_msgs/msg/PointerList")
 
 
-def rotation(time_s: float, **parts: float) -> Said:
-    value = make(
-        "geometry_msgs/msg/QuaternionStamped", header=stamped(time_s - 0.01), quaternion=turned(**parts)
-    )
+def turned(time_s: float, orientation: Quaternion = rotation.IDENTITY) -> Said:
+    value = make(ROTATION[1], header=stamped(at(time_s - 0.01)), quaternion=quaternion(orientation))
     return (time_s, *ROTATION, value)
 
 
@@ -147,12 +129,12 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
         bag(
             tmp_path / "bag",
             [
-                rotation(1.0),
+                turned(1.0),
                 pressed(1.1, down=True),
                 pressed(1.2, down=True),
                 pressed(1.3, down=False),
                 pressed(1.4, down=True),
-                (1.5, "/user1/pointing_ray", POSE, pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0)),
+                (1.5, "/user1/pointing_ray", POSE, pose(1.5, (0.0, 0.0, 1.6), BACKWARDS)),
                 (1.6, "/user1/mocap_pose", POSE, pose(1.6, (1.0, 2.0, 0.0))),
                 (1.7, "/tf", "tf2_msgs/msg/TFMessage", frame(1.7, "user1/human_footprint")),
                 (1.8, "/tf", "tf2_msgs/msg/TFMessage", frame(1.8, "robot/base_link")),
@@ -248,13 +230,13 @@ def test_what_is_left_out_is_told_with_the_reason(tmp_path: Path) -> None:
     source = bag(
         tmp_path / "bag",
         [
-            rotation(1.0),
-            rotation(1.1, w=0.0),
+            turned(1.0),
+            turned(1.1, (0.0, 0.0, 0.0, 0.0)),
             state(1.2, "dancing"),
             (1.3, *PACKAGES, packages(1.3, (7, "b1", 0.25))),
             (1.4, "/chatter", "std_msgs/msg/Bool", make("std_msgs/msg/Bool", data=True)),
             (1.5, "/user1/metawear_ros/button", "std_msgs/msg/UInt8", make("std_msgs/msg/UInt8", data=1)),
-            (1.6, f"/{'a' * 70}/metawear_ros/rotation", *rotation(1.6)[2:]),
+            (1.6, f"/{'a' * 70}/metawear_ros/rotation", *turned(1.6)[2:]),
         ],
     )
     result = run(source)
@@ -270,7 +252,7 @@ def test_what_is_left_out_is_told_with_the_reason(tmp_path: Path) -> None:
 
 
 def test_stamps_of_another_clock_are_refused_until_those_of_the_bag_are_chosen(tmp_path: Path) -> None:
-    source = bag(tmp_path / "bag", [(100.0, *rotation(1.0)[1:])])
+    source = bag(tmp_path / "bag", [(100.0, *turned(1.0)[1:])])
     refusal = run(source).stderr
     assert "s from the bag's time, limit 10 s; give --stamps bag if it is of another clock" in refusal
     assert imported(source, "--stamps", "bag")["users/user1/imu"][0].stamp_ns == at(100.0)

@@ -2,14 +2,11 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 from typing import Any, Literal
 
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import Clock, VirtualClock, sleep
 from pointit.runtime.errors import RefusedError
@@ -17,8 +14,6 @@ from pointit.schemas import (
     NS_PER_S,
     ImuSample,
     Interaction,
-    Localization,
-    Message,
     PointAnchor,
     PointingRay,
     SetHeading,
@@ -30,84 +25,23 @@ from pointit.schemas import topics as at
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.pose_manager import YawOrigin
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, background, in_virtual_time, memory_bench, until
-from tests.unit.localizer.person import PLACES, ROOM, USER, Person, yaw_difference
+from tests.support.bench import ManualClock, background, in_virtual_time, memory_bench, until
+from tests.unit.localizer.person import ROOM, USER, Person, yaw_difference
+from tests.unit.localizer.wearer import Wearer, worn
 
 FIXED = LocalizerConfig(position_m=(1.5, 1.2, 0.0), yaw_deg=20.0, reaction_s=0.5, hold_s=1.0)
 LAMPS_FIRST = FIXED.model_copy(update={"method": "static_targets"})
 DEGREE = math.radians(1.0)
 
 
-class Wearer:
-    """Points at what the localizer names, or ahead; {H} may have turned meanwhile."""
-
-    def __init__(self, bench: Bench, yaw_rad: float = 20.0 * DEGREE) -> None:
-        self.bench = bench
-        self.person = Person(1.5, 1.2, yaw_rad)
-        self.poses = bench.collect(at.POSE, USER)
-        self.progress = bench.collect(at.LOCALIZATION, USER)
-        self.anchors = bench.collect(at.ANCHOR, USER)
-        self.health = bench.collect(at.HEALTH)
-
-    async def put(self, topic: at.Topic[Any], message: Message) -> None:
-        self.bench.put(topic, message, USER)
-        await self.bench.settle()
-
-    async def call(self, request: at.Request[Any, Any], query: Any) -> str:
-        answer = await self.bench.bus.call(request, query, USER)
-        await self.bench.settle()
-        return str(answer.message)
-
-    async def aim(self, clock: ManualClock, direction: Vec3) -> None:
-        """Point there for 0.6 s."""
-        for _ in range(30):
-            ray = PointingRay(stamp_ns=clock.advance(0.02), origin_m=(0.0, 0.0, 1.6), direction=direction)
-            await self.put(at.RAY, ray)
-
-    async def live(self) -> None:
-        """Point, 50 rays a second of the clock."""
-        clock = self.bench.clock
-        while True:
-            asked = self.progress[-1].target_id if self.progress else ""
-            target = PLACES.get(asked, (3.0, 3.0, 1.2))
-            self.bench.put(at.RAY, self.person.ray(target, clock.now_ns()), USER)
-            await sleep(clock, 0.02)
-
-    async def until_phase(self, phase: str) -> Localization:
-        await until(lambda: self.progress[-1].phase == phase, what=f"{phase}, was {self.progress[-1]}")
-        return self.progress[-1]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        return self.health[-1].warnings if self.health else ()
-
-    def figure(self, name: str) -> float | None:
-        return next((figure.value for figure in self.health[-1].figures if figure.name == name), None)
-
-    async def until_warned(self, sentence: str) -> None:
-        await until(lambda: any(sentence in text for text in self.warnings), what=sentence)
-
-
-@asynccontextmanager
-async def worn(
-    config: LocalizerConfig,
-    clock: Clock | None = None,
-    yaw_rad: float = 20.0 * DEGREE,
-    *,
-    has_map: bool = True,
-) -> AsyncGenerator[Wearer]:
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench, yaw_rad)
-        if has_map:
-            bench.put(at.MAP, ROOM)
-        bench.start(Localizer, config, USER)
-        await bench.settle()
-        yield wearer
+def person(yaw_deg: float) -> Person:
+    """Return who stands where `FIXED` has them, with {H} turned by `yaw_deg` by now."""
+    return Person(1.5, 1.2, yaw_deg * DEGREE)
 
 
 @in_virtual_time
 async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed() -> None:
-    async with worn(FIXED, VirtualClock(), 28.0 * DEGREE) as wearer:
+    async with worn(FIXED, VirtualClock(), person(28.0)) as wearer:
         assert len(wearer.poses) == 1
         living = asyncio.create_task(wearer.live())
         assert await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1")) == "point at led_1"
@@ -131,7 +65,7 @@ async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed
 
 
 async def test_impossible_anchor_is_refused_immediately() -> None:
-    async with worn(LAMPS_FIRST, has_map=False) as wearer:
+    async with worn(LAMPS_FIRST, environment=None) as wearer:
 
         async def reason(lamp: str = "") -> str:
             with pytest.raises(RefusedError) as refused:
@@ -183,7 +117,10 @@ async def test_facing_the_wall_sets_the_yaw() -> None:
         query = SetHeading(azimuth_rad=90.0 * DEGREE)
         with pytest.raises(RefusedError, match="no rays come"):
             await wearer.call(at.SET_HEADING, query)
-        await wearer.aim(clock, vector.direction(30.0 * DEGREE, -0.1))
+        for _ in range(30):
+            direction = vector.direction(30.0 * DEGREE, -0.1)
+            ray = PointingRay(stamp_ns=clock.advance(0.02), origin_m=(0.0, 0.0, 1.6), direction=direction)
+            await wearer.put(at.RAY, ray)
         assert (await wearer.call(at.SET_HEADING, query)).startswith("the yaw is set; ")
         pose = wearer.poses[-1]
         assert abs(yaw_difference(pose.yaw_rad, 60.0 * DEGREE)) < 2.0 * DEGREE
@@ -249,7 +186,7 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
             return inner
 
         monkeypatch.setattr(bench.bus, "publisher", publisher)
-        wearer = Wearer(bench)
+        wearer = Wearer(bench, person(20.0))
         bench.start(Localizer, FIXED, USER)
         await bench.settle()
         assert closed == []
@@ -260,7 +197,7 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
 @in_virtual_time
 async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
     clock = VirtualClock()
-    async with worn(FIXED, clock, 5.0 * DEGREE) as wearer:
+    async with worn(FIXED, clock, person(5.0)) as wearer:
 
         async def track() -> None:
             while True:

@@ -2,24 +2,20 @@
 
 import itertools
 import math
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 
 import pytest
 
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import Clock, VirtualClock, sleep
+from pointit.runtime.clock import VirtualClock, sleep
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     CancelLocalization,
     Environment,
     ImuSample,
-    Lamp,
     RememberedBias,
     SetPose,
-    StartLocalization,
     TrackedObject,
     TrackedObjects,
     UserPose,
@@ -29,118 +25,46 @@ from pointit.services.localizer.config import DriftConfig, LocalizerConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.pose_manager import PoseManager
-from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, background, in_virtual_time, memory_bench, until
-from tests.unit.localizer.person import EYES_M, LAB, LAMPS, ROOM, USER, Person
+from tests.support.bench import ManualClock, background, in_virtual_time, until
+from tests.unit.localizer.person import EYES_M, ROOM, USER, Person
+from tests.unit.localizer.wearer import FOUR, Wearer, worn
 
-FOUR = (*LAMPS, Lamp(id="led_3", position_m=LAB[3]))
 WITH_FOUR = ROOM.model_copy(update={"lamps": FOUR})
 STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
 
 
-class Room:
-    """A bench with a map, one localizer and a person who points at the lamp that is lit."""
-
-    def __init__(self, bench: Bench, person: Person) -> None:
-        self.bench = bench
-        self.person = person
-        self.poses = bench.collect(at.POSE, USER)
-        self.progress = bench.collect(at.LOCALIZATION, USER)
-        self.health = bench.collect(at.HEALTH)
-
-    @property
-    def lit(self) -> str:
-        """The lamp that is to be lit, or `""`."""
-        return self.progress[-1].target_id if self.progress else ""
-
-    @property
-    def phase(self) -> str:
-        return self.progress[-1].phase if self.progress else ""
-
-    async def start(self, method: str | None = None) -> str:
-        query = StartLocalization.model_validate({"method": method})
-        return (await self.bench.bus.call(at.START_LOCALIZATION, query, USER)).message
-
-    async def cancel(self) -> str:
-        answer = await self.bench.bus.call(at.CANCEL_LOCALIZATION, CancelLocalization(), USER)
-        await self.bench.settle()
-        return answer.message
-
-    async def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
-        query = SetPose(position_m=position_m, yaw_rad=yaw_rad)
-        await self.bench.bus.call(at.SET_POSE, query, USER)
-        await self.bench.settle()
-
-    @asynccontextmanager
-    async def pointing(self) -> AsyncGenerator[None]:
-        """Point at whatever is lit, 50 rays a second of the clock."""
-        clock = self.bench.clock
-
-        async def point() -> None:
-            while True:
-                lit = [lamp for lamp in FOUR if lamp.id == self.lit]
-                target: Vec3 = lit[0].position_m if lit else (1.0, 0.0, 1.0)
-                self.bench.put(at.RAY, self.person.ray(target, clock.now_ns()), USER)
-                await sleep(clock, 0.02)
-
-        async with background(point()):
-            yield
-
-    async def until_phase(self, phase: str, target_index: int | None = None) -> None:
-        def reached() -> bool:
-            last = self.progress[-1]
-            return last.phase == phase and target_index in (None, last.target_index)
-
-        await until(reached, what=f"{phase}, there was {self.progress[-1]}")
-
-
-@asynccontextmanager
-async def room_of(
-    config: LocalizerConfig = STATIC,
-    person: Person | None = None,
-    clock: Clock | None = None,
-    environment: Environment | None = WITH_FOUR,
-) -> AsyncGenerator[Room]:
-    async with memory_bench(clock) as bench:
-        room = Room(bench, person or Person())
-        if environment is not None:
-            bench.put(at.MAP, environment)
-        bench.start(Localizer, config, USER)
-        await bench.settle()
-        yield room
-
-
 async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> None:
-    async with room_of(LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0)) as room:
-        late = Room(room.bench, Person())
+    async with worn(LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0)) as room:
+        late = Wearer(room.bench, Person())
         await room.bench.settle()
         assert [pose.position_m for pose in late.poses] == [(1.0, 2.0, 0.0)]
         assert late.poses[0].yaw_rad == pytest.approx(math.pi / 2)
         assert late.poses[0].method == "fixed"
         assert [message.phase for message in late.progress] == ["idle"]
         assert "fixed" in await room.start()
-        await room.bench.settle()
         assert late.phase == "solved"
 
 
 @in_virtual_time
 async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
-    async with room_of(clock=VirtualClock()) as room:
+    async with worn(STATIC, VirtualClock(), environment=WITH_FOUR) as room:
         await room.set_pose((3.0, 4.0, 0.0), 0.5)
         await room.start()
-        async with room.pointing():
+        async with background(room.live()):
             await room.until_phase("sampling", target_index=1)
-        assert await room.cancel() == "cancelled; the last pose stays"
+        assert (
+            await room.call(at.CANCEL_LOCALIZATION, CancelLocalization()) == "cancelled; the last pose stays"
+        )
         assert not room.lit
         assert room.phase == "cancelled"
         assert [pose.position_m for pose in room.poses] == [(3.0, 4.0, 0.0)]
         sequence = [message.seq for message in room.progress]
         assert sequence == sorted(set(sequence))
-        assert await room.cancel() == "nothing was going on"
+        assert await room.call(at.CANCEL_LOCALIZATION, CancelLocalization()) == "nothing was going on"
 
 
 async def test_set_pose_stops_the_running_procedure() -> None:
-    async with room_of() as room:
+    async with worn(STATIC) as room:
         await room.start()
         await room.set_pose((1.0, 0.0, 0.0), 0.25)
         assert not room.lit
@@ -150,9 +74,8 @@ async def test_set_pose_stops_the_running_procedure() -> None:
 
 
 async def test_lamps_are_dark_when_the_service_ends() -> None:
-    async with room_of() as room:
+    async with worn(STATIC) as room:
         await room.start()
-        await room.bench.settle()
         assert room.lit
         await room.bench.stop()
         await until(lambda: not room.lit, what="darkness")
@@ -160,7 +83,7 @@ async def test_lamps_are_dark_when_the_service_ends() -> None:
 
 async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
     clock = ManualClock()
-    async with room_of(clock=clock) as room:
+    async with worn(STATIC, clock) as room:
         await room.start()
         clock.advance(20.0)
         await until(lambda: room.phase == "refused", what="refused")
@@ -184,17 +107,16 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
 async def test_impossible_start_is_refused_immediately(
     environment: Environment | None, config: LocalizerConfig, sentence: str
 ) -> None:
-    async with room_of(config, environment=environment) as room:
+    async with worn(config, environment=environment) as room:
         with pytest.raises(RefusedError, match=sentence):
             await room.start()
 
 
 async def test_refused_start_does_not_stop_the_running_procedure() -> None:
-    async with room_of(LocalizerConfig(method="moving_target"), environment=None) as room:
+    async with worn(LocalizerConfig(method="moving_target"), environment=None) as room:
         await room.start()
         with pytest.raises(RefusedError):
             await room.start("static_targets")
-        await room.bench.settle()
         assert room.phase == "sampling"
 
 
@@ -203,7 +125,7 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
     clock = ManualClock()
     person = Person(0.5, -0.3, 1.1)
     config = LocalizerConfig(method="moving_target", autostart=True)
-    async with room_of(config, clock=clock, environment=None) as room:
+    async with worn(config, clock, environment=None) as room:
         bench, poses = room.bench, room.poses
         assert room.phase == "sampling"
         for tick in range(300):  # 12 s at 25 Hz: the reaction and a whole window
@@ -232,7 +154,7 @@ STILL_TICKS = 90
 """The robot stands still for 3.6 s: exact rays are certain enough after less, which measures no bias."""
 
 
-async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:
+async def localize_by_robot(room: Wearer, mounting: str = "band") -> UserPose:
     """Let the person follow a robot until a pose is accepted, and return it."""
     bench, clock = room.bench, room.bench.clock
 
@@ -249,7 +171,6 @@ async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:
             await sleep(clock, 0.04)
 
     await room.start()
-    await bench.settle()
     async with background(follow()):
         await until(lambda: room.phase == "solved", what="a pose")
     return room.poses[-1]
@@ -258,7 +179,7 @@ async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:
 @in_virtual_time
 async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_forgotten() -> None:
     person = Person(0.5, -0.3, 1.1, math.radians(6.0))
-    async with room_of(FOLLOWS, person, VirtualClock(), None) as room:
+    async with worn(FOLLOWS, VirtualClock(), person, None) as room:
         first = (await localize_by_robot(room)).remembered_bias
         second = (await localize_by_robot(room)).remembered_bias
         assert first is not None
@@ -270,9 +191,8 @@ async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_
         await room.set_pose((1.0, 2.0, 0.0), 0.0)
         assert room.poses[-1].remembered_bias == second
         forget = CancelLocalization(forget_bias=True)
-        answer = await room.bench.bus.call(at.CANCEL_LOCALIZATION, forget, USER)
-        await room.bench.settle()
-        assert answer.message == "forgotten: the next localization expects no elevation bias"
+        answer = await room.call(at.CANCEL_LOCALIZATION, forget)
+        assert answer == "forgotten: the next localization expects no elevation bias"
         assert room.poses[-1].position_m == (1.0, 2.0, 0.0)
         assert room.poses[-1].remembered_bias is None
         third = (await localize_by_robot(room)).remembered_bias
@@ -291,10 +211,8 @@ async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remem
         covariance=(math.radians(3.0) ** 2, 0.0, 0.0, 0.01),
         mounting="band",
     )
-    async with room_of(FOLLOWS, person, VirtualClock(), None) as room:
-        query = SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.0, remembered_bias=remembered)
-        await room.bench.bus.call(at.SET_POSE, query, USER)
-        await room.bench.settle()
+    async with worn(FOLLOWS, VirtualClock(), person, None) as room:
+        await room.set_pose((1.0, 2.0, 0.0), remembered_bias=remembered)
         assert room.poses[-1].remembered_bias == remembered
         after = (await localize_by_robot(room)).remembered_bias
         assert after is not None
@@ -305,16 +223,15 @@ async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remem
 @in_virtual_time
 async def test_a_robot_that_is_followed_from_the_start_is_followed_on_after_the_bias_is_forgotten() -> None:
     config = LocalizerConfig(method="moving_target", autostart=True)
-    async with room_of(config, Person(0.5, -0.3, 1.1), VirtualClock(), None) as room:
+    async with worn(config, VirtualClock(), Person(0.5, -0.3, 1.1), None) as room:
         forget = CancelLocalization(forget_bias=True)
-        await room.bench.bus.call(at.CANCEL_LOCALIZATION, forget, USER)
-        await room.bench.settle()
+        await room.call(at.CANCEL_LOCALIZATION, forget)
         assert room.phase == "sampling"
 
 
 @in_virtual_time
 async def test_a_sensor_that_is_worn_otherwise_begins_a_new_memory() -> None:
-    async with room_of(FOLLOWS, Person(0.5, -0.3, 1.1), VirtualClock(), None) as room:
+    async with worn(FOLLOWS, VirtualClock(), Person(0.5, -0.3, 1.1), None) as room:
         await localize_by_robot(room)
         await localize_by_robot(room)
         remembered = (await localize_by_robot(room, mounting="phone")).remembered_bias

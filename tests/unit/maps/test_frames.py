@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from pointit.maps.file import load_map, read_map_file
+from pointit.maps.file import read_map_file
 from pointit.maps.frames import aligned, frame_of, frame_or_problem, point_in_world
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Environment, TrackedObject
+from pointit.schemas import TrackedObject
+from tests.unit.maps.test_map_names import room_of
 
 MAP = """
 lamps:
@@ -19,14 +20,8 @@ frames:
 """
 
 
-def room(folder: Path, text: str = MAP) -> Environment:
-    path = folder / "site.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_map(str(path), 1)
-
-
 def test_objects_of_a_frame_are_turned_and_moved_into_the_room(tmp_path: Path) -> None:
-    frame = frame_of(room(tmp_path), "optitrack")
+    frame = frame_of(room_of(MAP, tmp_path), "optitrack")
     cup = TrackedObject(
         id="cup",
         kind="red",
@@ -40,12 +35,12 @@ def test_objects_of_a_frame_are_turned_and_moved_into_the_room(tmp_path: Path) -
     assert seen.velocity_mps == pytest.approx((-1.0, 0.0, 0.0))
     assert seen.yaw_rad == pytest.approx(0.1 + math.pi / 2)
     assert (seen.id, seen.kind, seen.length_m) == ("cup", "red", 0.2)
-    turned = frame_of(room(tmp_path), "slam")
+    turned = frame_of(room_of(MAP, tmp_path), "slam")
     assert point_in_world((1.0, 2.0, 3.0), turned) == pytest.approx((-1.0, -2.0, 3.0))
 
 
 def test_an_unknown_frame_is_told_with_the_known_ones(tmp_path: Path) -> None:
-    site, bare = room(tmp_path), room(tmp_path, "lamps: {lamp: {position: [1, 2, 3]}}")
+    site, bare = room_of(MAP, tmp_path), room_of("lamps: {lamp: {position: [1, 2, 3]}}", tmp_path)
     with pytest.raises(
         ConfigError, match=r"has no frame 'optitrak'; it has optitrack, slam: did you mean optit"
     ):
@@ -53,7 +48,7 @@ def test_an_unknown_frame_is_told_with_the_known_ones(tmp_path: Path) -> None:
     assert frame_or_problem(site, "slam") == (frame_of(site, "slam"), "")
     frame, problem = frame_or_problem(bare, "camera")
     assert frame is None
-    assert problem.startswith("the map site has no frame 'camera': add it to the map's frames")
+    assert problem.startswith("the map room has no frame 'camera': add it to the map's frames")
 
 
 @pytest.mark.parametrize(

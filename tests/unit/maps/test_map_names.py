@@ -9,16 +9,15 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter
 
 from pointit.maps import exchange
 from pointit.maps.checks.check import examined
-from pointit.maps.edit import Edit, dump_yaml, edited
+from pointit.maps.edit import dump_yaml
 from pointit.maps.file import load_map, parse_map_file, read_map_file
 from pointit.replay.replayed_services import write_room
 from pointit.runtime.errors import ConfigError
+from tests.unit.maps.test_map_edit import edit
 
-EDITS: TypeAdapter[list[Edit]] = TypeAdapter(list[Edit])
 LINE = "[[0, 0, 1], [2, 0, 1]]"
 WORDS = (
     "00",
@@ -54,10 +53,6 @@ things:
   0x2F: {{light: {{strip: 02, from: 0.1, to: 1}}}}
   12e3: {{at: {{belt: 3e2, from: 0.1, to: 1}}}}
 """
-
-
-def edit(text: str, *edits: dict[str, Any]) -> str:
-    return edited(text.encode(), EDITS.validate_python(edits), Path("room.yaml")).decode()
 
 
 def room_of(text: str, folder: Path) -> Any:

@@ -3,7 +3,7 @@
 import csv
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,17 @@ def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
         writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
         writer.writeheader()
         writer.writerows(spreadsheet_row({name: str(value) for name, value in row.items()}) for row in rows)
+
+
+def edit_trials(folder: Path, name: str, change: Callable[[dict[str, str]], object]) -> None:
+    """Change the trials of a participant; a row of which `change` returns False is removed."""
+    path = folder / name / "trials.csv"
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [*csv.DictReader(file)]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows([row for row in rows if change(row) is not False])
 
 
 def write_study(

@@ -16,7 +16,7 @@ from pointit.study_report.comparisons import fit as fit_mixed
 from pointit.study_report.page import sections
 from pointit.study_report.table import interval, system_usability
 from pointit.study_report.tapping_movements import bits, effective
-from tests.unit.study_report.generated import RINGS, write_answers, write_rows, write_study
+from tests.unit.study_report.generated import RINGS, edit_trials, write_answers, write_study
 
 MACKENZIE = (
     *((218, 262), (529, 268), (195, 248), (533, 233), (209, 251), (607, 252), (231, 283), (540, 214)),
@@ -210,14 +210,14 @@ def test_names_are_means_per_trial_over_participants(tmp_path: Path) -> None:
     assert "Spoken names" not in [section.title for section in sections(study)]
     with pytest.raises(ConfigError, match="no name was spoken"):
         study_report.names(study)
-    for name, path in ((4, "P01"), (2, "P02")):
-        file = tmp_path / path / "trials.csv"
-        with file.open(encoding="utf-8") as lines:
-            rows: list[dict[str, object]] = [dict(row) for row in csv.DictReader(lines)]
-        for at, row in enumerate(rows):
-            counts = {"announced": name, "stepped": int(at < 5), "confirmed": 1}
-            row.update({column: "" if at == 9 else str(count) for column, count in counts.items()})
-        write_rows(file, rows)
+    for participant, count in (("P01", 4), ("P02", 2)):
+
+        def name(row: dict[str, str], announced: int = count) -> None:
+            trial = int(row["trial"])
+            counts = {"announced": announced, "stepped": int(trial <= 5), "confirmed": 1}
+            row.update({column: "" if trial == 10 else str(each) for column, each in counts.items()})
+
+        edit_trials(tmp_path, participant, name)
     study = study_report.trials(tmp_path)
     (table,) = study_report.names(study)
     assert table["trials"] == 18  # in one trial of each, nothing was spoken

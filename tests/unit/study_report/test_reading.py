@@ -8,7 +8,7 @@ import pytest
 
 from pointit import study_report
 from pointit.errors import PointItError
-from tests.unit.study_report.generated import RINGS, write_answers, write_study
+from tests.unit.study_report.generated import RINGS, edit_trials, write_answers, write_study
 
 
 @pytest.fixture
@@ -104,9 +104,7 @@ def test_one_participant_has_medians_but_no_intervals(folder: Path) -> None:
 
 
 def test_participant_without_a_level_is_noted_and_left_out_of_its_comparison(folder: Path) -> None:
-    path = folder / "P02/trials.csv"
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join(line for line in lines if ",press," not in line), encoding="utf-8")
+    edit_trials(folder, "P02", lambda row: row["method"] != "press")
     study = study_report.trials(folder)
     assert study.notes == ("P02 has no trial with method press, and is left out of comparisons with it.",)
     assert study_report.differences(study)[0]["participants"] == 2
@@ -128,9 +126,8 @@ def test_last_attempt_counts_and_practice_and_attempts_to_be_repeated_do_not(fol
 def test_levels_are_in_the_order_of_the_study(folder: Path) -> None:
     assert study_report.trials(folder).levels("method") == ("dwell", "press")
     write_study(folder, {"press": 1.0, "other": 1.0, "dwell": 1.0}, people=3, rings=RINGS[:1])
-    for path in folder.glob("*/trials.csv"):
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        path.write_text("".join(line for line in lines if ",other," not in line), encoding="utf-8")
+    for name in ("P01", "P02", "P03"):
+        edit_trials(folder, name, lambda row: row["method"] != "other")
     study = study_report.trials(folder)
     assert study.conditions == (("press",), ("dwell",))
     assert study.title == "made"

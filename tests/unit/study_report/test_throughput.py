@@ -1,6 +1,5 @@
 """Throughput compares the same people, distances and widths, and all that is left out is counted."""
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from pointit import study_report
 from pointit.cli.study import report as report_command
 from pointit.errors import PointItError
-from tests.unit.study_report.generated import RINGS, write_study
+from tests.unit.study_report.generated import RINGS, edit_trials, write_study
 
 PARTS = ("no_start", "no_selection", "gross_errors", "in_short_sequences", "in_unmatched_sequences")
 Row = dict[str, str]
@@ -24,19 +23,6 @@ def folder(tmp_path: Path) -> Path:
     """Return a study of two methods and four people with two blocks of six trials a method."""
     write_study(tmp_path, {"dwell": 1.0, "press": 0.8}, people=4, rings=RINGS[:2], wrong=0.0, targets=5)
     return tmp_path
-
-
-def edit(folder: Path, name: str, change: Callable[[Row], None]) -> None:
-    """Change the rows of a participant."""
-    path = folder / name / "trials.csv"
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [*csv.DictReader(file)]
-    for row in rows:
-        change(row)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def times_out(*trials: tuple[str, str, int]) -> Callable[[Row], None]:
@@ -57,7 +43,7 @@ def rows_of(table: study_report.Table) -> dict[str, dict[str, Any]]:
 
 
 def test_sequence_that_is_too_short_is_counted_and_its_counterparts_are_left_out(folder: Path) -> None:
-    edit(folder, "P02", times_out(("press", "0.05", 3)))
+    edit_trials(folder, "P02", times_out(("press", "0.05", 3)))
     study = study_report.trials(folder)
     found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
     assert [(row["participants"], row["sequences"]) for row in found.values()] == [(4, 7), (4, 7)]
@@ -78,8 +64,8 @@ def test_methods_are_compared_with_the_same_people_and_sizes(folder: Path) -> No
     write_study(
         folder, {"dwell": 1.0, "press": 1.0}, people=4, rings=RINGS[:2], wrong=0.0, targets=5, spread=0
     )
-    edit(folder, "P02", slows)
-    edit(folder, "P02", times_out(("press", "0.05", 2)))
+    edit_trials(folder, "P02", slows)
+    edit_trials(folder, "P02", times_out(("press", "0.05", 2)))
     found = rows_of(study_report.throughput(study_report.trials(folder)))
     values = [row["throughput_bit_per_s"] for row in found.values()]
     assert values[0] == pytest.approx(values[1], rel=0.25)
@@ -87,9 +73,7 @@ def test_methods_are_compared_with_the_same_people_and_sizes(folder: Path) -> No
 
 
 def test_person_without_a_condition_is_in_none(folder: Path) -> None:
-    path = folder / "P03/trials.csv"
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join(line for line in lines if ",press," not in line), encoding="utf-8")
+    edit_trials(folder, "P03", lambda row: row["method"] != "press")
     study = study_report.trials(folder)
     found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
     assert [row["participants"] for row in found.values()] == [3, 3]
@@ -98,14 +82,14 @@ def test_person_without_a_condition_is_in_none(folder: Path) -> None:
 
 def test_condition_without_any_sequence_has_a_row_of_its_own(folder: Path) -> None:
     for name in ("P01", "P02", "P03", "P04"):
-        edit(folder, name, times_out(*(("press", width, 4) for width in ("0.05", "0.1"))))
+        edit_trials(folder, name, times_out(*(("press", width, 4) for width in ("0.05", "0.1"))))
     study = study_report.trials(folder)
     found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
     assert (found["dwell"]["participants"], found["press"]["participants"]) == (4, 0)
     assert (found["press"]["throughput_bit_per_s"], found["press"]["left_out"]) == (None, 40)
     assert (left["press"]["short_sequences"], left["press"]["no_selection"]) == (8, 8)
     for name in ("P01", "P02", "P03", "P04"):
-        edit(folder, name, times_out(*(("dwell", width, 4) for width in ("0.05", "0.1"))))
+        edit_trials(folder, name, times_out(*(("dwell", width, 4) for width in ("0.05", "0.1"))))
     study = study_report.trials(folder)
     with pytest.raises(
         PointItError, match=r"no throughput .*of 16 sequences 16 are shorter, 0 have no counter"
@@ -124,15 +108,13 @@ def test_groups_of_people_are_not_matched_with_each_other(tmp_path: Path) -> Non
 
 def test_regression_is_of_people_with_all_sizes_in_all_conditions(tmp_path: Path) -> None:
     write_study(tmp_path, {"dwell": 1.0, "press": 0.8}, people=4, wrong=0.0, targets=5)
-    path = tmp_path / "P02/trials.csv"
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join(x for x in lines if ",press," not in x or ",0.03," not in x), encoding="utf-8")
+    edit_trials(tmp_path, "P02", lambda row: (row["method"], row["target_width_m"]) != ("press", "0.03"))
     table = study_report.fitts(study_report.trials(tmp_path))
     assert [(row["participants"], row["left_out"]) for row in table] == [(3, 1), (3, 1)]
 
 
 def test_report_prints_omissions_of_each_condition(folder: Path) -> None:
-    edit(folder, "P02", times_out(("press", "0.05", 3)))
+    edit_trials(folder, "P02", times_out(("press", "0.05", 3)))
     done = CliRunner().invoke(report_command, [str(folder)])
     assert done.exit_code == 0, done.output
     sentence = (
@@ -156,7 +138,7 @@ def test_every_trial_is_used_or_counted_as_left_out(
 ) -> None:
     folder = tmp_path_factory.mktemp("any")
     write_study(folder, {"dwell": 1.0, "press": 0.8}, people=2, rings=RINGS[:2], wrong=0.2, targets=5)
-    edit(folder, "P01", times_out(*lost))
+    edit_trials(folder, "P01", times_out(*lost))
     study = study_report.trials(folder)
     for row in study_report.omissions(study):
         assert row["trials"] == 24 == row["used"] + sum(row[name] for name in PARTS)

@@ -30,7 +30,7 @@ from pointit_lab.evaluation.localization.trial import FollowRecording, Localizat
 from pointit_lab.evaluation.recordings.data_folder import file_of, read_index
 from tests.support.data import data_file
 from tests.unit.localizer.person import START_NS, config, poses, yaw_difference
-from tests.unit.localizer.test_latency import is_outside
+from tests.unit.localizer.test_estimator import is_outside
 from tests.unit.localizer.test_mounting import TURNS, verdict
 from tests.unit.localizer.test_moving_target import TRUST, robots
 

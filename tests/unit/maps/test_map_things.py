@@ -1,4 +1,4 @@
-"""Things that pointing tells apart, by place, and labels that sound alike or take long."""
+"""Things that pointing tells apart, labels that sound alike or take long, and their letters in pictures."""
 
 import math
 from pathlib import Path
@@ -125,3 +125,25 @@ def test_digits_and_accents_count_as_spoken() -> None:
     assert spoken_words("Café_27") == ["cafe", "twenty", "seven"]
     assert spoken_words("bin 11, 105, 07") == ["bin", "eleven", "one", "zero", "five", "zero", "seven"]
     assert [syllable_count(word) for word in ("table", "stove", "the", "rhythm", "灯")] == [2, 1, 1, 1, 1]
+
+
+def plot(folder: Path, name: str, label: str, suffix: str) -> tuple[Path, str]:
+    path, picture = folder / f"{name}.yaml", folder / f"picture{suffix}"
+    thing = f'{{light: a, mode: switch, label: "{label}"}}'
+    path.write_text(f"lamps: {{a: {{position: [0, 0, 1]}}}}\nthings: {{t: {thing}}}\n", encoding="utf-8")
+    result = CliRunner().invoke(command, ["map", "plot", str(path), "-o", str(picture)])
+    assert result.exception is None, result.output
+    return picture, result.stderr
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".png", ".pdf"])
+def test_letters_that_no_font_has_are_boxes_with_a_note_and_no_warning(tmp_path: Path, suffix: str) -> None:
+    private = "\U000f0001\U000f0002"  # no font of any machine has these
+    picture, note = plot(tmp_path, f"raum_{private}", "Küche", suffix)
+    assert picture.stat().st_size > 1000
+    assert note.startswith("note: letters are drawn as boxes: no font here has them; install one")
+
+
+@pytest.mark.parametrize("label", ["Küche", "Ωμέγα", "света", "half $1 of $2", r"cost $\\frac{a$"])
+def test_letters_of_the_usual_font_and_formulas_are_texts(tmp_path: Path, label: str) -> None:
+    assert "note" not in plot(tmp_path, "room", label, ".svg")[1]

@@ -314,15 +314,13 @@ def test_a_map_stands_beside_its_scenario_and_people_want_its_kinds(tmp_path: Pa
 
 
 def test_names_in_scenarios_and_files_of_parameters_are_literal_text(tmp_path: Path) -> None:
-    scenario = tmp_path / "s.yaml"
-    scenario.write_text(
+    text = (
         f"{GOOD}target_kinds: [on, 01, 2e1]\n"
         "site: {pui: {map: conveyor}, conveyor-sim: {kinds: {01: no, 1: 1.10}, feeder_belts: {on: 010}}}\n"
         "user: {}\n"
     )
-    parameters = tmp_path / "p.yaml"
-    parameters.write_text("conveyor-sim: {feeder_belts: {off: 1_0}}\n")
-    read = read_scenario(str(scenario))
+    read = read_scenario(str(written(tmp_path / "s.yaml", text)))
+    parameters = written(tmp_path / "p.yaml", "conveyor-sim: {feeder_belts: {off: 1_0}}\n")
     assert read.target_kinds == ("on", "01", "2e1")
     setting = "conveyor-sim.feeder_belts.0x1=12:30"
     config = config_of(site_launches(read, Choices(files=[parameters], settings=[setting])), "conveyor-sim")

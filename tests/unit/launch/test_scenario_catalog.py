@@ -121,11 +121,8 @@ def test_a_wish_that_cannot_be_is_refused_with_a_sentence() -> None:
 
 
 def test_a_scenario_of_ones_own_can_be_come_back_to(tmp_path: Path) -> None:
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(
-        "about: mine\nduration_s: 9\nplaces: [{position_m: [0, 0, 0]}]\n"
-        "site: {pui: {map: lab}}\nuser: {pointing: {}}\n"
-    )
+    text = "about: mine\nduration_s: 9\nplaces: [{position_m: [0, 0, 0]}]\n"
+    mine = written(tmp_path, f"{text}site: {{pui: {{map: lab}}}}\nuser: {{pointing: {{}}}}\n", "mine.yaml")
     program, plan = beginning(str(mine))
     assert set(plan.scenarios) == {*scenario_names(), "mine"}
     other = program.plan(RunScenario(scenario="scenario_1"), plan)
@@ -139,8 +136,7 @@ def test_a_duration_that_was_asked_for_stays() -> None:
 
 
 def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_path: Path) -> None:
-    path = tmp_path / "my_room.yaml"
-    path.write_text("lamps:\n  led_0:\n    position: [3, 1, 2]\n", encoding="utf-8")
+    path = written(tmp_path, "lamps:\n  led_0:\n    position: [3, 1, 2]\n", "my_room.yaml")
     with pytest.raises(ConfigError) as caught:
         read_scenario(str(path))
     assert str(caught.value).startswith(f"{path}: is a map, not a scenario; ")

@@ -5,10 +5,6 @@ changed is reopened. Its clients are back after 0.1 s, and repeat their declarat
 
 The module also closes sockets of clients, counts their unsent bytes, and releases ports of listeners.
 
-When Zenoh closes a connection, it also waits until the peer has acknowledged all data (`SO_LINGER`), 40 ms or
-more, in the thread that reads all accepted connections of a router. A hundred rejected peers would block all
-others for seconds. Without lingering, the system completes the closing in the background.
-
 A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
 returned during the closing were never accepted, and end after 30 s.
 """
@@ -41,11 +37,10 @@ from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
     close_session,
+    limit_waiting,
     open_cancellable,
     open_session,
     own_sockets,
-    ports_of_socket,
-    set_user_timeout,
 )
 from pointit.schemas import Figure, Health, encode
 from pointit.schemas.problems import Problem
@@ -123,9 +118,6 @@ def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
 
 log = logging.getLogger(__name__)
 
-LINGER = struct.Struct("ii")
-"""True if it is set, and its duration, s."""
-
 Peer = tuple[str, int]
 """Address and port, as `peer` returns them."""
 
@@ -166,26 +158,6 @@ def cut(peers: Collection[Peer]) -> int:
                         socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(program))
                     )
                 found.recv(MAX_DISCARDED_BYTES, socket.MSG_DONTWAIT | socket.MSG_TRUNC)
-    return count
-
-
-def disable_linger(ports: Collection[int]) -> int:
-    """Set connections from or to `ports` to close at once. Written data are sent all the same.
-
-    Zenoh sets each connection to linger when it is accepted, so this must be called repeatedly.
-
-    Returns:
-        Number of sockets set, 0 where they cannot be found.
-    """
-    if sys.platform != "linux":
-        return 0
-    count = 0
-    for found in own_sockets():
-        with contextlib.suppress(OSError):  # closed meanwhile
-            lingers, _ = LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
-            if lingers and not ports_of_socket(found).isdisjoint(ports):
-                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
-                count += 1
     return count
 
 
@@ -372,7 +344,7 @@ class Router:
         before = self._stamp
         while True:
             await asyncio.sleep(LOOK_S)
-            disable_linger(ports_of(self._listens))
+            limit_waiting(ports_of(self._listens), LEASE_MS)  # those that were accepted and sent nothing, too
             stamp = self._look()
             is_written, before = stamp != before, stamp
             if is_written or stamp == self._stamp:  # a change replaces several files, and is one
@@ -425,7 +397,7 @@ class Router:
     def _on_link(self, event: zenoh.LinkEvent) -> None:
         """Close the connection of a held identity. Zenoh reads none of its messages before this returns."""
         if event.kind == zenoh.SampleKind.PUT:
-            set_user_timeout(ports_of(self._listens), LEASE_MS)
+            limit_waiting(ports_of(self._listens), LEASE_MS)
             if self.is_held((event.link.auth_identifier or "").rpartition("/")[0]):
                 self.cut([event.link.dst])
 
@@ -471,7 +443,7 @@ async def _open(config: zenoh.Config) -> zenoh.Session:
     except zenoh.ZError as error:
         reason = str(error).partition(" at /")[0].rstrip(".")  # without the place in Zenoh's source
         raise ListenError(f"the router cannot be opened: {reason}") from error
-    set_user_timeout(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    limit_waiting(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
     return session
 
 

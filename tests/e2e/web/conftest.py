@@ -1,10 +1,7 @@
 """A browser, and a running site with its page, for tests of the window."""
 
 import asyncio
-import sys
-import traceback
 from collections.abc import AsyncIterator, Generator, Iterator
-from pathlib import Path
 
 import pytest
 import pytest_asyncio
@@ -19,18 +16,14 @@ from tests.support.forked import run
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add to the report of a test that failed what its site said, how it is, and what this process does."""
+    """Add to the report of a test that failed what its site said, and how it is."""
     report = yield
     known = getattr(item, "funcargs", {})
     site = known.get("shared_site") or known.get("site")
     if report.failed and isinstance(site, SitePage):
         code, doctor, _ = run(["doctor", "--connect", site.endpoint], 60.0)
-        stacks = ["".join(traceback.format_stack(frame, 8)) for frame in sys._current_frames().values()]
         report.sections.append(("site", site.command.err))
         report.sections.append((f"doctor ended with {code}", doctor))
-        tasks = Path("/proc/self/task").glob("*")
-        waits = [f"{(task / 'comm').read_text().strip()} {(task / 'wchan').read_text()}" for task in tasks]
-        report.sections.append(("threads of this process", "\n".join([*stacks, *waits])))
     return report
 
 

@@ -10,8 +10,15 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router import LINGER, cut, disable_linger, peer, release_udp_ports
-from pointit.runtime.zenoh.session import close_session, open_session, own_sockets, set_user_timeout
+from pointit.runtime.router import cut, peer, release_udp_ports
+from pointit.runtime.zenoh.session import (
+    LINGER,
+    close_session,
+    limit_waiting,
+    open_session,
+    own_sockets,
+    ports_of_socket,
+)
 from tests.support.buses import free_port
 from tests.support.invoked import python
 
@@ -24,8 +31,7 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.zenoh.session import own_sockets, set_user_timeout
-from pointit.runtime.router import disable_linger
+from pointit.runtime.zenoh.session import limit_waiting, own_sockets
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
 taken = []
@@ -33,7 +39,7 @@ try:
     while True:
         taken.append(os.open(os.devnull, os.O_RDONLY))
 except OSError:
-    print(list(own_sockets()), set_user_timeout({1}, 1), disable_linger({1}))
+    print(list(own_sockets()), limit_waiting({1}, 1))
 """
 """Run in a process of its own, since it uses up the limit of open files."""
 
@@ -50,25 +56,26 @@ def listening() -> Iterator[socket.socket]:
 
 def test_accepted_and_connected_sockets_have_the_timeout(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
-    assert set_user_timeout({port}, AFTER_MS) == 1
+    assert limit_waiting({port}, AFTER_MS) == 1
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         assert waits_ms(accepted) == AFTER_MS
         assert waits_ms(client) == 0
-        assert set_user_timeout({port}, AFTER_MS) == 3
+        assert limit_waiting({port}, AFTER_MS) == 3
         assert waits_ms(client) == AFTER_MS
 
 
-def test_connections_close_without_lingering(listening: socket.socket) -> None:
-    def lingers(of: socket.socket) -> bool:
-        is_on, _ = LINGER.unpack(of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
-        return bool(is_on)
+def lingers(of: socket.socket) -> bool:
+    is_on, _ = LINGER.unpack(of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
+    return bool(is_on)
 
+
+def test_connections_close_without_lingering(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
-        assert disable_linger({free_port()}) == 0
+        assert limit_waiting({free_port()}, AFTER_MS) == 0
         assert lingers(accepted)
-        assert disable_linger({port}) == 1
+        assert limit_waiting({port}, AFTER_MS) == 3
         assert not lingers(accepted)
         accepted.sendall(b"what was written")
         accepted.close()
@@ -78,7 +85,7 @@ def test_connections_close_without_lingering(listening: socket.socket) -> None:
 def test_others_are_left_alone(listening: socket.socket) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
-        assert set_user_timeout({other.getsockname()[1], free_port()}, AFTER_MS) == 0
+        assert limit_waiting({other.getsockname()[1], free_port()}, AFTER_MS) == 0
     assert waits_ms(listening) == 0
 
 
@@ -126,12 +133,12 @@ def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_
 
 def test_nothing_is_found_where_no_descriptor_is_left() -> None:
     looked = python("-c", LOOKS_WITHOUT_DESCRIPTORS)
-    assert (looked.stdout, looked.stderr) == ("[] 0 0\n", "")
+    assert (looked.stdout, looked.stderr) == ("[] 0\n", "")
 
 
 def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:
     listening.setblocking(False)
-    set_user_timeout({listening.getsockname()[1]}, AFTER_MS)
+    limit_waiting({listening.getsockname()[1]}, AFTER_MS)
     assert not listening.getblocking()
     with pytest.raises(BlockingIOError):
         listening.accept()
@@ -142,7 +149,7 @@ def test_locks_on_files_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "held.sqlite"
     with closing(sqlite3.connect(path, isolation_level=None)) as held:
         held.execute("BEGIN EXCLUSIVE")
-        set_user_timeout({free_port()}, AFTER_MS)
+        limit_waiting({free_port()}, AFTER_MS)
         other = python("-c", take, path)
     assert "database is locked" in other.stderr
 
@@ -152,8 +159,9 @@ def test_ports_of_addresses() -> None:
     assert ports_of(addresses) == {7447, 7448, 7449}
 
 
-async def test_listening_and_connecting_sessions_have_the_timeout() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+async def test_listening_and_connecting_sessions_have_the_timeout_and_who_connects_does_not_linger() -> None:
+    port = free_port()
+    endpoint = f"tcp/127.0.0.1:{port}"
     router = await open_session(Link(listen=(endpoint,), router=True))
     session = await open_session(Link(connect=(endpoint,)), patience_s=30.0)
     try:
@@ -161,6 +169,10 @@ async def test_listening_and_connecting_sessions_have_the_timeout() -> None:
             found = [stack.enter_context(each.dup()) for each in own_sockets()]
             bounded = [each for each in found if waits_ms(each) == LEASE_MS]
             assert len(bounded) >= 3, "one that listens, both ends of a connection"
+            (connected,) = (
+                each for each in bounded if port in ports_of_socket(each) - {each.getsockname()[1]}
+            )
+            assert not lingers(connected)
     finally:
         await close_session(session)
         await close_session(router)

@@ -17,7 +17,7 @@ from pointit.schemas.base import ConstructorChecks
 from pointit.testing.bench import no_task_left
 from tests.support.buses import free_port
 from tests.support.commands import Commands
-from tests.support.threads import thread_states
+from tests.support.thread_report import pytest_runtest_makereport  # noqa: F401 - a hook
 
 # The same few examples in every run: a failure is due to a change. `--hypothesis-profile=search` tries more,
 # and others each time; `few` are for other versions of Python. How fast this machine is says nothing about a
@@ -56,15 +56,6 @@ def pytest_collection() -> Generator[None, object, object]:
         return (yield)
     finally:
         gc.enable()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add what the threads of this process do to the report of a test that has failed."""
-    report = yield
-    if report.failed:
-        report.sections.append(("threads of this process", thread_states()))
-    return report
 
 
 @pytest.hookimpl(trylast=True)

@@ -11,9 +11,8 @@ from pointit.schemas.problems import CODES, Problem
 from pointit.schemas.topics import TOPICS
 from pointit.services.imu_bridge import sources
 from tests.architecture.sources import shipped, tree
-from tests.support.remedies import PLACEHOLDER, check_sentence, check_setting
 from tests.unit.diagnosis.fault_sites import READS, Site, one_process, router_with_people
-from tests.unit.diagnosis.remedies import ACTS
+from tests.unit.diagnosis.remedies import ACTS, PLACEHOLDER, check_sentence, check_setting
 
 STATED = {
     "ANY_HOST": ("0.0.0.0",),  # noqa: S104

@@ -4,9 +4,8 @@ import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.services.registry import person_of
-from tests.support.remedies import check_sentence
 from tests.unit.diagnosis.page import PAGE, cause, page
-from tests.unit.diagnosis.remedies import ended_faults, text_of
+from tests.unit.diagnosis.remedies import check_sentence, ended_faults, text_of
 from tests.unit.diagnosis.situations import SITUATIONS, Situation
 
 rows = pytest.mark.parametrize("row", SITUATIONS, ids=lambda row: row.name)

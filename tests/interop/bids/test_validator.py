@@ -9,7 +9,7 @@ import pytest
 
 from pointit.conversion.export_bids import export_bids
 from tests.support.environments import python_of
-from tests.unit.conversion.bids_session import session
+from tests.unit.conversion.session import session
 
 
 @pytest.fixture(scope="session")

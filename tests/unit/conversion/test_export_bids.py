@@ -16,8 +16,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, ImuSample, SelectionEvent, TrackedObject, TrackedObjects, topics
 from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import read_imu_csv
-from tests.unit.conversion.bids_session import session
-from tests.unit.conversion.session import at, said, write
+from tests.unit.conversion.session import at, said, session, write
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 

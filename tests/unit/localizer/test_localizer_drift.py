@@ -35,7 +35,7 @@ DEGREE = math.radians(1.0)
 
 
 def person(yaw_deg: float) -> Person:
-    """Return who stands where `FIXED` has them, with {H} turned by `yaw_deg` by now."""
+    """Return a person at the position of `FIXED` whose {H} is turned by `yaw_deg`."""
     return Person(1.5, 1.2, yaw_deg * DEGREE)
 
 

@@ -150,12 +150,18 @@ def test_a_measurement_that_begins_anew_is_used_at_once() -> None:
     assert talk.used[-1].stamp_ns == talk.now_ns + 5 * MS
 
 
-def test_frames_that_come_seconds_late_are_not_used_and_reported() -> None:
+@pytest.mark.parametrize(
+    ("delay_ns", "stands", "sentence"),
+    [(3 * NS_PER_S, False, "come 3.0 s late"), (5 * MS, True, "stand still")],
+)
+def test_frames_that_come_seconds_late_or_stand_still_are_not_used_and_reported(
+    delay_ns: int, sentence: str, *, stands: bool
+) -> None:
     talk = QtmConversation()
     talk.stream(1)
-    talk.stream(200, delay_ns=3 * NS_PER_S)
+    talk.stream(200, delay_ns=delay_ns, stands=stands)
     assert len(talk.used) == 1
-    assert "come 3.0 s late" in talk.session.problem(talk.now_ns + 3 * NS_PER_S)
+    assert sentence in talk.session.problem(talk.now_ns + 3 * NS_PER_S)
 
 
 def test_a_file_that_qtm_plays_is_not_used_until_cameras_measure() -> None:
@@ -185,14 +191,6 @@ def test_frames_are_not_used_under_the_names_of_settings_that_have_changed() -> 
     talk.session.restart(talk.now_ns, is_connected=True)  # another QTM may have other bodies
     talk.stream(1)
     assert len(talk.used) == 2
-
-
-def test_frames_that_stand_still_are_not_used_and_reported() -> None:
-    talk = QtmConversation()
-    talk.stream(1)
-    talk.stream(200, stands=True)
-    assert len(talk.used) == 1
-    assert "stand still" in talk.problem
 
 
 def test_frames_whose_bodies_have_no_names_are_not_used_and_names_are_asked_for() -> None:

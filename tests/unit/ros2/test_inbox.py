@@ -68,19 +68,6 @@ async def ask(bridge: Bench, service: str, kind: str, /, **fields: Any) -> Any:
     return bridge.types.decode(bridge.types.response_of(kind), cdr)
 
 
-async def test_a_rotation_moves_the_wrist_of_who_is_there(bridge: Bench) -> None:
-    assert ROTATION not in bridge.backend.readers
-    seen: list[Any] = []
-    bridge.other.subscribe(topics.WRIST, lambda message, name: seen.append((name, message)))
-    bridge.inbox.join("anna")
-    bridge.say(ROTATION, QUATERNION, **turned(bridge))
-    await until(lambda: bool(seen))
-    assert seen[0][0] == "anna"
-    assert seen[0][1].orientation_xyzw == (0.0, 0.0, 0.0, 1.0)
-    bridge.inbox.leave("anna")
-    assert ROTATION not in bridge.backend.readers
-
-
 async def test_bad_values_are_told_until_good_ones_come_or_they_leave(bridge: Bench) -> None:
     def takes(w: float) -> bool:
         bridge.say(ROTATION, QUATERNION, **turned(bridge, w))

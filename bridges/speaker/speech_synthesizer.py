@@ -1,8 +1,12 @@
 """A synthetic voice: it says one sentence at a time, and notices that it is not heard."""
 
 import asyncio
+import contextlib
+import os
 import re
 import shutil
+import signal
+from asyncio.subprocess import DEVNULL, PIPE
 from collections.abc import Callable
 
 from pointit.runtime.clock import Clock
@@ -95,12 +99,13 @@ class SpeechSynthesizer:
 
     async def _run(self, text: str) -> None:
         """Run the program. The text comes by standard input, so that none is an option."""
-        silent, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
-        began_ns, process, is_whole = self._clock.now_ns(), None, False
+        began_ns, is_whole = self._clock.now_ns(), False
+        options = {"stdin": PIPE, "stdout": DEVNULL, "stderr": PIPE, "start_new_session": True}
+        starting = asyncio.ensure_future(
+            asyncio.create_subprocess_exec(PROGRAM, *self._language, "--stdin", **options)
+        )
         try:
-            process = await asyncio.create_subprocess_exec(
-                PROGRAM, *self._language, "--stdin", stdin=pipe, stdout=silent, stderr=pipe
-            )
+            process = await asyncio.shield(starting)
             _, output = await process.communicate(text.encode())
             is_whole = True
             self._report(output.decode(errors="replace"))
@@ -109,8 +114,10 @@ class SpeechSynthesizer:
         finally:
             is_audible = is_whole or self._clock.now_ns() - began_ns >= MIN_SPOKEN_NS
             self.spoken += bool(text) and is_audible and not self._problem
-            if process is not None and process.returncode is None:
-                process.kill()
-                await process.wait()
+            if not is_whole:
+                with contextlib.suppress(OSError):  # it could not be started, or has ended
+                    process = await starting
+                    os.killpg(process.pid, signal.SIGKILL)  # what it has started holds its output, too
+                    await process.wait()
             if self._saying is asyncio.current_task():  # no newer sentence is said
                 self._until_ns = self._clock.now_ns()

@@ -62,7 +62,7 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
 ) -> None:
     program, begun = tmp_path / PROGRAM, tmp_path / "begun"
     os.mkfifo(begun)
-    program.write_text(f"#!/bin/sh\necho >{begun}\nexec sleep 60\n", encoding="utf-8")
+    program.write_text(f"#!/bin/sh\necho >{begun}\nsleep 60\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()

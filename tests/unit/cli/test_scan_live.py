@@ -12,6 +12,7 @@ from pointit.maps.file import load_map
 from pointit.runtime.config.yaml_file import parse_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
+from tests.support import there
 from tests.support.invoked import printed
 
 
@@ -36,8 +37,7 @@ class Started:
 
     @property
     def strips(self) -> dict[str, int]:
-        assert self.map is not None
-        return {strip.id: strip.pixels for strip in self.map.strips}
+        return {strip.id: strip.pixels for strip in there(self.map).strips}
 
 
 @pytest.fixture
@@ -56,8 +56,7 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
     strips = "--strip shelf=90 --strip desk=60 --leds-per-m 30"
     scan(*f"-o hall.yaml {strips} --leds ddp:10.0.0.9 -- --no-browser".split())
     assert started.strips == {"shelf": 90, "desk": 60}
-    assert started.map is not None
-    assert [math.dist(*strip.line_m) for strip in started.map.strips] == [3.0, 2.0]
+    assert [math.dist(*strip.line_m) for strip in there(started.map).strips] == [3.0, 2.0]
     assert {"--lan", "--site-only", "--no-browser", "--output=ddp:10.0.0.9"} <= set(started.arguments)
     assert started.setting("web.scan_file") == str(tmp_path / "hall.yaml")
     assert len(started.setting("web.scan_token")) >= 24
@@ -68,8 +67,7 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
 def test_strips_of_a_map_count_wherever_they_are_in_it(started: Started) -> None:
     scan("--map", "lab", "--strip", "extra=10", "--lamp", "bulb")
     assert started.strips["extra"] == 10
-    assert started.map is not None
-    lamps = [lamp.id for lamp in started.map.lamps]
+    lamps = [lamp.id for lamp in there(started.map).lamps]
     assert lamps == [*(lamp.id for lamp in load_map("lab", 0).lamps), "bulb"]
     assert len(started.strips) == 1 + len(load_map("lab", 0).strips)
 

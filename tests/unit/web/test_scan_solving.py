@@ -16,6 +16,7 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec, Survey
+from tests.support import there
 
 FOCAL_PX = 900.0
 WIDTH, HEIGHT = 1280, 720
@@ -67,8 +68,7 @@ def test_the_page_shows_every_strip_and_lamp_with_its_uncertainty(solution: Solu
     assert {strip.name: strip.pixels for strip in solution.strips} == COUNTS
     assert len(solution.cameras_m) == 4
     for strip in solution.strips:
-        assert strip.sigma_m is not None
-        assert strip.sigma_m < 0.01
+        assert there(strip.sigma_m) < 0.01
 
 
 @pytest.mark.parametrize("origin", ["shelf_high", "desk"])
@@ -110,13 +110,11 @@ def tapped(name: str, shape: str, places: list[Vec3], views: tuple[int, int] = (
 
 
 def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
-    assert solution.thing is not None
     low, high = TRUE["shelf_low"], TRUE["shelf_high"]
     screen = tapped("front", "screen", [low[0], low[-1], high[0]])
     box = tapped("crate", "box", [(0.0, 1.0, 0.8), (0.6, 1.0, 0.8), (0.6, 1.4, 0.8), (0.6, 1.4, 0.2)])
-    shown = solution.thing(screen)
-    assert shown.sigma_m is not None
-    assert (len(shown.line_m), shown.pixels, shown.sigma_m < 0.08) == (3, 0, True)
+    shown = there(solution.thing)(screen)
+    assert (len(shown.line_m), shown.pixels, there(shown.sigma_m) < 0.08) == (3, 0, True)
     path = tmp_path / "room.yaml"
     path.write_text(solution.map_text("shelf_low", (screen, box)))
     room = load_map(str(path), 0)
@@ -137,9 +135,8 @@ def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solut
     ],
 )
 def test_taps_that_give_no_thing_are_refused(solution: Solution, thing: ScanThing, sentence: str) -> None:
-    assert solution.thing is not None
     with pytest.raises(RefusedError, match=sentence):
-        solution.thing(thing)
+        there(solution.thing)(thing)
 
 
 def test_a_room_without_gravity_says_how_it_was_levelled() -> None:

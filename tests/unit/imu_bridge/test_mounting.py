@@ -199,8 +199,3 @@ def test_turning_makes_the_arm_read_the_wanted_yaw_and_keeps_its_elevation(
     finger = rotation.rotate(frame.orientation(sensor), (1.0, 0.0, 0.0))
     assert math.isclose(vector.wrap(vector.azimuth(finger) - wanted), 0.0, abs_tol=1e-6)
     assert math.isclose(vector.elevation(finger), elevation, abs_tol=1e-7)
-
-
-def test_a_steep_arm_has_no_yaw() -> None:
-    with pytest.raises(ValueError, match="hold it level"):
-        ArmFrame(rotation.IDENTITY).set_azimuth(0.0, rotation.from_azimuth_elevation(0.0, 1.5))

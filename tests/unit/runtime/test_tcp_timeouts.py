@@ -4,7 +4,7 @@ import socket
 import sqlite3
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -165,14 +165,12 @@ async def test_listening_and_connecting_sessions_have_the_timeout_and_who_connec
     router = await open_session(Link(listen=(endpoint,), router=True))
     session = await open_session(Link(connect=(endpoint,)), patience_s=30.0)
     try:
-        with ExitStack() as stack:
-            found = [stack.enter_context(each.dup()) for each in own_sockets()]
-            bounded = [each for each in found if waits_ms(each) == LEASE_MS]
-            assert len(bounded) >= 3, "one that listens, both ends of a connection"
-            (connected,) = (
-                each for each in bounded if port in ports_of_socket(each) - {each.getsockname()[1]}
-            )
-            assert not lingers(connected)
+        # no duplicates: to make one has its socket wait, and with it the thread by which Zenoh receives
+        bounded = [
+            (ports_of_socket(each), lingers(each)) for each in own_sockets() if waits_ms(each) == LEASE_MS
+        ]
+        assert len(bounded) >= 3, "one that listens, both ends of a connection"
+        assert not all(lingering for ports, lingering in bounded if port in ports and len(ports) == 2)
     finally:
         await close_session(session)
         await close_session(router)

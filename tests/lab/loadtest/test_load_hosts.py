@@ -21,6 +21,7 @@ TRY = "ip link add name try0 type veth peer name try1"
 
 
 def row_of(ended: Ended) -> dict[str, Any]:
+    assert ended.out, ended.err
     (row,) = json.loads(ended.out)["measured"]
     assert ended.code == (0 if row["carried"] else 1), ended.err
     assert 40 < row["sent"] <= 600, "a busy machine leaves some out"

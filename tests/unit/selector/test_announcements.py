@@ -182,7 +182,9 @@ def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> 
     [
         pytest.param({}, [(0.0, 1.2), (-15.0, 0.3)], True, id="the press moves the arm"),
         pytest.param({}, [(0.0, 1.2), (-15.0, 0.7)], False, id="long after the hover"),
-        pytest.param({}, [(0.0, 2.2), (-15.0, 0.3), (0.0, 1.3)], True, id="spoken anew after its neighbour"),
+        pytest.param(
+            {}, [(0.0, 2.2), (-15.0, 0.3), (0.0, 1.3)], True, id="spoken again after the one beside it"
+        ),
         pytest.param({"confirm_within_s": 10.0}, [(0.0, 8.0)], True, id="the time is a parameter"),
     ],
 )

@@ -37,10 +37,10 @@ from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
     close_session,
-    limit_waiting,
     open_cancellable,
     open_session,
     own_sockets,
+    set_tcp_timeouts,
 )
 from pointit.schemas import Figure, Health, encode
 from pointit.schemas.problems import Problem
@@ -344,7 +344,7 @@ class Router:
         before = self._stamp
         while True:
             await asyncio.sleep(LOOK_S)
-            limit_waiting(ports_of(self._listens), LEASE_MS)  # those that were accepted and sent nothing, too
+            set_tcp_timeouts(ports_of(self._listens), LEASE_MS)  # each that was accepted lingers before this
             stamp = self._look()
             is_written, before = stamp != before, stamp
             if is_written or stamp == self._stamp:  # a change replaces several files, and is one
@@ -397,7 +397,7 @@ class Router:
     def _on_link(self, event: zenoh.LinkEvent) -> None:
         """Close the connection of a held identity. Zenoh reads none of its messages before this returns."""
         if event.kind == zenoh.SampleKind.PUT:
-            limit_waiting(ports_of(self._listens), LEASE_MS)
+            set_tcp_timeouts(ports_of(self._listens), LEASE_MS)
             if self.is_held((event.link.auth_identifier or "").rpartition("/")[0]):
                 self.cut([event.link.dst])
 
@@ -443,7 +443,7 @@ async def _open(config: zenoh.Config) -> zenoh.Session:
     except zenoh.ZError as error:
         reason = str(error).partition(" at /")[0].rstrip(".")  # without the place in Zenoh's source
         raise ListenError(f"the router cannot be opened: {reason}") from error
-    limit_waiting(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    set_tcp_timeouts(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
     return session
 
 

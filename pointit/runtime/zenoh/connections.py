@@ -15,9 +15,9 @@ from pointit.runtime.zenoh.queries import query_replies
 from pointit.runtime.zenoh.session import (
     close_session,
     configuration,
-    limit_waiting,
     open_cancellable,
     refusals,
+    set_tcp_timeouts,
 )
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, SERVICE_ALIVE
@@ -101,7 +101,7 @@ class Connections:
         if not self._is_open:
             return
         if up:
-            limit_waiting(self._ports, LEASE_MS)
+            set_tcp_timeouts(self._ports, LEASE_MS)
             if self._one and self.routers:
                 self.routers.clear()
                 self._on_change()

@@ -33,18 +33,16 @@ from pointit.runtime.link.link import LEASE_MS, Credentials, Link, PassingRefusa
 from pointit.schemas.topics import check_name
 
 OPEN_FILES = Path("/proc/self/fd")
-
-
 LINGER = struct.Struct("ii")
-"""True if it is set, and its duration, s."""
+"""Value of `SO_LINGER`: 1 if a closed connection lingers, and for how many seconds."""
 
 
-def limit_waiting(ports: Collection[int], after_ms: int) -> int:
-    """Set TCP to wait for no lost peer on connections from or to `ports`.
+def set_tcp_timeouts(ports: Collection[int], after_ms: int) -> int:
+    """Set how long connections from or to `ports` wait for a peer that does not answer.
 
-    They end with nothing acknowledged for `after_ms`, and close at once; what was written is sent all the
-    same. It applies to the present sockets of this process. Those that they will accept end in that time too,
-    but Zenoh sets each of them to linger. Any thread may call it.
+    They end after `after_ms` without an acknowledgement. Closing one takes no time; what was written is sent
+    all the same. This applies to the present sockets of this process. A connection that is accepted later
+    has the first time-out, but lingers when it is closed, until this is called again. Any thread may call it.
 
     Returns:
         Number of sockets set, 0 where the system has no such timeout.
@@ -67,7 +65,8 @@ def own_sockets(kind: socket.SocketKind = socket.SOCK_STREAM) -> Iterator[socket
     Yields none where they cannot be listed: no /proc, or no descriptor left to read it by.
 
     No descriptor is duplicated and closed again: closing any descriptor of a file gives up all locks that the
-    process has on it (POSIX), such as those by which SQLite excludes other writers.
+    process has on it (POSIX), such as those by which SQLite excludes other writers. `dup` would also set the
+    socket itself to wait, and with it the thread by which Zenoh receives.
     """
     try:
         entries = list(OPEN_FILES.iterdir())
@@ -166,7 +165,7 @@ async def open_first(
                 on_wait()
             await asyncio.sleep(OPEN_RETRY_S)
         else:
-            limit_waiting(ports_of(endpoints), LEASE_MS)
+            set_tcp_timeouts(ports_of(endpoints), LEASE_MS)
             return session
 
 

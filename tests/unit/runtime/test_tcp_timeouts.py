@@ -3,21 +3,24 @@
 import socket
 import sqlite3
 import sys
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router import cut, peer, release_udp_ports
 from pointit.runtime.zenoh.session import (
     LINGER,
     close_session,
-    limit_waiting,
+    configuration,
+    open_cancellable,
     open_session,
     own_sockets,
     ports_of_socket,
+    set_tcp_timeouts,
 )
 from tests.support.buses import free_port
 from tests.support.invoked import python
@@ -31,7 +34,7 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.zenoh.session import limit_waiting, own_sockets
+from pointit.runtime.zenoh.session import set_tcp_timeouts, own_sockets
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
 taken = []
@@ -39,7 +42,7 @@ try:
     while True:
         taken.append(os.open(os.devnull, os.O_RDONLY))
 except OSError:
-    print(list(own_sockets()), limit_waiting({1}, 1))
+    print(list(own_sockets()), set_tcp_timeouts({1}, 1))
 """
 """Run in a process of its own, since it uses up the limit of open files."""
 
@@ -56,12 +59,16 @@ def listening() -> Iterator[socket.socket]:
 
 def test_accepted_and_connected_sockets_have_the_timeout(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
-    assert limit_waiting({port}, AFTER_MS) == 1
+    assert set_tcp_timeouts({port}, AFTER_MS) == 1
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         assert waits_ms(accepted) == AFTER_MS
         assert waits_ms(client) == 0
-        assert limit_waiting({port}, AFTER_MS) == 3
+        assert set_tcp_timeouts({port}, AFTER_MS) == 3
         assert waits_ms(client) == AFTER_MS
+
+
+async def open_bare(link: Link) -> zenoh.Session:
+    return await open_cancellable(configuration(link))
 
 
 def lingers(of: socket.socket) -> bool:
@@ -73,9 +80,9 @@ def test_connections_close_without_lingering(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
-        assert limit_waiting({free_port()}, AFTER_MS) == 0
+        assert set_tcp_timeouts({free_port()}, AFTER_MS) == 0
         assert lingers(accepted)
-        assert limit_waiting({port}, AFTER_MS) == 3
+        assert set_tcp_timeouts({port}, AFTER_MS) == 3
         assert not lingers(accepted)
         accepted.sendall(b"what was written")
         accepted.close()
@@ -85,7 +92,7 @@ def test_connections_close_without_lingering(listening: socket.socket) -> None:
 def test_others_are_left_alone(listening: socket.socket) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
-        assert limit_waiting({other.getsockname()[1], free_port()}, AFTER_MS) == 0
+        assert set_tcp_timeouts({other.getsockname()[1], free_port()}, AFTER_MS) == 0
     assert waits_ms(listening) == 0
 
 
@@ -138,7 +145,7 @@ def test_nothing_is_found_where_no_descriptor_is_left() -> None:
 
 def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:
     listening.setblocking(False)
-    limit_waiting({listening.getsockname()[1]}, AFTER_MS)
+    set_tcp_timeouts({listening.getsockname()[1]}, AFTER_MS)
     assert not listening.getblocking()
     with pytest.raises(BlockingIOError):
         listening.accept()
@@ -149,7 +156,7 @@ def test_locks_on_files_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "held.sqlite"
     with closing(sqlite3.connect(path, isolation_level=None)) as held:
         held.execute("BEGIN EXCLUSIVE")
-        limit_waiting({free_port()}, AFTER_MS)
+        set_tcp_timeouts({free_port()}, AFTER_MS)
         other = python("-c", take, path)
     assert "database is locked" in other.stderr
 
@@ -159,18 +166,26 @@ def test_ports_of_addresses() -> None:
     assert ports_of(addresses) == {7447, 7448, 7449}
 
 
-async def test_listening_and_connecting_sessions_have_the_timeout_and_who_connects_does_not_linger() -> None:
+@pytest.mark.parametrize(
+    ("opens", "limits"), [(open_session, (LEASE_MS, False)), (open_bare, (0, True))], ids=["ours", "Zenoh's"]
+)
+async def test_sessions_have_the_timeouts_which_zenoh_does_not_set(
+    opens: Callable[[Link], Awaitable[zenoh.Session]], limits: tuple[int, bool]
+) -> None:
     port = free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
     router = await open_session(Link(listen=(endpoint,), router=True))
-    session = await open_session(Link(connect=(endpoint,)), patience_s=30.0)
+    session = await opens(Link(connect=(endpoint,)))
     try:
-        # no duplicates: to make one has its socket wait, and with it the thread by which Zenoh receives
-        bounded = [
-            (ports_of_socket(each), lingers(each)) for each in own_sockets() if waits_ms(each) == LEASE_MS
-        ]
-        assert len(bounded) >= 3, "one that listens, both ends of a connection"
-        assert not all(lingering for ports, lingering in bounded if port in ports and len(ports) == 2)
+        connected: list[tuple[int, bool]] = []
+        others: list[int] = []
+        for each in own_sockets():
+            if each.getsockname()[1] == port:
+                others.append(waits_ms(each))
+            elif port in ports_of_socket(each):
+                connected.append((waits_ms(each), lingers(each)))
+        assert connected == [limits]
+        assert others == [LEASE_MS] * 2, "what listens, and what it has accepted"
     finally:
         await close_session(session)
         await close_session(router)

@@ -330,6 +330,7 @@ async def test_of_what_a_stall_has_piled_up_the_newest_is_taken(bridge: Bench) -
 
 
 async def test_who_leaves_is_not_moved_by_what_waits(bridge: Bench) -> None:
+    assert ROTATION not in bridge.backend.readers, "nobody has joined"
     bridge.inbox.join("anna")
     seen: list[str] = []
     bridge.other.subscribe(WRIST, lambda _message, name: seen.append(name))

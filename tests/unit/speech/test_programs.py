@@ -62,7 +62,7 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
 ) -> None:
     program, begun = tmp_path / PROGRAM, tmp_path / "begun"
     os.mkfifo(begun)
-    program.write_text(f"#!/bin/sh\necho >{begun}\nsleep 60\n", encoding="utf-8")
+    program.write_text(f"#!/bin/sh\necho >{begun}\nsleep 600\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()
@@ -73,13 +73,15 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     await asyncio.to_thread(begun.read_text)
     clock.advance(1.0)
     speaker.say(understood("two"))
-    await asyncio.wait({first})
+    ended, _ = await asyncio.wait({first}, timeout=30.0)
+    assert ended, "its program has started another, which must not hold it up"
     clock.advance(2.0)
     assert speaker.is_echo(heard(clock, -0.5, -0.1)), "the newer one is said"
     assert speaker.is_echo(heard(clock, -2.5, -2.4)), "words of the one before come late"
     assert speaker._saying is not None
     speaker._saying.cancel()
-    await speaker.close()
+    async with asyncio.timeout(30.0):
+        await speaker.close()
 
 
 @pytest.mark.parametrize(

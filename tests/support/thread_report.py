@@ -33,7 +33,16 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
                         flush=True,
                     )
             if shutil.which("gdb") is not None:
-                command = ["gdb", "-p", str(os.getpid()), "-batch", "-ex", f"python {SHOW}"]
+                command = [
+                    "gdb",
+                    "-p",
+                    str(os.getpid()),
+                    "-batch",
+                    "-iex",
+                    "set auto-load no",
+                    "-ex",
+                    f"python {SHOW}",
+                ]
                 subprocess.run(command, stdout=file, stderr=subprocess.DEVNULL, check=False)
             file.seek(0)
             report.sections.append(("threads of this process", file.read()))

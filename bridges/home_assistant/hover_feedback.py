@@ -54,16 +54,27 @@ class DimmedLight(BaseModel):
 
     def is_answer(self, state: Mapping[str, Any], *, is_restored: bool) -> bool:
         """Return True if the lamp reports `state` by calls of the hover alone, or has not changed yet."""
-        brightness, context = brightness_of(state), context_of(state)
+        brightness = brightness_of(state)
         if brightness is None or brightness in (self.before, self.shown):
             return True
+        context = context_of(state)
         is_ours = context.get("id") in self.contexts
+
+        # First report: any of ours, or one near the command that no other call has caused
         if self.shown is None:
-            is_near = abs(brightness - self.during) <= MAX_ROUNDING
-            is_call = bool(context.get("user_id") or context.get("parent_id"))
-            return is_ours or (is_near and (not is_call or UNKNOWN in self.contexts))
-        is_fading_back = is_restored and abs(brightness - self.before) < abs(self.shown - self.before)
-        return is_ours and (is_fading_back or self.is_nearer(brightness))
+            if is_ours:
+                return True
+            if abs(brightness - self.during) > MAX_ROUNDING:
+                return False
+            has_caller = bool(context.get("user_id") or context.get("parent_id"))
+            return not has_caller or UNKNOWN in self.contexts
+
+        # Later reports: of ours, while the lamp fades to the hover or back
+        if not is_ours:
+            return False
+        if is_restored and abs(brightness - self.before) < abs(self.shown - self.before):
+            return True
+        return self.is_nearer(brightness)
 
     def is_nearer(self, brightness: int) -> bool:
         """Return True if a brightness is nearer to that of the hover than what the lamp reported before."""
@@ -106,8 +117,10 @@ class HoverFeedback:
 
     def reset(self) -> None:
         """Forget all but the file: the connection has ended."""
-        for each in (self._begin_s, self._restored_s, self._others_s, self._early_reports):
-            each.clear()
+        self._begin_s.clear()
+        self._restored_s.clear()
+        self._others_s.clear()
+        self._early_reports.clear()
 
     def is_over(self, entity: str) -> bool:
         """Return True if a lamp has shown the hover for the maximum time."""
@@ -120,14 +133,17 @@ class HoverFeedback:
             ConfigError: If the brightness cannot be stored.
         """
         before = brightness_of(state)
-        is_lamp = entity.startswith("light.") and not _has_more_than_brightness(state)
-        is_standing = self._now_s() - self._others_s.get(entity, -math.inf) >= STANDING_S
-        if before is None or entity in self._begin_s or not (is_lamp and is_standing):
+        if before is None or entity in self._begin_s:
             return None
-        if (light := self._lights.get(entity)) is None:
-            brighter = max(round(before * (1 + CHANGE)), before + 1)
-            during = brighter if brighter <= MAX_BRIGHTNESS else round(before * (1 - CHANGE))
-            light = DimmedLight(before=before, during=max(during, 1))
+        if not entity.startswith("light.") or _has_more_than_brightness(state):
+            return None
+        set_by_others_s = self._others_s.get(entity, -math.inf)
+        if self._now_s() - set_by_others_s < STANDING_S:
+            return None
+
+        light = self._lights.get(entity)
+        if light is None:
+            light = DimmedLight(before=before, during=_hover_brightness(before))
         contexts = (*light.contexts, UNKNOWN)[-MAX_CONTEXTS:]
         self._store(entity, light.model_copy(update={"contexts": contexts}))
         self._restored_s.pop(entity, None)
@@ -146,7 +162,8 @@ class HoverFeedback:
         Raises:
             ConfigError: If the file cannot be written.
         """
-        light, brightness = self._lights.get(entity), brightness_of(state)
+        light = self._lights.get(entity)
+        brightness = brightness_of(state)
         self._begin_s.pop(entity, None)
         restored_s = self._restored_s.get(entity)
         if restored_s is not None and self._now_s() - restored_s < timeout_s:
@@ -162,23 +179,27 @@ class HoverFeedback:
 
     def on_result(self, call: ServiceCall, context: str) -> None:
         """Note that a call was carried out in `context`, or `UNKNOWN`. Raises ConfigError as `begin`."""
-        light, reports = self._lights.get(call.entity), self._early_reports.pop(call.entity, ())
+        light = self._lights.get(call.entity)
+        reports = self._early_reports.pop(call.entity, ())
         if light is None:
             return
         is_restored = call.data["brightness"] == light.before
         if is_restored:
             self._restored_s[call.entity] = self._now_s()
         if context != UNKNOWN:
-            known = [each for each in light.contexts if each != UNKNOWN or is_restored]
-            contexts = (*known, context)[-MAX_CONTEXTS:]
+            contexts = (*light.contexts, context)
+            if not is_restored:  # the result is that of the call whose context was unknown
+                contexts = tuple(known for known in contexts if known != UNKNOWN)
+            contexts = contexts[-MAX_CONTEXTS:]
             light = light.model_copy(update={"contexts": contexts})
         self._note(call.entity, light, reports)
 
     def on_state(self, entity: str, before: Mapping[str, Any], state: Mapping[str, Any]) -> None:
         """Note a change of the state of a lamp. Raises ConfigError as `begin`."""
         light = self._lights.get(entity)
-        if (reports := self._early_reports.get(entity)) is not None:
-            reports.append(state)
+        early_reports = self._early_reports.get(entity)
+        if early_reports is not None:
+            early_reports.append(state)
         elif light is not None:
             self._note(entity, light, (state,))
         elif entity.startswith("light.") and brightness_of(before) != brightness_of(state):
@@ -204,7 +225,8 @@ class HoverFeedback:
 
     def _store(self, entity: str, light: DimmedLight | None) -> None:
         """Store what is known of a lamp. None: it has its brightness again."""
-        lights = {name: each for name, each in self._lights.items() if name != entity}
+        lights = dict(self._lights)
+        lights.pop(entity, None)
         if light is not None:
             lights[entity] = light
         if lights != self._lights:
@@ -232,8 +254,21 @@ def brightness_of(state: Mapping[str, Any]) -> int | None:
 def _has_more_than_brightness(state: Mapping[str, Any]) -> bool:
     """Return True for groups, whose lamps may differ, and for effects, which a brightness may end."""
     attributes = _attributes(state)
-    is_group = "entity_id" in attributes or any(each for name, each in attributes.items() if "group" in name)
-    return is_group or str(attributes.get("effect") or "none").lower() not in ("none", "off", "solid")
+    if "entity_id" in attributes:
+        return True
+    for name, value in attributes.items():
+        if "group" in name and value:
+            return True
+    effect = attributes.get("effect") or "none"
+    return str(effect).lower() not in ("none", "off", "solid")
+
+
+def _hover_brightness(before: int) -> int:
+    """Return the brightness of the hover: brighter, or darker where the lamp cannot be brighter."""
+    brighter = max(round(before * (1 + CHANGE)), before + 1)
+    if brighter <= MAX_BRIGHTNESS:
+        return brighter
+    return max(round(before * (1 - CHANGE)), 1)
 
 
 def _set_brightness(entity: str, brightness: int) -> ServiceCall:

@@ -303,8 +303,9 @@ class _RecordedMotion:
             case TrackedObjects():
                 self._add_objects(name, message)
             case SelectionEvent() | ActOutcome():
-                event = self._act_results.take(message)
-                self._events += [] if event is None else [event]
+                event = self._act_results.event_to_show(message)
+                if event is not None:
+                    self._events.append(event)
             case Message():
                 self.left_out[entry.row.key] += 1
             case _:

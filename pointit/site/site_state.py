@@ -51,7 +51,10 @@ def ends_with_writers(topic: Topic[Any]) -> bool:
     """Return True if messages of `topic` are invalid without a present writer."""
     if topic is MAP or topic.delivery is Delivery.EVENT:  # the walls still stand; what happened, happened
         return False
-    return topic in ACCOUNTS or set(topic.writers) <= {row.name for row in PROCESSES}
+    if topic in ACCOUNTS:
+        return True
+    services = {row.name for row in PROCESSES}
+    return services.issuperset(topic.writers)
 
 
 def is_personal(topic: Topic[Any]) -> bool:
@@ -59,13 +62,22 @@ def is_personal(topic: Topic[Any]) -> bool:
     return topic.placeholder == "user" and topic.delivery is not Delivery.EVENT
 
 
+@dataclass(slots=True)
+class _PendingEvent:
+    """A selection event without a final outcome."""
+
+    event: SelectionEvent
+    is_shown: bool = False
+    """True once a carrier has started it."""
+
+
 class ActResults:
     """Selection events whose carriers have told the result: what people did, not what they tried."""
 
     def __init__(self) -> None:
-        self._pending: OrderedDict[tuple[str, int], tuple[SelectionEvent, bool]] = OrderedDict()
-        """By object and stamp: events without a final outcome, and whether each was shown as started."""
-        self._outcomes: OrderedDict[tuple[str, int], ActOutcome] = OrderedDict()
+        self._pending: OrderedDict[tuple[str, int], _PendingEvent] = OrderedDict()
+        """By object and stamp."""
+        self._early_outcomes: OrderedDict[tuple[str, int], ActOutcome] = OrderedDict()
         """Outcomes that were read before their events: two topics have no common order."""
 
     @property
@@ -73,25 +85,44 @@ class ActResults:
         """Return the number of events without a final outcome, at most `MAX_FORMER`."""
         return len(self._pending)
 
-    def take(self, message: SelectionEvent | ActOutcome) -> SelectionEvent | None:
+    def event_to_show(self, message: SelectionEvent | ActOutcome) -> SelectionEvent | None:
         """Return the event to show now, which has no carriers any more, or None if there is none."""
-        if isinstance(message, ActOutcome):
-            key = message.object_id, message.event_ns
-            event, has_started = self._pending.pop(key, (None, True))
-            if event is None:
-                _remember(self._outcomes, key, message)
-                return None
-            if message.result == "started":
-                self._pending[key] = event, True
-            if message.result == "failed":
-                return event.model_copy(update={"event": "refused", "reason": message.text, "carriers": ()})
-            return None if has_started else event.model_copy(update={"carriers": ()})
-        if message.takes_back or not message.carriers:
-            return None if message.takes_back else message
-        key = message.object_id, message.stamp_ns
-        _remember(self._pending, key, (message, False))
-        outcome = self._outcomes.pop(key, None)
-        return None if outcome is None else self.take(outcome)
+        if isinstance(message, SelectionEvent):
+            return self._on_event(message)
+        return self._on_outcome(message)
+
+    def _on_event(self, event: SelectionEvent) -> SelectionEvent | None:
+        if event.takes_back:
+            return None
+        if not event.carriers:
+            return event
+        key = event.object_id, event.stamp_ns
+        _remember(self._pending, key, _PendingEvent(event))
+        outcome = self._early_outcomes.pop(key, None)
+        if outcome is None:
+            return None
+        return self._on_outcome(outcome)
+
+    def _on_outcome(self, outcome: ActOutcome) -> SelectionEvent | None:
+        key = outcome.object_id, outcome.event_ns
+        pending = self._pending.get(key)
+        if pending is None:
+            _remember(self._early_outcomes, key, outcome)
+            return None
+        if outcome.result == "failed":
+            del self._pending[key]
+            refusal = {"event": "refused", "reason": outcome.text, "carriers": ()}
+            return pending.event.model_copy(update=refusal)
+
+        was_shown = pending.is_shown
+        pending.is_shown = True
+        if outcome.result == "started":
+            self._pending.move_to_end(key)
+        else:
+            del self._pending[key]
+        if was_shown:
+            return None
+        return pending.event.model_copy(update={"carriers": ()})
 
 
 class SiteState:
@@ -115,7 +146,8 @@ class SiteState:
             max_keys: maximum number of keys.
         """
         self._on_change = on_change or _ignore
-        self._on_person, self._on_service = on_person or _ignore, on_service or _ignore
+        self._on_person = on_person or _ignore
+        self._on_service = on_service or _ignore
         self._max_keys = max_keys
         self._size = 0
         self.act_results = ActResults()
@@ -172,16 +204,20 @@ class SiteState:
             if not message.services:
                 self.forget(DEPLOYMENT, name)
                 return True
+
+        # A state is perhaps of a new writer, whose presence is not known yet.
         if self._is_invalid(topic, name):
-            if topic.delivery is Delivery.STATE:  # perhaps of a new writer, whose presence is not known yet
+            if topic.delivery is Delivery.STATE:
                 _remember(self._hidden, (topic, name), (message, now_s))
             return True
+
         messages = self._messages.setdefault(topic, {})
-        if name not in messages:
+        previous = messages.get(name)
+        if previous is None:
             if self._size >= self._max_keys:
                 return False
             self._size += 1
-        previous, messages[name] = messages.get(name), message
+        messages[name] = message
         self._received_s[topic, name] = now_s
         self._on_change(Change(topic, name, message, previous))
         return True
@@ -197,16 +233,20 @@ class SiteState:
 
     def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         """Update the presence of `instance`."""
-        if present == (instance in self._services) and (present or instance in self._former_services):
+        was_present = instance in self._services
+        is_known = was_present or instance in self._former_services
+        if present == was_present and is_known:
             return
         if present:
             self._services.add(instance)
             self._former_services.pop(instance, None)
             self._on_service(instance, True)
-            for key in [key for key in self._orphans if present_writers(*key, (instance,))]:
-                del self._orphans[key]
+            for topic, name in list(self._orphans):
+                if present_writers(topic, name, (instance,)):
+                    del self._orphans[topic, name]
             self._show_valid()
             return
+
         self._services.discard(instance)
         _remember(self._former_services, instance, None)
         service, _ = split_instance(instance)
@@ -214,16 +254,23 @@ class SiteState:
             if topic in ACCOUNTS:
                 self._hide(topic, instance)
             elif service in topic.writers and ends_with_writers(topic):
-                for name in list(self._messages[topic]):
-                    is_its_own = present_writers(topic, name, (instance,))
-                    if is_its_own and not present_writers(topic, name, self._services):
-                        _remember(self._orphans, (topic, name), None)
-                        self._hide(topic, name)
+                self._hide_orphans(topic, instance)
         self._on_service(instance, False)
+
+    def _hide_orphans(self, topic: Topic[Any], former_writer: str) -> None:
+        """Hide the messages of `topic` that only `former_writer` wrote."""
+        for name in list(self._messages[topic]):
+            if not present_writers(topic, name, (former_writer,)):
+                continue
+            if not present_writers(topic, name, self._services):
+                _remember(self._orphans, (topic, name), None)
+                self._hide(topic, name)
 
     def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         """Update the presence of `user`."""
-        if present == (user in self._people) and (present or user in self._former_people):
+        was_present = user in self._people
+        is_known = was_present or user in self._former_people
+        if present == was_present and is_known:
             return
         if present:
             self._people.add(user)
@@ -231,6 +278,7 @@ class SiteState:
             self._on_person(user, True)
             self._show_valid()
             return
+
         self._people.discard(user)
         _remember(self._former_people, user, None)
         for topic in list(self._messages):
@@ -254,15 +302,20 @@ class SiteState:
                 self.forget(OBJECTS, name)
 
     def _show_event(self, topic: Topic[Any], name: str, message: Message) -> None:
+        """Show an event. Selection events are shown when their carriers have told the result."""
         if not isinstance(message, SelectionEvent):
             self._on_change(Change(topic, name, message))
-        if isinstance(message, SelectionEvent | ActOutcome) and (event := self.act_results.take(message)):
-            self._on_change(Change(SELECTION_EVENTS, name, event))
+        if isinstance(message, SelectionEvent | ActOutcome):
+            event = self.act_results.event_to_show(message)
+            if event is not None:
+                self._on_change(Change(SELECTION_EVENTS, name, event))
 
     def _is_invalid(self, topic: Topic[Any], name: str) -> bool:
         if topic in ACCOUNTS:
             return name in self._former_services
-        return (is_personal(topic) and name in self._former_people) or (topic, name) in self._orphans
+        if is_personal(topic) and name in self._former_people:
+            return True
+        return (topic, name) in self._orphans
 
     def _hide(self, topic: Topic[Any], name: str) -> None:
         received_s = self._received_s.get((topic, name), 0.0)
@@ -271,8 +324,10 @@ class SiteState:
             _remember(self._hidden, (topic, name), (message, received_s))
 
     def _show_valid(self) -> None:
-        for key in [key for key in self._hidden if not self._is_invalid(*key)]:
-            self.take(*key, *self._hidden.pop(key))
+        for topic, name in list(self._hidden):
+            if not self._is_invalid(topic, name):
+                message, received_s = self._hidden.pop((topic, name))
+                self.take(topic, name, message, received_s)
 
 
 def _ignore(*_: object) -> None:

@@ -4,7 +4,6 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
 from typing import NamedTuple, Protocol
 
 from pointit.geometry.rotation import Quaternion
@@ -116,26 +115,36 @@ class WristMonitor:
 
     def report(self, now_s: float) -> Iterator[Figure]:
         """Yield the metrics; to be called about once a second."""
-        before_s, self._reported_s = self._reported_s, now_s
+        previous_s = self._reported_s
+        self._reported_s = now_s
+        self._is_step_wanted = True
+        self._is_late = previous_s is not None and now_s - previous_s > 1.0 + LATE_TICK_S
+
+        # Rate over the last reports, whose first count belongs to the time before
         counts = self._counts
         counts.append((now_s, self._count))
         self._count = 0
         while now_s - counts[0][0] > RATE_S:
             counts.popleft()
         span_s = now_s - counts[0][0]
-        rate_hz = sum(count for _, count in list(counts)[1:]) / span_s if span_s > 0.0 else 0.0
+        rate_hz = 0.0
+        if span_s > 0.0:
+            rate_hz = sum(count for _, count in list(counts)[1:]) / span_s
         if rate_hz > 0.0:
             self._gap_s = max(MIN_GAP_S, GAP_PERIODS / rate_hz)
-        self._is_step_wanted = True
-        self._is_late = before_s is not None and now_s - before_s > 1.0 + LATE_TICK_S
         while self._gaps and now_s - self._gaps[0] > GAPS_S:
             self._gaps.popleft()
-        is_shown = self._last_s > -math.inf
-        yield RATE, round(rate_hz, 1) if is_shown else None, "Hz"
-        yield GAPS, float(len(self._gaps)) if is_shown else None, "/min"
-        latest_gap_s = self._latest_gap_s
-        yield "latest gap", None if latest_gap_s is None else round(1e3 * latest_gap_s), "ms"
-        yield BATTERY, None if self.battery is None else round(100.0 * self.battery), "%"
+
+        # None removes a metric
+        shown_rate_hz: float | None = None
+        gaps_per_min: float | None = None
+        if self._last_s > -math.inf:
+            shown_rate_hz = round(rate_hz, 1)
+            gaps_per_min = float(len(self._gaps))
+        yield RATE, shown_rate_hz, "Hz"
+        yield GAPS, gaps_per_min, "/min"
+        yield "latest gap", _scaled(self._latest_gap_s, 1e3), "ms"
+        yield BATTERY, _scaled(self.battery, 100.0), "%"
         yield SIGNAL, self.signal_dbm, "dBm"
 
     def warnings(self, now_s: float, *, is_explained: bool = False) -> Iterator[WarningText]:
@@ -147,36 +156,47 @@ class WristMonitor:
         """
         label = self._label
         yield "connection", self._lost
+
         silent_s = now_s - self._last_s
-        is_judged = self._is_connected and not self._is_late and not is_explained
-        is_silent = is_judged and silent_s > self._silence_s
-        yield (
-            "silence",
-            f"{label} is connected, but has sent nothing for {silent_s:.0f} s: move it, wake it up, or "
-            "switch it off and on"
-            if is_silent
-            else "",
-        )
+        can_judge = self._is_connected and not self._is_late and not is_explained
+        message = ""
+        if can_judge and silent_s > self._silence_s:
+            message = (
+                f"{label} is connected, but has sent nothing for {silent_s:.0f} s: move it, wake it up, or "
+                "switch it off and on"
+            )
+        yield "silence", message
+
         same_s = self._last_s - self._changed_s
-        is_frozen = same_s > FROZEN_S and (self._finest < FINE or len(self._values) == RAW)
-        yield (
-            "frozen",
-            f"{label} has sent the same orientation for {same_s:.0f} s: it lies on a table, or has frozen; "
-            "if the warning stays when it is moved, switch it off and on"
-            if is_frozen
-            else "",
-        )
+        shows_tremor = self._finest < FINE or len(self._values) == RAW
+        message = ""
+        if shows_tremor and same_s > FROZEN_S:
+            message = (
+                f"{label} has sent the same orientation for {same_s:.0f} s: it lies on a table, or has "
+                "frozen; if the warning stays when it is moved, switch it off and on"
+            )
+        yield "frozen", message
+
         connections = self._connections
-        is_storm = len(connections) == STORM and now_s - connections[0] < STORM_S
-        yield (
-            "reconnections",
-            f"{label} was connected {STORM} times within {STORM_S:g} s: charge it, go nearer, or look for "
-            "another program that connects to it"
-            if is_storm
-            else "",
-        )
-        is_low = self.battery is not None and self.battery < LOW_BATTERY
-        yield "wrist-battery", f"the battery of {label} is at {self.battery:.0%}: charge it" if is_low else ""
+        message = ""
+        if len(connections) == STORM and now_s - connections[0] < STORM_S:
+            message = (
+                f"{label} was connected {STORM} times within {STORM_S:g} s: charge it, go nearer, or look "
+                "for another program that connects to it"
+            )
+        yield "reconnections", message
+
+        message = ""
+        if self.battery is not None and self.battery < LOW_BATTERY:
+            message = f"the battery of {label} is at {self.battery:.0%}: charge it"
+        yield "wrist-battery", message
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    """Return `value` times `factor`, rounded, or None if it is None."""
+    if value is None:
+        return None
+    return round(factor * value)
 
 
 CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
@@ -278,7 +298,10 @@ class DeviceWrist:
         self._plugin = plugin
         self._check = ReadingCheck()
         self._problem = ""
-        self._clock = next((clock() for clock in present((CLOCK,)) if has_steady_time), None)
+        self._clock: CaptureClock | None = None
+        if has_steady_time:
+            for device_clock in present((CLOCK,)):
+                self._clock = device_clock()
         self._has_device_time = False
         self._age_ns = 0
         """Largest age of a reading on arrival since the last report, by the device's clock."""
@@ -288,7 +311,7 @@ class DeviceWrist:
         self._no_fusion = ""
         """Reason why raw readings cannot be used, or `""`."""
 
-    def take(self, item: Item, now_ns: int, now_s: float) -> SensorSample | None:
+    def process_item(self, item: Item, now_ns: int, now_s: float) -> SensorSample | None:
         """Process `item`. Return its orientation, or None without one, or if it cannot be used.
 
         Args:
@@ -296,26 +319,19 @@ class DeviceWrist:
             now_ns: the host's clock.
             now_s: the monotonic time.
         """
+        # A wrong item is refused, but for the state of the connection
         problem = self._check.problem(item, now_ns)
         self.has_changed = problem != self._problem
         self._problem = problem
-        if self._check.is_refused and not isinstance(item, Reconnected | Disconnected):
+        is_link_event = isinstance(item, Reconnected | Disconnected)
+        if self._check.is_refused and not is_link_event:
             return None
         if isinstance(item, Reading):
-            orientation = self.newest = item.world_from_sensor
-            self.monitor.on_reading(orientation, now_s)
-            stamp_ns, device_ns = self._timed(item)
-            return SensorSample(stamp_ns, orientation, device_ns)
+            return self._process_reading(item, now_s)
         if isinstance(item, RawReading):
-            self.monitor.on_reading((*item.angular_velocity_radps, *item.acceleration_mps2), now_s)
-            stamp_ns, device_ns = self._timed(item)
-            fused = self._fused(
-                item if device_ns == item.device_time_ns else replace(item, device_time_ns=device_ns)
-            )
-            if fused is None:
-                return None
-            self.newest = fused
-            return SensorSample(stamp_ns, fused, device_ns)
+            return self._process_raw_reading(item, now_s)
+
+        # Only readings have an orientation. All else may change a warning.
         self.has_changed = True
         if isinstance(item, Battery):
             self.monitor.battery = item.level
@@ -327,6 +343,23 @@ class DeviceWrist:
             self.monitor.on_disconnected(item.reason)
         return None
 
+    def _process_reading(self, reading: Reading, now_s: float) -> SensorSample:
+        self.newest = reading.world_from_sensor
+        self.monitor.on_reading(reading.world_from_sensor, now_s)
+        stamp_ns, device_ns = self._capture_times(reading)
+        return SensorSample(stamp_ns, reading.world_from_sensor, device_ns)
+
+    def _process_raw_reading(self, reading: RawReading, now_s: float) -> SensorSample | None:
+        self.monitor.on_reading((*reading.angular_velocity_radps, *reading.acceleration_mps2), now_s)
+        stamp_ns, device_ns = self._capture_times(reading)
+        if device_ns != reading.device_time_ns:
+            reading = replace(reading, device_time_ns=device_ns)
+        orientation = self._fuse(reading)
+        if orientation is None:
+            return None
+        self.newest = orientation
+        return SensorSample(stamp_ns, orientation, device_ns)
+
     @property
     def is_refused(self) -> bool:
         """Return True if the last item must not be used."""
@@ -334,14 +367,18 @@ class DeviceWrist:
 
     def report(self, now_s: float) -> Iterator[Figure]:
         """Yield the metrics; to be called about once a second."""
+        drift_ppm: int | None = None
+        age_ms: int | None = None
         clock = self._clock
-        is_timed = clock is not None and self._has_device_time and clock.is_used
-        drift = clock.drift if clock is not None and is_timed else None
-        clock_figure: Figure = ("clock drift", None if drift is None else round(1e6 * drift), "ppm")
-        age: Figure = ("age", round(self._age_ns / 1e6) if is_timed else None, "ms")
+        if clock is not None and clock.is_used and self._has_device_time:
+            drift_ppm = round(1e6 * clock.drift)
+            age_ms = round(self._age_ns / 1e6)
         self._age_ns = 0
-        fusion = () if self._fusion is None else self._fusion.report(now_s)
-        return chain(self.monitor.report(now_s), (clock_figure, age), fusion)
+        figures: list[Figure] = [*self.monitor.report(now_s)]
+        figures += [("clock drift", drift_ppm, "ppm"), ("age", age_ms, "ms")]
+        if self._fusion is not None:
+            figures += self._fusion.report(now_s)
+        return iter(figures)
 
     def warnings(self, now_s: float, *, is_explained: bool) -> Iterator[WarningText]:
         """Yield the warnings. `is_explained`: the source itself reports why nothing comes."""
@@ -360,36 +397,43 @@ class DeviceWrist:
             self._clock.restart()
         self.epoch.reconnected(keeps_yaw=item.keeps_yaw and self._fusion is None)
 
-    def _timed(self, item: Reading | RawReading) -> tuple[int, int | None]:
+    def _capture_times(self, reading: Reading | RawReading) -> tuple[int, int | None]:
         """Return the time of capture, and the device's without wraps or None if it has none that runs, ns."""
-        stamp_ns, epoch, clock = item.stamp_ns, self.epoch, self._clock
-        if clock is not None and not clock.is_used and item.device_time_ns is not None:
-            return clock.capture_ns(item.device_time_ns, stamp_ns), None
-        origin = epoch.count
-        device_ns = epoch.read(item.device_time_ns)  # always, to detect restarts
+        stamp_ns = reading.stamp_ns
+        clock = self._clock
+
+        # A clock that stands still or jumps is followed, to notice when it runs, but not published.
+        if clock is not None and not clock.is_used and reading.device_time_ns is not None:
+            return clock.capture_ns(reading.device_time_ns, stamp_ns), None
+
+        # Unwrap the device's time. That also detects a restart, so it is done without a clock, too.
+        epoch_before = self.epoch.count
+        device_ns = self.epoch.read(reading.device_time_ns)
         if device_ns is None or clock is None:
             return stamp_ns, device_ns
-        self._has_device_time = True
-        if epoch.count != origin:
-            clock.restart_fallen(stamp_ns)
-        captured_ns = clock.capture_ns(device_ns, stamp_ns)
-        self._age_ns = max(self._age_ns, stamp_ns - captured_ns)
-        return captured_ns, device_ns if clock.is_used else None
 
-    def _fused(self, item: RawReading) -> Quaternion | None:
-        fusion = self._fusion
-        if fusion is None:
-            if self._no_fusion:
-                return None
+        self._has_device_time = True
+        if self.epoch.count != epoch_before:
+            clock.restart_fallen(stamp_ns)
+        capture_ns = clock.capture_ns(device_ns, stamp_ns)
+        self._age_ns = max(self._age_ns, stamp_ns - capture_ns)
+        if not clock.is_used:  # since this reading
+            return capture_ns, None
+        return capture_ns, device_ns
+
+    def _fuse(self, reading: RawReading) -> Quaternion | None:
+        """Return the orientation by the filter, which is loaded for the first raw reading."""
+        if self._fusion is None and not self._no_fusion:
             try:
-                fusion = load_object(FUSION, "sends raw readings, whose fusion")()
+                self._fusion = load_object(FUSION, "sends raw readings, whose fusion")()
             except ConfigError as error:
                 self._no_fusion = str(error)
-                return None
-            self._fusion = fusion
-        restarts = fusion.restarts
-        orientation = fusion.update(item)
-        if fusion.restarts != restarts:
+        fusion = self._fusion
+        if fusion is None:
+            return None
+        restarts_before = fusion.restarts
+        orientation = fusion.update(reading)
+        if fusion.restarts != restarts_before:
             self.epoch.start_new_epoch()
         return orientation
 
@@ -403,7 +447,8 @@ class DeviceWrist:
                 "times of arrival are used: check the unit of its time, and whether two devices send"
             )
         if clock.jumps != self._jumps:
-            self._jumps, self._jump_shown_s = clock.jumps, now_s
+            self._jumps = clock.jumps
+            self._jump_shown_s = now_s
         if not clock.jumps or now_s - self._jump_shown_s > SHOWN_S:
             return ""
         return f"the clock of {self._label} jumped by {clock.jump_s:+.1f} s, or this machine's was set"

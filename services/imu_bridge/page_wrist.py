@@ -62,7 +62,7 @@ class PageWrist:
         received_ns = self._received_ns
         return received_ns is not None and abs(now_ns - received_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
 
-    def take(
+    def process_sample(
         self, sample: WristSample, now_ns: int, *, home: int | None, speed: float = 1.0
     ) -> PageOrientation | None:
         """Process a sample. Return the arm's orientation, or None if the sample is late or from the future.

@@ -58,41 +58,44 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """
         super().__init__(config, context)
         self._state = StateFile(StoredMountings, self.user, PURPOSE)
-        self._setting = asyncio.Lock()
+        self._setting_lock = asyncio.Lock()
         stored_mountings = self._read_state()
-        self._mounting, self._phone = (
-            MountingSelection(config, stored_mountings),
-            MountingSelection.of_phone(stored_mountings),
-        )
+        self._mounting = MountingSelection(config, stored_mountings)
+        self._phone_mounting = MountingSelection.of_phone(stored_mountings)
         self.bus.warn("mounting", self._mounting.warning)
+
+        # The own source: its samples in the arm's frame
         self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
-        numbers = itertools.count(1)
-        self._page = PageWrist(self._phone.sensor_from_arm, numbers)
-        self._moved_by = ""
-        """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
-        self._release_timer = Timer(self.bus.call_later, self._on_release)
-        self._others: set[str] = set()
-        """Other services that write this wrist's samples."""
-        self._sample_numbers, self._button_numbers, self._step_numbers = (
-            itertools.count(1) for _ in range(3)
-        )
+        epoch_numbers = itertools.count(1)  # the two share them: no epoch occurs twice
         self._guard = guard_of(SOURCES, config.source, self.bus)
         self._wrist = DeviceWrist(
             f"{self.user}'s wrist ({config.source})",
             self._guard.label,
-            YawEpoch(numbers),
+            YawEpoch(epoch_numbers),
             silence_s=config.silence_s,
             has_steady_time=self.clock.speed == 1.0,
         )
-        self._time_s = steady_time()
-        self._report_timer = Timer(self.bus.call_later, self._show_wrist)
-        self._report_timer.start(REPORT_S)
         self._source: Source = self._guard.made(self._make_source)
         self._is_made = True
         """False once the source has run: then a new one is made for the next run."""
+
+        # What may replace it: a page, ROS, another service
+        self._page = PageWrist(self._phone_mounting.sensor_from_arm, epoch_numbers)
+        self._moved_by = ""
+        """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
+        self._release_timer = Timer(self.bus.call_later, self._on_release)
+        self._other_writers: set[str] = set()
+        """Other services that write this wrist's samples."""
+
+        self._sample_numbers = itertools.count(1)
+        self._button_numbers = itertools.count(1)
+        self._step_numbers = itertools.count(1)
         self._samples = self.bus.publisher(topics.IMU, self.user)
         self._buttons = self.bus.publisher(topics.BUTTON, self.user)
         self._steps = self.bus.publisher(topics.STEP, self.user)
+        self._time_s = steady_time()
+        self._report_timer = Timer(self.bus.call_later, self._show_wrist)
+        self._report_timer.start(REPORT_S)
         self.bus.serve(topics.SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
         self.bus.serve(topics.SET_MOUNTING, self._set_mounting, self.user)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
@@ -102,7 +105,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
         """Check the parameters of the source."""
-        source, parameters = SOURCES.get(config.source), config.section(config.source)
+        source = SOURCES.get(config.source)
+        parameters = config.section(config.source)
         guard = PluginGuard(SOURCES.label(config.source), NullHealth())
         guard.made(lambda: source.check(parameters))
 
@@ -122,10 +126,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def _make_source(self) -> Source:
         self.validate_config(self.config)
         name = self.config.source
-        around = replace(
-            self.surroundings(SOURCES.kind, name), sensor_from_arm=self.config.configured_mounting
-        )
-        return SOURCES.get(name).make(self.config.section(name), around)
+        surroundings = self.surroundings(SOURCES.kind, name)
+        surroundings = replace(surroundings, sensor_from_arm=self.config.configured_mounting)
+        return SOURCES.get(name).make(self.config.section(name), surroundings)
 
     def _on_feedback(self, cue: Feedback, _user: str) -> None:
         source = self._source
@@ -134,17 +137,20 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _deliver(self, item: Item) -> None:
         wrist = self._wrist
-        sample = wrist.take(item, self.clock.now_ns(), self._time_s())
-        if sample is not None and not self._has_page:
+        sample = wrist.process_item(item, self.clock.now_ns(), self._time_s())
+        has_page = self._has_page
+        if sample is not None and not has_page:
             self._publish(sample)
         if wrist.has_changed:
             self._show_warnings()
-        if isinstance(item, Press | StepGesture) and not wrist.is_refused and not self._has_page:
-            if isinstance(item, Press):
-                seq = next(self._button_numbers)
-                self._buttons.put(ButtonEvent(stamp_ns=item.stamp_ns, seq=seq, gesture=item.gesture))
-            else:
-                self._steps.put(Step(stamp_ns=item.stamp_ns, seq=next(self._step_numbers), by=item.by))
+        if has_page or wrist.is_refused:
+            return
+        if isinstance(item, Press):
+            seq = next(self._button_numbers)
+            self._buttons.put(ButtonEvent(stamp_ns=item.stamp_ns, seq=seq, gesture=item.gesture))
+        elif isinstance(item, StepGesture):
+            seq = next(self._step_numbers)
+            self._steps.put(Step(stamp_ns=item.stamp_ns, seq=seq, by=item.by))
 
     def _publish(self, sample: SensorSample) -> None:
         self._samples.put(
@@ -171,43 +177,55 @@ class ImuBridge(Service[ImuBridgeConfig]):
         is_explained = any(self.bus.has_warning(code, part) for code in NO_DATA)
         for topic, message in self._wrist.warnings(self._time_s(), is_explained=is_explained):
             self.bus.warn(topic, message)
-        is_idle = self.config.source == "page" and not self._has_page and not self._others
-        sentence = (
-            f"nobody moves the arm of {self.user} yet: take it in the page, by mouse or phone, or with a "
-            "headset"
-        )
-        self.bus.warn(IDLE_ARM, sentence if is_idle else "", severity="note")
+        idle_note = ""
+        if self.config.source == "page" and not self._has_page and not self._other_writers:
+            idle_note = (
+                f"nobody moves the arm of {self.user} yet: take it in the page, by mouse or phone, or with a "
+                "headset"
+            )
+        self.bus.warn(IDLE_ARM, idle_note, severity="note")
 
     @property
     def _has_page(self) -> bool:
         return self._page.is_active(self.clock.now_ns(), self.clock.speed)
 
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
-        turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
+        orientation = self._page.process_sample(
+            sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed
+        )
         self._report(sample)
         self._release_timer.start(WRIST_PATIENCE_S)
-        if turned is None:
+        if orientation is None:
             return
+        mounting = f"page {mover_name(sample)}"
+        if sample.device == "phone":
+            mounting = self._phone_mounting.label
         self._samples.put(
             ImuSample(
                 stamp_ns=sample.stamp_ns,
                 seq=next(self._sample_numbers),
-                orientation_xyzw=turned.orientation_xyzw,
-                device_time_ns=turned.device_time_ns,
+                orientation_xyzw=orientation.orientation_xyzw,
+                device_time_ns=orientation.device_time_ns,
                 battery=sample.battery,
-                yaw_epoch=turned.yaw_epoch,
-                mounting=self._phone.label if sample.device == "phone" else f"page {mover_name(sample)}",
+                yaw_epoch=orientation.yaw_epoch,
+                mounting=mounting,
             )
         )
 
     def _home(self) -> int | None:
         """Return the number of the yaw origin while no page moves the wrist, or None if nothing else does."""
-        return self._wrist.epoch.count if self._wrist.newest is not None or self._others else None
+        if self._wrist.newest is None and not self._other_writers:
+            return None
+        return self._wrist.epoch.count
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        name, _, user = instance.partition(".")
-        if user == self.user and name in topics.IMU.writers and name != self.NAME:
-            (self._others.add if present else self._others.discard)(name)
+        service, _, user = instance.partition(".")
+        if user != self.user or service == self.NAME or service not in topics.IMU.writers:
+            return
+        if present:
+            self._other_writers.add(service)
+        else:
+            self._other_writers.discard(service)
 
     def _on_release(self) -> None:
         if self._has_page:
@@ -216,20 +234,23 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._report(None)
 
     def _report(self, sample: WristSample | None) -> None:
-        if (moved_by := mover_name(sample)) != self._moved_by:
-            what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has released"
-            log.info("%s: a page's %s the wrist", self.user, what)
-            self._moved_by = moved_by
+        moved_by = mover_name(sample)
+        if moved_by and moved_by != self._moved_by:
+            log.info("%s: a page's %s moves the wrist", self.user, moved_by)
+        elif moved_by != self._moved_by:
+            log.info("%s: a page's %s has released the wrist", self.user, self._moved_by)
+        self._moved_by = moved_by
         for name, value, unit in figures(self._page, sample):
             self.bus.set_metric(name, value, unit)
         for topic, message in warnings(self.user, self._page, sample):
             self.bus.warn(topic, message)
 
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
+        newest = self._wrist.newest
         try:
             if self._has_page:
                 self._page.turn_to(query.yaw_rad)
-            elif (newest := self._wrist.newest) is not None:
+            elif newest is not None:
                 self._frame.set_azimuth(query.yaw_rad, newest)
                 self._wrist.epoch.start_new_epoch()
             elif self.config.source == "page":
@@ -241,12 +262,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
 
     async def _set_mounting(self, query: SetMounting, _user: str) -> SetMountingReply:
-        async with self._setting:  # so that the last setting is stored
+        async with self._setting_lock:  # so that the last setting is stored
             selection = self._selected_mounting()
-            before = selection.sensor_from_arm
+            previous = selection.sensor_from_arm
             stored_mountings = selection.set(query, self.clock.now_ns())
-            is_new = selection.sensor_from_arm != before
-            if selection is self._phone:
+
+            # Use it. A new one turns the samples, which begins an epoch of the yaw.
+            is_new = selection.sensor_from_arm != previous
+            if selection is self._phone_mounting:
                 if is_new:
                     self._page.set_phone_mounting(selection.sensor_from_arm)
             else:
@@ -254,11 +277,15 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 if is_new:
                     self._wrist.epoch.start_new_epoch()
                 self.bus.warn("mounting", selection.warning)
+
             problem = ""
             if stored_mountings is not None:
-                self._mounting.stored_mountings = self._phone.stored_mountings = stored_mountings
-                problem = await self._keep(stored_mountings)
-        message = selection.describe() + (f"; it is used now, but not stored: {problem}" if problem else "")
+                self._mounting.stored_mountings = stored_mountings
+                self._phone_mounting.stored_mountings = stored_mountings
+                problem = await self._store(stored_mountings)
+        message = selection.describe()
+        if problem:
+            message += f"; it is used now, but not stored: {problem}"
         return SetMountingReply(message=message, sensor_from_arm_xyzw=selection.sensor_from_arm)
 
     def _selected_mounting(self) -> MountingSelection:
@@ -268,13 +295,13 @@ class ImuBridge(Service[ImuBridgeConfig]):
             RefusedError: If it is a page's mouse, or ROS.
         """
         if not self._has_page:
-            return self._phone if self.config.source == "page" else self._mounting
+            return self._phone_mounting if self.config.source == "page" else self._mounting
         if self._page.device == "arm":
             raise RefusedError(
                 "a page's mouse or ROS moves the wrist, and nothing is mounted on it: release it in the "
                 "page, or stop its publisher in ROS, first"
             )
-        return self._phone
+        return self._phone_mounting
 
     def _read_state(self) -> StoredMountings | None:
         try:
@@ -283,7 +310,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self.bus.warn("state", f"the person's measured mounting is not used: {error}")
             return None
 
-    async def _keep(self, stored_mountings: StoredMountings) -> str:
+    async def _store(self, stored_mountings: StoredMountings) -> str:
         try:
             if stored_mountings.by_source:
                 await asyncio.to_thread(self._state.write, stored_mountings)

@@ -179,17 +179,20 @@ class NearbyLamps:
 
     def near(self, origin_m: Vec3, direction: Vec3) -> tuple[LampMiss, ...]:
         """Return the lamps near the ray, the nearest first."""
-        misses = [
-            (vector.angle_between(direction, vector.subtract(place, origin_m)), name)
-            for name, place in self._lamps
-        ]
-        return tuple(
-            LampMiss(id=name, miss_rad=miss) for miss, name in sorted(misses) if miss <= self._within_rad
-        )
+        misses: list[tuple[float, str]] = []
+        for name, position_m in self._lamps:
+            to_lamp = vector.subtract(position_m, origin_m)
+            miss_rad = vector.angle_between(direction, to_lamp)
+            if miss_rad <= self._within_rad:
+                misses.append((miss_rad, name))
+        misses.sort()
+        return tuple(LampMiss(id=name, miss_rad=miss_rad) for miss_rad, name in misses)
 
 
-_Cast: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
+_WorldRay: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
 """Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
+_Intersection: TypeAlias = tuple[SurfaceKind, Solid, str, Hit]
+"""Surface and solid of a cursor, id of what the ray meets, and where."""
 
 
 class PersonCursor:
@@ -217,12 +220,12 @@ class PersonCursor:
         self._feet_m: Vec3 = (0.0, 0.0, 0.0)
         self._bias_rad = 0.0
         """Position and elevation bias of the pose."""
-        self._pose_came_ns = 0
+        self._pose_received_ns = 0
         self._newest_ns = 0
-        self._cast: _Cast | None = None
+        self._newest_ray: _WorldRay | None = None
         self._point: Vec3 | None = None
         """Current position of the cursor, or None."""
-        self._shown = False
+        self._is_shown = False
         self._seq = 0
 
     @property
@@ -230,9 +233,10 @@ class PersonCursor:
         """Return True if rays give no cursor because no pose is known."""
         return self._pose is None and self._pointing
 
-    def use(self, surfaces: Surfaces, lamps: NearbyLamps | None) -> None:
+    def change_map(self, surfaces: Surfaces, lamps: NearbyLamps | None) -> None:
         """Point at `surfaces` and `lamps`, of another map, from now on."""
-        self._surfaces, self._lamps = surfaces, lamps
+        self._surfaces = surfaces
+        self._lamps = lamps
         self.passing = Passing(surfaces)
 
     def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
@@ -240,15 +244,16 @@ class PersonCursor:
 
         A localizer and a tracker may both publish it for a moment. Then the newer one counts.
         """
-        known = self._pose
+        current = self._pose
         if now_ns is not None:
-            is_rival = 0 <= now_ns - self._pose_came_ns <= RIVAL_NS
-            if known is not None and is_rival and pose.stamp_ns < known.stamp_ns:
+            is_recent = 0 <= now_ns - self._pose_received_ns <= RIVAL_NS
+            if current is not None and is_recent and pose.stamp_ns < current.stamp_ns:
                 return
-            self._pose_came_ns = now_ns
+            self._pose_received_ns = now_ns
         self._pose = pose
         self._turn = (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad))
-        self._feet_m, self._bias_rad = pose.position_m, pose.elevation_bias_rad
+        self._feet_m = pose.position_m
+        self._bias_rad = pose.elevation_bias_rad
 
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
         """Set the person's interaction. Return the cursor that ends the pointing, once, if this ends it."""
@@ -266,17 +271,18 @@ class PersonCursor:
             return
         if self._pose is None:
             raise WorkspaceError("no pose is known: localize first")
-        if self._cast is None:
+        if self._newest_ray is None:
             raise WorkspaceError("no ray has come yet: start the IMU, and point")
-        eyes, direction, feet, stamp_ns = self._cast
-        through = self._anchor(query, tracked, stamp_ns)
-        workspace = Workspace(query.kind, through, feet_m=feet, eyes_m=eyes)
+        eyes, direction, feet, stamp_ns = self._newest_ray
+        anchor = self._anchor(query, tracked, stamp_ns)
+        workspace = Workspace(query.kind, anchor, feet_m=feet, eyes_m=eyes)
         if query.anchor == "pointer":
-            workspace.steer(direction, eyes, feet, through)
+            workspace.steer(direction, eyes, feet, anchor)
         self._change_workspace(workspace)
 
     def _change_workspace(self, workspace: Workspace | None) -> None:
-        self._workspace, self._is_chosen = workspace, True
+        self._workspace = workspace
+        self._is_chosen = True
         self.passing.end()
 
     def _anchor(self, query: SetWorkspace, tracked: Tracked, stamp_ns: int) -> Vec3:
@@ -298,9 +304,9 @@ class PersonCursor:
         self.passing.end()
         if not self._is_chosen:
             self._workspace = None  # created again where they point next
-        if not self._shown:
+        if not self._is_shown:
             return None
-        self._shown = False
+        self._is_shown = False
         self._seq += 1
         return Cursor(stamp_ns=max(stamp_ns, self._newest_ns), seq=self._seq)
 
@@ -308,37 +314,49 @@ class PersonCursor:
         """Return the cursor of `ray` with its stamp, or None while there is none."""
         if self._pose is None:
             return None
-        feet = feet_x, feet_y, feet_z = self._feet_m
+        # Turn eyes and direction from {H} into {W}. This runs for every ray, so the products are written out.
+        cos_yaw, sin_yaw = self._turn
+        feet = self._feet_m
         x, y, z = ray.origin_m
-        c, s = self._turn
-        eyes = (feet_x + (c * x - s * y), feet_y + (s * x + c * y), feet_z + z)
-        x, y, z = ray.direction if self._bias_rad == 0.0 else _lowered(ray.direction, self._bias_rad)
-        direction = vector.normalized((c * x - s * y, s * x + c * y, z))
-        stamp_ns = ray.stamp_ns
-        self._cast = cast = eyes, direction, feet, stamp_ns
+        eyes = (feet[0] + (cos_yaw * x - sin_yaw * y), feet[1] + (sin_yaw * x + cos_yaw * y), feet[2] + z)
+        unbiased = ray.direction
+        if self._bias_rad != 0.0:
+            unbiased = _lowered(ray.direction, self._bias_rad)
+        x, y, z = unbiased
+        direction = vector.normalized((cos_yaw * x - sin_yaw * y, sin_yaw * x + cos_yaw * y, z))
+        world_ray = (eyes, direction, feet, ray.stamp_ns)
+        self._newest_ray = world_ray
+
         if not self._pointing:
             return None
-        self._newest_ns = stamp_ns
-        self._shown = True
+        self._newest_ns = ray.stamp_ns
+        self._is_shown = True
         if self._workspace is None and not self._is_chosen:
             self._workspace = self._start.create(eyes, direction, feet)
-        return self._cursor(cast)
+        return self._cursor(world_ray)
 
     def cue(self) -> Feedback | None:
         """Return a cue if the person has pointed past everything for a while with the last ray."""
-        return None if self._point is not None else self.passing.cue(self._newest_ns)
+        if self._point is not None:
+            return None
+        return self.passing.cue(self._newest_ns)
 
-    def _cursor(self, cast: _Cast) -> Cursor:
+    def _cursor(self, ray: _WorldRay) -> Cursor:
         self._seq += 1
-        eyes, direction, feet, stamp_ns = cast
+        eyes, direction, feet, stamp_ns = ray
         if not is_in_range(eyes):  # a pose beyond the limits of messages
             self._point = None
             self.passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
-        lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
-        met = self._met(eyes, direction, feet)
-        if met is None or not is_in_range(met[2].point_m):
-            self._point = passed = None
+        lamps: tuple[LampMiss, ...] = ()
+        if self._lamps is not None:
+            lamps = self._lamps.near(eyes, direction)
+
+        # Nothing is met: the cursor has only the ray, and may tell how it passes
+        intersection = self._intersect(eyes, direction, feet)
+        if intersection is None or not is_in_range(intersection[3].point_m):
+            self._point = None
+            passed = None
             if self._workspace is None:
                 passed = self.passing.miss(eyes, direction, stamp_ns)
             else:
@@ -351,36 +369,41 @@ class PersonCursor:
                 lamps=lamps,
                 passed=passed,
             )
-        (surface, solid), name, (_, position_m, point_m, miss_m, miss_rad, range_m, uv_m) = met
-        self._point = point_m
+
+        surface, solid, surface_id, hit = intersection
+        self._point = hit.point_m
         self.passing.end()
         return _calculated_cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,
             surface=surface,
-            surface_id=name,
-            point_m=point_m,
-            position_m=position_m,
-            miss_m=miss_m,
-            miss_rad=miss_rad,
-            range_m=range_m,
+            surface_id=surface_id,
+            point_m=hit.point_m,
+            position_m=hit.position_m,
+            miss_m=hit.miss_m,
+            miss_rad=hit.miss_rad,
+            range_m=hit.range_m,
             solid=solid,
-            uv_m=uv_m,
+            uv_m=hit.uv_m,
             origin_m=eyes,
             direction=direction,
             lamps=lamps,
         )
 
-    def _met(
-        self, eyes: Vec3, direction: Vec3, feet: Vec3
-    ) -> tuple[tuple[SurfaceKind, Solid], str, Hit] | None:
-        """Return the intersection of the ray: kind for the cursor, id, and hit. None if there is none."""
+    def _intersect(self, eyes: Vec3, direction: Vec3, feet: Vec3) -> _Intersection | None:
+        """Return where the ray meets the workspace, or else the map, or None if it meets nothing."""
         workspace = self._workspace
         if workspace is not None:
             hit = workspace.intersect(eyes, direction, feet)
-            return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
-        met = self._surfaces.hit_test(eyes, direction)
-        return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])
+            if hit is None:
+                return None
+            return "none", workspace.solid, WORKSPACE_ID + workspace.kind, hit
+        surface_hit = self._surfaces.hit_test(eyes, direction)
+        if surface_hit is None:
+            return None
+        place, hit = surface_hit
+        surface, solid = PLACES[place.kind]
+        return surface, solid, place.id, hit
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:

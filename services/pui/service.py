@@ -154,7 +154,7 @@ class Pui(Service[PuiConfig]):
         """Replace the map by `room`. All users point at its things from now on."""
         self._room = room
         for person in self._persons.values():
-            person.use(room.surfaces, room.lamps)
+            person.change_map(room.surfaces, room.lamps)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         """Use the site's map in a shard. If it is unusable, the default pui serves the shard's users."""

@@ -73,7 +73,7 @@ async def test_message_with_an_invalid_topic_is_ignored_and_the_connection_stays
             async with connected(options) as client:
                 await client.subscribe("#")
                 async for message in client.messages:
-                    topics.append(str(message.topic))  # noqa: PERF401 - it never ends
+                    topics.append(str(message.topic))
 
         async with background(keep_connected(serve, lost.append, has_user=False, retry_s=0.0)):
             await until(lambda: "a/c" in topics, what="the last message")

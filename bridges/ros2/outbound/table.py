@@ -50,9 +50,9 @@ def static_frames(room: Environment, context: ConversionContext) -> Converted:
         (f"lamp/{lamp.id}", lamp.position_m, rotation.IDENTITY) for lamp in room.lamps
     ]
     for (kind, name), line in context.state.lines.items():
-        way = line.tangent_at(0.0)
-        turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
-        children.append((values.text(f"{kind}/{name}"), line.point_at(0.0), turned))
+        tangent = line.tangent_at(0.0)
+        orientation = rotation.from_azimuth_elevation(vector.azimuth(tangent), vector.elevation(tangent))
+        children.append((values.text(f"{kind}/{name}"), line.point_at(0.0), orientation))
     return (transforms(context, children[:MAX_FRAMES]),)
 
 
@@ -72,32 +72,40 @@ def diagnostics(health: Health, context: ConversionContext) -> Converted:
     def value(key: str, text: str) -> Any:
         return types.make("diagnostic_msgs/msg/KeyValue", key=values.text(key), value=values.text(text))
 
-    pairs = [value(key, text) for key, text in _figures(health)[:MAX_VALUES]]
-    is_well = health.status == "ok" and not health.warnings
+    level = OK
+    message = health.status
+    if health.warnings:
+        message = "; ".join(health.warnings)
+    if health.warnings or health.status != "ok":
+        level = WARN
+    figures = _figures(health)[:MAX_VALUES]
     status = types.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
-        level=OK if is_well else WARN,
+        level=level,
         name=values.text(f"pointit: {health.instance}"),
-        message=values.text("; ".join(health.warnings) or health.status),
+        message=values.text(message),
         hardware_id=values.text(health.host),
-        values=pairs,
+        values=[value(key, text) for key, text in figures],
     )
-    made = types.make(
+    array = types.make(
         "diagnostic_msgs/msg/DiagnosticArray",
         header=values.header(types, context.stamp_ns, ""),
         status=[status],
     )
-    return (made,)
+    return (array,)
 
 
 def _figures(health: Health) -> list[tuple[str, str]]:
+    """Return names and values of all that one service reports."""
     pairs = [("errors", str(health.errors)), ("uptime, s", f"{health.uptime_s:.0f}")]
     for name, spread in (("latency", health.latency), ("step", health.step)):
         if spread is not None:
             pairs.append((f"{name} p50, ms", f"{spread.p50_s * 1e3:.3f}"))
             pairs.append((f"{name} p99, ms", f"{spread.p99_s * 1e3:.3f}"))
-    pairs += [(f"{figure.name} {figure.unit}".strip(), f"{figure.value:g}") for figure in health.figures]
-    pairs += [(f"{key.key} {key.direction}, Hz", f"{key.rate_hz:.1f}") for key in health.keys]
+    for figure in health.figures:
+        pairs.append((f"{figure.name} {figure.unit}".strip(), f"{figure.value:g}"))
+    for key in health.keys:
+        pairs.append((f"{key.key} {key.direction}, Hz", f"{key.rate_hz:.1f}"))
     return pairs
 
 
@@ -107,28 +115,42 @@ def detection(event: SelectionEvent, context: ConversionContext, *, is_on: bool)
     Nothing unless a thing fired or was switched on, or went off if not `is_on`.
     """
     state = context.state
-    things = () if state.room is None else state.room.things
-    is_reaction = any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in things)
-    if event.is_on != is_on or not is_reaction:
+    if event.is_on != is_on or not _is_reaction(event, state.room):
         return ()
     make = state.types.make
-    found = next((item for item in state.tracked() if item.id == event.object_id), None)
+
+    # The thing, and how sure the selection is
     hypothesis = make(
         "vision_msgs/msg/ObjectHypothesis",
         class_id=values.text(event.object_id),
         score=event.confidence or 0.0,
     )
     result = make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis)
+
+    # Its box, empty if no tracker sees the thing
     box = make("vision_msgs/msg/BoundingBox3D")
-    if found is not None:
-        length_m = found.length_m
+    tracked_object = next((item for item in state.tracked() if item.id == event.object_id), None)
+    if tracked_object is not None:
+        length_m = tracked_object.length_m
+        orientation = rotation.from_yaw(tracked_object.yaw_rad or 0.0)
+        size_m = tracked_object.size_m or (length_m, length_m, length_m)
         box = make(
             "vision_msgs/msg/BoundingBox3D",
-            center=values.pose(state.types, found.position_m, rotation.from_yaw(found.yaw_rad or 0.0)),
-            size=values.vector3(state.types, found.size_m or (length_m, length_m, length_m)),
+            center=values.pose(state.types, tracked_object.position_m, orientation),
+            size=values.vector3(state.types, size_m),
         )
-    who = values.text(event.user)
-    return values.stamped(context, "vision_msgs/msg/Detection3D", id=who, results=[result], bbox=box)
+    user = values.text(event.user)
+    return values.stamped(context, "vision_msgs/msg/Detection3D", id=user, results=[result], bbox=box)
+
+
+def _is_reaction(event: SelectionEvent, room: Environment | None) -> bool:
+    """Return True if `event` is what the mode of its thing in `room` makes of a selection."""
+    if room is None:
+        return False
+    for thing in room.things:
+        if thing.id == event.object_id and event.is_reaction(thing.mode):
+            return True
+    return False
 
 
 POINTING_HZ = 50.0
@@ -158,84 +180,132 @@ def _standard() -> tuple[OutboundRoute, ...]:
     rosout = Rosout()
     return (
         OutboundRoute(
-            *("pose", "/{user}/pose", "geometry_msgs/msg/PoseStamped"),
-            *(LATCHED, (topics.POSE,), person.pose),
+            name="pose",
+            ros="/{user}/pose",
+            type="geometry_msgs/msg/PoseStamped",
+            qos=LATCHED,
+            reads=(topics.POSE,),
+            by=person.pose,
             rate_hz=POINTING_HZ,
             context="where a person stands, and where x of their IMU points",
         ),
         OutboundRoute(
-            *(
-                "pose_with_covariance",
-                "/{user}/pose_with_covariance",
-                "geometry_msgs/msg/PoseWithCovarianceStamped",
-            ),
-            *(LATCHED, (topics.POSE,), person.pose_with_covariance),
+            name="pose_with_covariance",
+            ros="/{user}/pose_with_covariance",
+            type="geometry_msgs/msg/PoseWithCovarianceStamped",
+            qos=LATCHED,
+            reads=(topics.POSE,),
+            by=person.pose_with_covariance,
             rate_hz=POINTING_HZ,
             context="the same, and how sure that is",
         ),
         OutboundRoute(
-            *("tf", "/tf", "tf2_msgs/msg/TFMessage"),
-            *(_MANY, (topics.POSE,), person.transform),
+            name="tf",
+            ros="/tf",
+            type="tf2_msgs/msg/TFMessage",
+            qos=_MANY,
+            reads=(topics.POSE,),
+            by=person.transform,
             is_each=True,
             repeat_hz=TF_HZ,
             context="a person's frame in the world; not of people whose frame somebody else gives",
         ),
         OutboundRoute(
-            *("tf_static", "/tf_static", "tf2_msgs/msg/TFMessage"),
-            *(LATCHED, (topics.MAP,), static_frames),
+            name="tf_static",
+            ros="/tf_static",
+            type="tf2_msgs/msg/TFMessage",
+            qos=LATCHED,
+            reads=(topics.MAP,),
+            by=static_frames,
             context="lamps, starts of belts and strips, all in one message",
         ),
         OutboundRoute(
-            *("imu", "/{user}/imu", "sensor_msgs/msg/Imu"),
-            *(_STREAM, (topics.IMU,), person.imu),
+            name="imu",
+            ros="/{user}/imu",
+            type="sensor_msgs/msg/Imu",
+            qos=_STREAM,
+            reads=(topics.IMU,),
+            by=person.imu,
             rate_hz=POINTING_HZ,
             frame=PERSON,
             context="the arm's orientation, turning and acceleration, all in the person's frame",
         ),
         OutboundRoute(
-            *("cursor", "/{user}/cursor", "geometry_msgs/msg/PointStamped"),
-            *(_STREAM, (topics.CURSOR,), person.cursor),
+            name="cursor",
+            ros="/{user}/cursor",
+            type="geometry_msgs/msg/PointStamped",
+            qos=_STREAM,
+            reads=(topics.CURSOR,),
+            by=person.cursor,
             rate_hz=POINTING_HZ,
             context="where a person's ray meets the room",
         ),
         OutboundRoute(
-            *("goal_pose", "/{user}/goal_pose", "geometry_msgs/msg/PoseStamped"),
-            *(_STREAM, (topics.GOAL,), person.goal),
+            name="goal_pose",
+            ros="/{user}/goal_pose",
+            type="geometry_msgs/msg/PoseStamped",
+            qos=_STREAM,
+            reads=(topics.GOAL,),
+            by=person.goal,
             context="where a person sends a robot, confirmed",
         ),
         OutboundRoute(
-            *("thing_on", "/pointit/thing_on", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), functools.partial(detection, is_on=True)),
+            name="thing_on",
+            ros="/pointit/thing_on",
+            type="vision_msgs/msg/Detection3D",
+            qos=_STREAM,
+            reads=(topics.SELECTION_EVENTS,),
+            by=functools.partial(detection, is_on=True),
             context="a thing of the map fired, or was switched on: thing, user and probability",
         ),
         OutboundRoute(
-            *("thing_off", "/pointit/thing_off", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), functools.partial(detection, is_on=False)),
+            name="thing_off",
+            ros="/pointit/thing_off",
+            type="vision_msgs/msg/Detection3D",
+            qos=_STREAM,
+            reads=(topics.SELECTION_EVENTS,),
+            by=functools.partial(detection, is_on=False),
             context="a thing of the map was switched off",
         ),
         OutboundRoute(
-            *("is_pointing", "/{user}/is_pointing", "std_msgs/msg/Bool"),
-            *(LATCHED, (topics.INTERACTION,), person.is_pointing),
+            name="is_pointing",
+            ros="/{user}/is_pointing",
+            type="std_msgs/msg/Bool",
+            qos=LATCHED,
+            reads=(topics.INTERACTION,),
+            by=person.is_pointing,
             on_change=True,
             context="whether a person points",
         ),
         OutboundRoute(
-            *("clock", "/clock", "rosgraph_msgs/msg/Clock"),
-            *(_NEWEST, (topics.CLOCK,), clock),
+            name="clock",
+            ros="/clock",
+            type="rosgraph_msgs/msg/Clock",
+            qos=_NEWEST,
+            reads=(topics.CLOCK,),
+            by=clock,
             repeat_hz=CLOCK_HZ,
             repeat_for_s=CLOCK_S,
             yields=True,
             context="the site's time, while it is simulated",
         ),
         OutboundRoute(
-            *("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
-            *(_STREAM, (topics.HEALTH,), diagnostics),
+            name="diagnostics",
+            ros="/diagnostics",
+            type="diagnostic_msgs/msg/DiagnosticArray",
+            qos=_STREAM,
+            reads=(topics.HEALTH,),
+            by=diagnostics,
             is_each=True,
             context="health of every service",
         ),
         OutboundRoute(
-            *("rosout", "/rosout", "rcl_interfaces/msg/Log"),
-            *(ROSOUT, (topics.HEALTH,), rosout),
+            name="rosout",
+            ros="/rosout",
+            type="rcl_interfaces/msg/Log",
+            qos=ROSOUT,
+            reads=(topics.HEALTH,),
+            by=rosout,
             is_each=True,
             rate_hz=LOG_HZ,
             begins=rosout.begin,
@@ -243,21 +313,31 @@ def _standard() -> tuple[OutboundRoute, ...]:
             context="what goes wrong with a service, once, and when it is over",
         ),
         OutboundRoute(
-            *("markers", "/pointit/markers", "visualization_msgs/msg/MarkerArray"),
-            *(
-                _NEWEST,
-                (
-                    *(topics.CURSOR, topics.OBJECTS, topics.POSE, topics.SELECTION, topics.INTERACTION),
-                    *(topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING),
-                ),
-                Markers(),
+            name="markers",
+            ros="/pointit/markers",
+            type="visualization_msgs/msg/MarkerArray",
+            qos=_NEWEST,
+            reads=(
+                topics.CURSOR,
+                topics.OBJECTS,
+                topics.POSE,
+                topics.SELECTION,
+                topics.INTERACTION,
+                topics.ROBOT_STATE,
+                topics.ROBOT_PLAN,
+                topics.STEERING,
             ),
+            by=Markers(),
             rate_hz=DRAWN_HZ,
             context="rays, cursors, people, objects, robots and their owners, for RViz and Foxglove",
         ),
         OutboundRoute(
-            *("map_markers", "/pointit/map_markers", "visualization_msgs/msg/MarkerArray"),
-            *(LATCHED, (topics.MAP,), map_markers),
+            name="map_markers",
+            ros="/pointit/map_markers",
+            type="visualization_msgs/msg/MarkerArray",
+            qos=LATCHED,
+            reads=(topics.MAP,),
+            by=map_markers,
             context="the map: belts, strips, lamps, solids, fences",
         ),
     )
@@ -266,16 +346,24 @@ def _standard() -> tuple[OutboundRoute, ...]:
 def _toolkit() -> tuple[OutboundRoute, ...]:
     return (
         OutboundRoute(
-            *("pointing_ray", "/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped"),
-            *(_MANY, (topics.RAY,), person.pointing_ray),
+            name="pointing_ray",
+            ros="/{user}/pointing_ray",
+            type="geometry_msgs/msg/PoseStamped",
+            qos=_MANY,
+            reads=(topics.RAY,),
+            by=person.pointing_ray,
             rate_hz=POINTING_HZ,
             frame=PERSON,
             has_user_publisher=True,
             context="a person's ray: from the eyes along x",
         ),
         OutboundRoute(
-            *("rotation", "/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped"),
-            *(_STREAM, (topics.IMU,), person.rotation_of_arm),
+            name="rotation",
+            ros="/{user}/metawear_ros/rotation",
+            type="geometry_msgs/msg/QuaternionStamped",
+            qos=_STREAM,
+            reads=(topics.IMU,),
+            by=person.rotation_of_arm,
             rate_hz=POINTING_HZ,
             yields=True,
             frame=PERSON,
@@ -283,61 +371,97 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             context="how a person's arm is turned",
         ),
         OutboundRoute(
-            *("button", "/{user}/metawear_ros/button", "std_msgs/msg/Bool"),
-            *(LATCHED, (topics.BUTTON,), person.button),
+            name="button",
+            ros="/{user}/metawear_ros/button",
+            type="std_msgs/msg/Bool",
+            qos=LATCHED,
+            reads=(topics.BUTTON,),
+            by=person.button,
             yields=True,
             apart_s=person.BUTTON_DOWN_S,
             has_user_publisher=True,
             context="a person's button: true, then false",
         ),
         OutboundRoute(
-            *("state_transition", "/{user}/state_transition", "conveyor_msgs/msg/State"),
-            *(LATCHED, (topics.INTERACTION,), person.state),
+            name="state_transition",
+            ros="/{user}/state_transition",
+            type="conveyor_msgs/msg/State",
+            qos=LATCHED,
+            reads=(topics.INTERACTION,),
+            by=person.state,
             on_change=True,
             has_user_publisher=True,
             context="where a person is in the interaction",
         ),
         OutboundRoute(
-            *("subscription", "/PUI_subscription", "conveyor_msgs/msg/PUISubscription"),
-            *(_STREAM, (topics.INTERACTION,), person.subscription),
+            name="subscription",
+            ros="/PUI_subscription",
+            type="conveyor_msgs/msg/PUISubscription",
+            qos=_STREAM,
+            reads=(topics.INTERACTION,),
+            by=person.subscription,
             is_each=True,
             on_change=True,
             has_user_publisher=True,
             context="request for a cursor of a pointing person, for a pui_node of the ROS toolkit",
         ),
         OutboundRoute(
-            *("packages", "/packages", "conveyor_msgs/msg/PackageList"),
-            *(_NEWEST, (topics.OBJECTS,), person.packages),
+            name="packages",
+            ros="/packages",
+            type="conveyor_msgs/msg/PackageList",
+            qos=_NEWEST,
+            reads=(topics.OBJECTS,),
+            by=person.packages,
             rate_hz=POINTING_HZ,
             yields=True,
             context="what moves on belts and strips",
         ),
         OutboundRoute(
-            *("selected_packages", "/selected_packages", "conveyor_msgs/msg/PackageUIDList"),
-            *(LATCHED, (topics.SELECTION,), person.selected),
+            name="selected_packages",
+            ros="/selected_packages",
+            type="conveyor_msgs/msg/PackageUIDList",
+            qos=LATCHED,
+            reads=(topics.SELECTION,),
+            by=person.selected,
             on_change=True,
             context="what is selected",
         ),
         OutboundRoute(
-            *("pointers", "/pointers", "conveyor_msgs/msg/PointerList"),
-            *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), person.pointers),
+            name="pointers",
+            ros="/pointers",
+            type="conveyor_msgs/msg/PointerList",
+            qos=_NEWEST,
+            reads=(topics.CURSOR, topics.HOVER, topics.INTERACTION),
+            by=person.pointers,
             rate_hz=POINTING_HZ,
             context="pointing people, with line, position on it and target",
         ),
         OutboundRoute(
-            *("led_strips", "/led_strips", "led_strip_msgs/msg/LedStrips"),
-            *(_NEWEST, (topics.STRIPS_FRAME,), led_strips),
+            name="led_strips",
+            ros="/led_strips",
+            type="led_strip_msgs/msg/LedStrips",
+            qos=_NEWEST,
+            reads=(topics.STRIPS_FRAME,),
+            by=led_strips,
             rate_hz=60.0,
             context="pixels of every strip",
         ),
         OutboundRoute(
-            *("lamp_color", "/{led}/color", "std_msgs/msg/ColorRGBA"),
-            *(_NEWEST, (topics.LAMP_COLOR,), lamp_color),
+            name="lamp_color",
+            ros="/{led}/color",
+            type="std_msgs/msg/ColorRGBA",
+            qos=_NEWEST,
+            reads=(topics.LAMP_COLOR,),
+            by=lamp_color,
             context="what a lamp shows",
         ),
         OutboundRoute(
-            *("step_number", "/step_number", "std_msgs/msg/Int32"),
-            *(LATCHED, (topics.CONVEYOR_STATE,), person.step_number),
+            name="step_number",
+            ros="/step_number",
+            type="std_msgs/msg/Int32",
+            qos=LATCHED,
+            reads=(topics.CONVEYOR_STATE,),
+            by=person.step_number,
             on_change=True,
             context="step of the feeding schedule",
         ),

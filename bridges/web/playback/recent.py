@@ -148,7 +148,7 @@ class Lanes:
             if body.object_id or ("hover", name, "") in self._open:
                 self._set("hover", name, "", self._called(body.object_id), at_ns)
         elif isinstance(body, SelectionEvent | ActOutcome):
-            self._on_event(self._act_results.take(body), at_ns)
+            self._on_event(self._act_results.event_to_show(body), at_ns)
         elif isinstance(body, Health):
             problems = [each for each in body.all_problems if each.severity == "warning"]
             text = f"{name}: {'; '.join(each.sentence for each in problems)}" if problems else ""

@@ -60,36 +60,43 @@ def command(
     Example: pointit audit --user anna --since 2h
     """
     check_name(site, "site")
+    if assistants and (user or object_id):
+        raise ConfigError("--assistants excludes --user and --object; use --json and filter its arguments")
+    oldest_ns = since_ns(since, time.time_ns())
+    about = f"of site {site}, the latest last"
+
+    # Calls of assistants are in a file of their own
     if assistants:
-        if user or object_id:
-            raise ConfigError(
-                "--assistants excludes --user and --object; use --json and filter its arguments"
-            )
-        calls = deque(_calls(site, since_ns(since, time.time_ns())), maxlen=last)
-        plain = tuple(calls if as_json else map(_call_row, calls))
-        show(
-            [OutputSection(name="calls", about=f"of site {site}, the latest last", rows=plain)],
-            as_json=as_json,
-        )
+        calls = tuple(deque(_calls(site, oldest_ns), maxlen=last))
+        if not as_json:
+            calls = tuple(_call_row(call) for call in calls)
+        show([OutputSection(name="calls", about=about, rows=calls)], as_json=as_json)
         return
+
+    # Selections are in the journal of the selector
     path = site_folder(site, "selector") / FILE
-    records = _read(path, site, user=user, object_id=object_id, since_ns=since_ns(since, time.time_ns()))
-    last_records = deque(records, maxlen=last)
-    rows = tuple(_plain(record) if as_json else _row(record) for record in last_records)
+    records = _read(path, site, user=user, object_id=object_id, since_ns=oldest_ns)
+    to_row = _plain if as_json else _row
+    rows = tuple(to_row(record) for record in deque(records, maxlen=last))
     if not rows and not as_json:
         click.echo(f"no matching entry is in {path}")
         return
-    show([OutputSection(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
+    show([OutputSection(name="events", about=about, rows=rows)], as_json=as_json)
 
 
 def _calls(site: str, since_ns: int) -> Iterator[dict[str, Any]]:
+    """Yield what assistants asked of `site` since then, the oldest first."""
     module = import_room("pointit.assistants.audit_file", "mcp")
-    return (each for each in module.read_audit(site) if each.get("stamp_ns", 0) >= since_ns)
+    for call in module.read_audit(site):
+        if call.get("stamp_ns", 0) >= since_ns:
+            yield call
 
 
-def _call_row(record: dict[str, Any]) -> dict[str, Any]:
-    names = ("call", "caller", "role", "tool", "arguments", "outcome", "text")
-    return {"when": _when(record["stamp_ns"]), **{name: record.get(name, "") for name in names}}
+def _call_row(call: dict[str, Any]) -> dict[str, Any]:
+    row = {"when": _when(call["stamp_ns"])}
+    for column in ("call", "caller", "role", "tool", "arguments", "outcome", "text"):
+        row[column] = call.get(column, "")
+    return row
 
 
 def since_ns(text: str, now_ns: int) -> int:
@@ -100,16 +107,19 @@ def since_ns(text: str, now_ns: int) -> int:
     """
     if not text:
         return 0
-    ago = AGO.fullmatch(text.strip())
+    duration = AGO.fullmatch(text.strip())
     try:
-        if ago:
-            return max(0, now_ns - int(float(ago[1]) * UNITS_S[ago[2]] * NS_PER_S))
-        when = dt.datetime.fromisoformat(text.strip())
-        return max(0, int(when.timestamp() * NS_PER_S))
+        if duration:
+            number, unit = duration.groups()
+            duration_s = float(number) * UNITS_S[unit]
+            time_ns = now_ns - int(duration_s * NS_PER_S)
+        else:
+            time_ns = int(dt.datetime.fromisoformat(text.strip()).timestamp() * NS_PER_S)
     except (ValueError, OverflowError, OSError) as error:
         raise ConfigError(
             f"--since {text!r}: not a time; write a duration ago (30min, 2h, 7d) or a date (2026-03-01T14:30)"
         ) from error
+    return max(0, time_ns)
 
 
 def _read(path: Path, site: str, *, user: str, object_id: str, since_ns: int) -> list[Record]:
@@ -143,8 +153,11 @@ def _row(record: Record) -> dict[str, Any]:
 
 def _when(stamp_ns: int) -> str:
     when = dt.datetime.fromtimestamp(stamp_ns / NS_PER_S).astimezone()
-    return when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}"
+    milliseconds = when.microsecond // 1000
+    return f"{when:%Y-%m-%d %H:%M:%S}.{milliseconds:03d}"
 
 
 def _plain(record: Record) -> dict[str, Any]:
-    return {**dict(zip(FIELDS, record, strict=False)), "since_ns": record.since_ns or None}
+    fields = dict(zip(FIELDS, record, strict=False))
+    fields["since_ns"] = record.since_ns or None
+    return fields

@@ -376,14 +376,14 @@ class RunningScenario:
         self.began_s = time.monotonic()
         self.saw_cursor = False
         """A scenario before this one had a cursor."""
-        self._tell = tell
+        self._show_message = tell
         self._on_event_line = news
         self._on_end = on_end
         self._on_beside = on_beside
         self._deployment_publisher = DeploymentPublisher(bus)
         self._service_group: ServiceGroup | None = None
         self._companions = [_Companion(beside) for beside in plan.beside]
-        self._opening: list[asyncio.Task[None]] = []
+        self._companion_starts: list[asyncio.Task[None]] = []
 
     @property
     def end_s(self) -> float | None:
@@ -400,8 +400,10 @@ class RunningScenario:
     @property
     def address(self) -> str:
         """Return the URL of a service beside the scenario, such as the page, or `""`."""
-        there = (each for each in self._companions if each.has_begun and not each.is_lost)
-        return next((each.beside.address for each in there if each.beside.address), "")
+        for companion in self._companions:
+            if companion.has_begun and not companion.is_lost and companion.beside.address:
+                return companion.beside.address
+        return ""
 
     async def begin(self) -> None:
         """Start the plan's services, and beside them what it waits for, or else starts in the background.
@@ -409,16 +411,19 @@ class RunningScenario:
         Raises:
             Exception: The error that ended a service at startup.
         """
-        for each in self._companions:
-            if each.beside.WAIT_S:
-                await each.begin(self._cast_of([each.beside.launch()], on_end=each.check))
-                await _until_present(self.bus, each.beside)
-        await self._set(self.plan)
-        self._opening = [
-            asyncio.create_task(self._open(each), name=f"opening the {each.beside.WHAT}")
-            for each in self._companions
-            if not each.beside.WAIT_S
-        ]
+        in_background: list[_Companion] = []
+        for companion in self._companions:
+            if not companion.beside.WAIT_S:
+                in_background.append(companion)
+                continue
+            group = self._new_group([companion.beside.launch()], on_end=companion.check)
+            await companion.begin(group)
+            await _until_present(self.bus, companion.beside)
+        await self._start(self.plan)
+        for companion in in_background:
+            starting = self._start_companion(companion)
+            task = asyncio.create_task(starting, name=f"starting the {companion.beside.WHAT}")
+            self._companion_starts.append(task)
 
     async def switch_to(self, plan: Plan) -> None:
         """Run `plan` in place of the current plan. If it cannot start, restart the current plan.
@@ -426,19 +431,20 @@ class RunningScenario:
         Raises:
             ConfigError: If it cannot start, with the reason.
         """
-        before = self.plan
-        await claim_names(self.bus, USER_ALIVE, set(plan.users) - set(before.users))
-        await self._strike()
+        previous = self.plan
+        new_users = set(plan.users) - set(previous.users)
+        await claim_names(self.bus, USER_ALIVE, new_users)
+        await self._stop()
         try:
-            await self._set(plan)
+            await self._start(plan)
         except Exception as error:
-            await self._strike()
-            await self._set(before)
+            await self._stop()
+            await self._start(previous)
             raise ConfigError(
-                f"{plan.name} could not start ({_sentence(error)}); {before.name} was restarted"
+                f"{plan.name} could not start ({_sentence(error)}); {previous.name} was restarted"
             ) from error
         for note in plan.notes:
-            self._tell(note)
+            self._show_message(note)
 
     async def end(self) -> None:
         """Stop everything.
@@ -446,43 +452,50 @@ class RunningScenario:
         Raises:
             Exception: The error that ended a service before.
         """
-        for task in self._opening:
+        for task in self._companion_starts:
             task.cancel()
-        if self._opening:
-            await asyncio.wait(self._opening)
+        if self._companion_starts:
+            await asyncio.wait(self._companion_starts)
+
         self.monitor.detach()  # the summary needs the last state of people who leave now
         if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._deployment_publisher.retract()
-        last = sorted(self._companions, key=lambda each: each.beside.WAIT_S)  # a page shows the end
-        for group in (self._service_group, *(each.group for each in last)):
-            if group is not None:
-                await group.end()
+
+        # The companions end after it, since a page shows the end, and last those that it waited for.
+        if self._service_group is not None:
+            await self._service_group.end()
+        for companion in sorted(self._companions, key=lambda companion: companion.beside.WAIT_S):
+            if companion.group is not None:
+                await companion.group.end()
         if self._service_group is not None:
             self._service_group.check()
 
-    async def _set(self, plan: Plan) -> None:
+    async def _start(self, plan: Plan) -> None:
+        """Start the services of `plan` with a new monitor, and publish the deployment."""
         self.plan = plan
+        watchers = [watcher(plan.launches) for watcher in (*present(WATCHERS), *plan.watchers)]
         self.monitor = Monitor(
             RunScore(plan.target_kinds),
             self.clock,
             person=plan.person,
             tell=self._on_event_line,
-            watchers=[watcher(plan.launches) for watcher in (*present(WATCHERS), *plan.watchers)],
+            watchers=watchers,
         )
         self.monitor.attach(self.bus)
         for launch in plan.launches:
             if launch.service.SHARDS and launch.name:
                 continue  # the site's is another's
             launch.service.discard_saved_state(self.bus.site, self.clock.now_ns())
-        self._service_group = self._cast_of(plan.launches, on_end=self._on_end)
-        where = (self._link.listen or self._link.connect)[0]
-        names = ", ".join(launch.instance for launch in plan.launches)
-        log.info("%s of site %s at %s: %s", plan.name, self.bus.site, where, names)
-        self._post()
+        self._service_group = self._new_group(plan.launches, on_end=self._on_end)
+
+        addresses = self._link.listen or self._link.connect
+        instances = ", ".join(launch.instance for launch in plan.launches)
+        log.info("%s of site %s at %s: %s", plan.name, self.bus.site, addresses[0], instances)
+        self._publish_deployment()
         self.began_s = time.monotonic()
         await self._service_group.begin()
 
-    async def _strike(self) -> None:
+    async def _stop(self) -> None:
         """Stop the scenario. Return when no retained state of it is left."""
         self._deployment_publisher.retract()
         if self._service_group is not None:
@@ -492,42 +505,43 @@ class RunningScenario:
         self.monitor.detach()
         await asyncio.sleep(GONE_S)
 
-    def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
+    def _new_group(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
         link = self._link if self.plan.processes else None
         return ServiceGroup(launches, self.bus, self.clock, link=link, on_end=on_end)
 
-    async def _open(self, each: _Companion) -> None:
+    async def _start_companion(self, companion: _Companion) -> None:
         try:
-            launch = await asyncio.to_thread(each.beside.launch)
-            await each.begin(self._cast_of([launch], on_end=each.check))
+            launch = await asyncio.to_thread(companion.beside.launch)
+            await companion.begin(self._new_group([launch], on_end=companion.check))
         except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
-            each.give_up(error)
+            companion.give_up(error)
             return
-        each.has_begun = True
+        companion.has_begun = True
         if self._service_group is not None:  # else another scenario is about to start, and publishes both
-            self._post()
-        self._on_beside(each.beside)
+            self._publish_deployment()
+        self._on_beside(companion.beside)
 
-    def _post(self) -> None:
-        groups = (self._service_group, *(each.group for each in self._companions))
-        there = [group for group in groups if group is not None]
-        lines = [line for cast in there for line in zip(cast.launches, cast.commands(), strict=True)]
+    def _publish_deployment(self) -> None:
+        lines: list[Line] = []
+        for group in (self._service_group, *(companion.group for companion in self._companions)):
+            if group is not None:
+                lines += zip(group.launches, group.commands(), strict=True)
         self._deployment_publisher.post(self.plan, lines)
 
 
 async def _until_present(bus: Bus, beside: Beside) -> None:
     """Wait for a service, also as a process, but no longer than its `WAIT_S`."""
-    there = asyncio.Event()
+    is_present = asyncio.Event()
 
-    def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def on_presence(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present and name == beside.instance:
-            there.set()
+            is_present.set()
 
-    watching = bus.watch(SERVICE_ALIVE, look)
+    subscription = bus.watch(SERVICE_ALIVE, on_presence)
     try:
-        await wait_up_to(there, beside.WAIT_S)
+        await wait_up_to(is_present, beside.WAIT_S)
     finally:
-        watching.close()
+        subscription.close()
 
 
 def _sentence(error: BaseException) -> str:

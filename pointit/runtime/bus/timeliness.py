@@ -81,17 +81,19 @@ REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a si
 
 
 @dataclass(slots=True)
-class _Pace:
-    quickest_s: float
-    came_s: float
-    """Arrival of the last message, s (monotonic)."""
+class _Delay:
+    """Delays of the messages of one name. All times are monotonic, s."""
+
+    fastest_s: float
+    """Reference: delay of the fastest recent message, which follows clocks that drift."""
+    last_arrival_s: float
     late_since_s: float | None = None
-    """Arrival of the first of the late messages in a row, s. None if the last message was in time."""
-    in_time_s: float = 0.0
-    """Arrival of the last message in time, s (monotonic), while later ones are late."""
-    min_s: float = 0.0
-    max_s: float = 0.0
-    """Largest lateness since then, s."""
+    """Arrival of the first of the late messages in a row. None if the last message was in time."""
+    last_in_time_s: float = 0.0
+    """Arrival of the last message in time, while later ones are late."""
+    min_late_s: float = 0.0
+    max_late_s: float = 0.0
+    """Range of the delays since `late_since_s`."""
 
 
 class LateMessageFilter:
@@ -102,43 +104,59 @@ class LateMessageFilter:
         """Number of late messages dropped."""
         self.by_s = 0.0
         """Delay of the last one dropped relative to the fastest, s."""
-        self._paces: dict[str, _Pace] = {}
+        self._delays: dict[str, _Delay] = {}
 
     def accepts(self, name: str, age_s: float, now_s: float) -> bool:
         """Return True if a message of `name` comes in time.
 
         `age_s`: arrival minus stamp, s; the two clocks may differ. `now_s`: arrival, s (monotonic).
         """
-        pace = self._paces.get(name)
-        if pace is None:
-            self._paces[name] = _Pace(age_s, now_s)
+        delay = self._delays.get(name)
+        if delay is None:
+            self._delays[name] = _Delay(age_s, now_s)
             return True
-        silent_s, pace.came_s = now_s - pace.came_s, now_s
-        # without `min`: its call would cost as much as the rest of this function
-        usual_s = pace.quickest_s + (FOLLOWS * silent_s if silent_s < GAP_S else MAX_FOLLOWED_SILENCE_S)
-        if age_s <= usual_s + LATE_S and silent_s <= FORGOTTEN_S:
-            pace.quickest_s = usual_s
-            if age_s < usual_s:
-                pace.quickest_s = age_s
-            pace.late_since_s = None
+        silent_s = now_s - delay.last_arrival_s
+        delay.last_arrival_s = now_s
+
+        # The reference grows with time, at most over a gap. Without `min`: its call would cost as much as the
+        # rest of this function.
+        if silent_s < GAP_S:
+            reference_s = delay.fastest_s + FOLLOWS * silent_s
+        else:
+            reference_s = delay.fastest_s + MAX_FOLLOWED_SILENCE_S
+
+        if age_s <= reference_s + LATE_S and silent_s <= FORGOTTEN_S:
+            delay.fastest_s = reference_s
+            if age_s < reference_s:
+                delay.fastest_s = age_s
+            delay.late_since_s = None
             return True
-        if pace.late_since_s is None:
-            pace.in_time_s = now_s - silent_s
-        if now_s - pace.in_time_s > FORGOTTEN_S or self._is_steady(pace, age_s, now_s, silent_s):
-            self._paces[name] = _Pace(age_s, now_s)
+
+        # It is late. A delay that has been constant, or late for very long, is the new reference.
+        if delay.late_since_s is None:
+            delay.last_in_time_s = now_s - silent_s
+        is_forgotten = now_s - delay.last_in_time_s > FORGOTTEN_S
+        if is_forgotten or self._is_steady(delay, age_s, now_s, silent_s):
+            self._delays[name] = _Delay(age_s, now_s)
             return True
         self.refused += 1
-        self.by_s = age_s - pace.quickest_s
+        self.by_s = age_s - delay.fastest_s
         return False
 
     @staticmethod
-    def _is_steady(pace: _Pace, age_s: float, now_s: float, silent_s: float) -> bool:
-        min_s, max_s = min(pace.min_s, age_s), max(pace.max_s, age_s)
-        if pace.late_since_s is None or silent_s > STALL_S or max_s - min_s > SPREAD_S:
-            pace.late_since_s, pace.min_s, pace.max_s = now_s, age_s, age_s
+    def _is_steady(delay: _Delay, age_s: float, now_s: float, silent_s: float) -> bool:
+        """Return True if the late messages of the last `STEADY_S` had the same delay."""
+        min_s = min(delay.min_late_s, age_s)
+        max_s = max(delay.max_late_s, age_s)
+        has_changed = silent_s > STALL_S or max_s - min_s > SPREAD_S
+        if delay.late_since_s is None or has_changed:
+            delay.late_since_s = now_s
+            delay.min_late_s = age_s
+            delay.max_late_s = age_s
             return False
-        pace.min_s, pace.max_s = min_s, max_s
-        return now_s - pace.late_since_s >= STEADY_S
+        delay.min_late_s = min_s
+        delay.max_late_s = max_s
+        return now_s - delay.late_since_s >= STEADY_S
 
 
 @dataclass(slots=True)
@@ -196,17 +214,22 @@ class ClockSkew:
 
     def sentence(self, here: str) -> str:
         """Return a description of the difference, as seen from the machine `here`."""
-        by = f"{abs(self.ahead_s) * 1e3:.0f} ms" if abs(self.ahead_s) < 1 else f"{abs(self.ahead_s):.1f} s"
-        way = "ahead of" if self.ahead_s > 0 else "behind"
-        unless = "" if self.ahead_s > 0 else ", unless its link alone has this delay"
-        what = (
-            "samples that cross the two are refused as too old or of the future"
-            if self.exceeds_limit
-            else "latency figures of what crosses the two are wrong by as much"
-        )
+        amount_s = abs(self.ahead_s)
+        amount = f"{amount_s:.1f} s"
+        if amount_s < 1:
+            amount = f"{amount_s * 1e3:.0f} ms"
+        direction = "ahead of"
+        exception = ""
+        if self.ahead_s <= 0:
+            direction = "behind"
+            exception = ", unless its link alone has this delay"
+        effect = "latency figures of what crosses the two are wrong by as much"
+        if self.exceeds_limit:
+            effect = "samples that cross the two are refused as too old or of the future"
         clock = f"the clock of machine {self.host}"
-        clock = f"the services of {self.claimant} say that {clock}" if self.claimant else clock
-        return f"{clock} is {by} {way} the clock of {here}{unless}: {what}"
+        if self.claimant:
+            clock = f"the services of {self.claimant} say that {clock}"
+        return f"{clock} is {amount} {direction} the clock of {here}{exception}: {effect}"
 
 
 class ClockSkewMonitor:
@@ -220,7 +243,7 @@ class ClockSkewMonitor:
         """Set the name of this machine, and the time for which a report counts."""
         self.here = here
         self._window_s = window_s
-        self._late: dict[tuple[str, str], collections.deque[tuple[float, float]]] = {}
+        self._reports: dict[tuple[str, str], collections.deque[tuple[float, float]]] = {}
         """Arrivals of reports (s, monotonic) with their delays since their stamps (s), by host and person."""
 
     def on_report(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float, person: str = "") -> None:
@@ -229,42 +252,72 @@ class ClockSkewMonitor:
         `person`: whose service it is of, or `""`.
         """
         key = one_line(host, LONGEST_HOST), person
-        late = self._late.get(key)
-        if late is None:
-            if len(self._late) >= MAX_HOSTS:
-                self._late.pop(min(self._late, key=lambda name: self._late[name][-1][0]))
-            late = self._late[key] = collections.deque(maxlen=4096)
-        late.append((now_s, (arrived_ns - stamp_ns) / 1e9))
+        reports = self._reports.get(key)
+        if reports is None:
+            if len(self._reports) >= MAX_HOSTS:
+                self._forget_most_silent()
+            reports = collections.deque(maxlen=4096)
+            self._reports[key] = reports
+        delay_s = (arrived_ns - stamp_ns) / 1e9
+        reports.append((now_s, delay_s))
 
     def skews(self, now_s: float) -> Iterator[ClockSkew]:
         """Yield the machines whose clocks differ from this one's by `APART_S` and more."""
-        for key, late in list(self._late.items()):
-            while late and now_s - late[0][0] > self._window_s:
-                late.popleft()
-            if not late:
-                del self._late[key]
-        own = max(0.0, min((value for _, value in self._late.get((self.here, ""), ())), default=0.0))
-        by_host: dict[str, list[ClockSkew]] = collections.defaultdict(list)
-        for (host, person), late in sorted(self._late.items()):
-            is_known = bool(person) and (host, "") in self._late  # a shared service tells it
-            ahead_s = _ahead_s(sorted(value for _, value in late), own)
-            if host != self.here and ahead_s and not is_known:
-                by_host[host].append(ClockSkew(host=host, ahead_s=ahead_s, claimant=person))
-        for skews in by_host.values():  # what two people say is no claim of one
-            yield replace(skews[0], claimant="") if len(skews) > 1 else skews[0]
+        self._forget_old(now_s)
+        own_s = max(0.0, min(self._delays_s(self.here, ""), default=0.0))
+
+        # A person's claim counts for machines of which no shared service reports.
+        skews_of: dict[str, list[ClockSkew]] = collections.defaultdict(list)
+        for host, person in sorted(self._reports):
+            if host == self.here:
+                continue
+            if person and (host, "") in self._reports:
+                continue
+            ahead_s = _ahead_s(sorted(self._delays_s(host, person)), own_s)
+            if ahead_s:
+                skews_of[host].append(ClockSkew(host=host, ahead_s=ahead_s, claimant=person))
+        for skews in skews_of.values():
+            if len(skews) > 1:  # what two people say is no claim of one
+                yield replace(skews[0], claimant="")
+            else:
+                yield skews[0]
+
+    def _delays_s(self, host: str, person: str) -> list[float]:
+        return [delay_s for _, delay_s in self._reports.get((host, person), ())]
+
+    def _forget_old(self, now_s: float) -> None:
+        for key, reports in list(self._reports.items()):
+            while reports and now_s - reports[0][0] > self._window_s:
+                reports.popleft()
+            if not reports:
+                del self._reports[key]
+
+    def _forget_most_silent(self) -> None:
+        def last_arrival_s(key: tuple[str, str]) -> float:
+            return self._reports[key][-1][0]
+
+        del self._reports[min(self._reports, key=last_arrival_s)]
 
 
-def _ahead_s(values: list[float], own_s: float) -> float:
-    """Return by how much the clock with the sorted delays `values` is ahead, s, 0 if that is not sure."""
-    behind_s = values[0] - own_s
-    if values[0] <= -APART_S and len(values) >= MIN_AHEAD:
-        return -values[0]
-    return -behind_s if behind_s >= APART_S and _is_sure([value - own_s for value in values]) else 0.0
+def _ahead_s(delays_s: list[float], own_s: float) -> float:
+    """Return by how much the clock with the sorted `delays_s` is ahead, s, 0 if that is not sure."""
+    fastest_s = delays_s[0]
+    if fastest_s <= -APART_S and len(delays_s) >= MIN_AHEAD:
+        return -fastest_s
+    behind_s = fastest_s - own_s
+    if behind_s < APART_S:
+        return 0.0
+    excess_s = [delay_s - own_s for delay_s in delays_s]
+    return -behind_s if _is_sure(excess_s) else 0.0
 
 
-def _is_sure(values: list[float]) -> bool:
-    """Return True if delays alone cannot explain the sorted `values`, s."""
-    if len(values) < (MIN_REFUSED if values[0] >= REFUSED_S else MIN_STEADY):
+def _is_sure(excess_s: list[float]) -> bool:
+    """Return True if delays alone cannot explain the sorted `excess_s` over this machine's own."""
+    count = len(excess_s)
+    fastest_s = excess_s[0]
+    needed = MIN_REFUSED if fastest_s >= REFUSED_S else MIN_STEADY
+    if count < needed:
         return False
-    share = MANY_STEADY if len(values) >= MIN_BEHIND else STEADY
-    return values[len(values) // 2] - values[0] <= share * values[0]
+    share = MANY_STEADY if count >= MIN_BEHIND else STEADY
+    median_s = excess_s[count // 2]
+    return median_s - fastest_s <= share * fastest_s

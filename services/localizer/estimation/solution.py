@@ -179,29 +179,29 @@ def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Arra
 STATES = PARAMETERS + 2
 """Those of the descent; yaw rate of {H} (rad/s); latency (s)."""
 
-STEPS = 2
-"""Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
+MAX_LINEARIZATIONS = 2
+CONVERGED_STEP = 0.2
+"""Largest change of x, y (m) and yaw (rad) after which the linearization still holds."""
 
-ROUNDS = 2
-LINEAR = 0.2
-"""Largest number of linearizations; a smaller step (m, rad) needs no other one."""
+PRIOR_UPDATES = 2
+"""Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
 
 DAMPING = 1.0
 """Information (1/m², 1/rad²) added in each step: what the rays hardly tell stays as the descent found it."""
 
-BELIEF = 3.0
+PRIOR_WEIGHT = 3.0
 """Weight of the assumed sigmas against the residuals, in measured angles."""
 
-GROSS = 5.0
-"""Number of sigmas at which residuals are clipped as outliers."""
+MAX_RESIDUAL_SIGMAS = 5.0
+"""Residuals are clipped here, as outliers."""
 
-STEEP = 0.2
-"""Lower bound of the cosine of the elevation: a steeper ray has no usable azimuth."""
+MIN_COS_ELEVATION = 0.2
+"""A steeper ray has no usable azimuth."""
 
-NOTHING = 1e-3
+MIN_INFORMATION = 1e-3
 """Information (1/m², 1/rad²) below which a direction is unknown; rounding stays far below."""
 
-VAGUE = 1e6
+UNKNOWN_VARIANCE = 1e6
 """Variance of unknown directions: m², rad²."""
 
 LATENCY = STATES - 1
@@ -236,52 +236,78 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
 
     The scatter is the variance of the whitened innovations over the assumed one.
     Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
-    `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
+    `UNKNOWN_VARIANCE` in unknown directions. A model error that turns all rays equally is part of the yaw of
+    pointing.
     """
-    likeness, share = _correlation(blocks, noise.independent_hz)
+    correlation, scale = _correlation(blocks, noise.independent_hz)
     samples = effective_samples(blocks, noise.independent_hz)
+    sigma_rad = noise.sigma_rad[:, None]
+    max_linearizations = MAX_LINEARIZATIONS if noise.independent_hz else 1
+
+    def whiten(values: Array) -> Array:
+        return _innovations(values, correlation, scale)
+
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
-    rounds = ROUNDS if noise.independent_hz else 1
+    linearizations = 0
     while True:
-        rounds -= 1
-        angles, jacobian = _linearized(rays, state, blocks)
-        sizes = np.hypot(*(angles / noise.sigma_rad[:, None]))
-        weight, variance = huber_weight(sizes), _variance(sizes, samples)
-        unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
-        flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
-        information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
+        # Linear system of the whitened residuals: outliers count less, and all less if they scatter more
+        linearizations += 1
+        residuals_rad, jacobian = _linearized(rays, state, blocks)
+        residual_sigmas = np.hypot(*(residuals_rad / sigma_rad))
+        weight = huber_weight(residual_sigmas)
+        variance = _variance(residual_sigmas, samples)
+        root_information = np.sqrt(weight / max(variance, 1.0)) / sigma_rad
+        white_jacobian = whiten(jacobian * root_information).reshape(STATES, -1)
+        white_residuals = whiten(residuals_rad * root_information).ravel()
+        information = white_jacobian @ white_jacobian.T
+        gradient = white_jacobian @ white_residuals
         if not np.isfinite(information).all():
             break
-        prior, moved = noise.prior.copy(), np.zeros(STATES)
-        for _ in range(STEPS):
-            moved = -np.linalg.solve(information + _EYE * (prior + DAMPING), slope + prior * state)
-            # Cauchy's tails, 1 / (σ² + x²): some trackers are late by far
-            prior[LATENCY] = 1.0 / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
-        state = state + moved
-        if rounds == 0 or np.abs(moved[:3]).max() < LINEAR:
+
+        # Damped Gauss-Newton step. The prior of the latency is Cauchy's, 1 / (σ² + x²), whose tails are
+        # heavy, since some trackers are late by far. It depends on the latency that the step leads to.
+        prior = noise.prior.copy()
+        step = np.zeros(STATES)
+        for _ in range(PRIOR_UPDATES):
+            damped_information = information + _EYE * (prior + DAMPING)
+            step = -np.linalg.solve(damped_information, gradient + prior * state)
+            latency_s = state[LATENCY] + step[LATENCY]
+            prior[LATENCY] = 1.0 / (1.0 / noise.prior[LATENCY] + latency_s**2)
+        state = state + step
+        has_converged = np.abs(step[:3]).max() < CONVERGED_STEP
+        if has_converged or linearizations == max_linearizations:
             break
     if not noise.independent_hz:
         state[:PARAMETERS] = pose
-    out, unknown = _inverse(information + _EYE * noise.prior)
-    turned = noise.considered[:, None, None] * _considered(rays)
-    shifted = out @ flat @ _independent(turned * unit, likeness, share).reshape(len(turned), -1).T
-    shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
-    out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
-    out[0, 0] += noise.body_sigma_m**2
-    out[1, 1] += noise.body_sigma_m**2
-    innovations = _independent(angles * np.sqrt(weight) / noise.sigma_rad[:, None], likeness, share)
+
+    # Shift of the state by one sigma of each considered error (Schmidt-Kalman)
+    covariance, unknown = _inverse(information + _EYE * noise.prior)
+    turns_rad = noise.considered[:, None, None] * _considered(rays)
+    white_turns = whiten(turns_rad * root_information).reshape(len(turns_rad), -1)
+    shifts = covariance @ white_jacobian @ white_turns.T
+    cos_elevations = np.maximum(rays.elevation_phasor.real, MIN_COS_ELEVATION)
+    shifts[2] += (turns_rad[:, 0] / cos_elevations).mean(axis=1)
+
+    # Add these, the unknown directions, and the eyes' position over the feet
+    covariance = covariance + shifts @ shifts.T + UNKNOWN_VARIANCE * unknown @ unknown.T
+    covariance[0, 0] += noise.body_sigma_m**2
+    covariance[1, 1] += noise.body_sigma_m**2
+    symmetric = np.asarray(0.5 * (covariance + covariance.T), dtype=np.float64)
+
+    innovations = whiten(residuals_rad * np.sqrt(weight) / sigma_rad)
     scatter = _variance(np.hypot(*innovations), np.ones(len(weight)))
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
+    return state, symmetric, scatter
 
 
-def _variance(sizes: Array, sample_weights: Array) -> float:
-    """Return the variance of errors of `sizes` sigmas (m), 1 if it is as assumed (Student's variance).
+def _variance(residual_sigmas: Array, sample_weights: Array) -> float:
+    """Return the variance of `residual_sigmas` (m), 1 if it is as assumed (Student's variance).
 
     The size of a person's errors is the same share of both sigmas.
     """
-    squares = float((sample_weights * np.minimum(sizes, GROSS) ** 2).sum())
-    freedom = max(2.0 * float(sample_weights.sum()) - PARAMETERS, 0.0)
-    return (BELIEF + squares) / (BELIEF + freedom - 2.0)
+    clipped = np.minimum(residual_sigmas, MAX_RESIDUAL_SIGMAS)
+    squares = float((sample_weights * clipped**2).sum())
+    degrees_of_freedom = max(2.0 * float(sample_weights.sum()) - PARAMETERS, 0.0)
+    return (PRIOR_WEIGHT + squares) / (PRIOR_WEIGHT + degrees_of_freedom - 2.0)
 
 
 def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:
@@ -291,19 +317,21 @@ def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:
     """
     hold = blocks.hold.astype(np.intp)
     if not independent_hz:
-        return np.zeros(len(hold)), 1.0 / np.sqrt(np.bincount(hold)[hold])
+        blocks_of_hold = np.bincount(hold)[hold]
+        return np.zeros(len(hold)), 1.0 / np.sqrt(blocks_of_hold)
     stamps_s = blocks.pointings.stamps_s
     steps_s = np.diff(stamps_s, prepend=stamps_s[0])
-    likeness = np.where(np.diff(hold, prepend=-1) == 0, np.exp(-independent_hz * steps_s), 0.0)
-    return likeness, 1.0 / np.sqrt(1.0 - likeness * likeness)
+    is_same_hold = np.diff(hold, prepend=-1) == 0
+    correlation = np.where(is_same_hold, np.exp(-independent_hz * steps_s), 0.0)
+    return correlation, 1.0 / np.sqrt(1.0 - correlation * correlation)
 
 
-def _independent(values: Array, likeness: Array, share: Array) -> Array:
+def _innovations(values: Array, correlation: Array, scale: Array) -> Array:
     """Return `values` (... x m) less what the ones before let expect, of equal variance."""
-    out = values.copy()
-    out[..., 1:] -= likeness[1:] * values[..., :-1]
-    out *= share
-    return out
+    innovations = values.copy()
+    innovations[..., 1:] -= correlation[1:] * values[..., :-1]
+    innovations *= scale
+    return innovations
 
 
 def _linearized(rays: Rays, state: Array, blocks: Blocks) -> tuple[Array, Array]:
@@ -312,21 +340,29 @@ def _linearized(rays: Rays, state: Array, blocks: Blocks) -> tuple[Array, Array]
     The yaw is that of the middle of the time. A moving target changes the residuals like the opposite
     movement of the person and the floor.
     """
+    # Correct for the drift of the yaw and the latency of the tracker
     stamps_s = blocks.pointings.stamps_s
-    since_s = stamps_s - 0.5 * (stamps_s[0] + stamps_s[-1])
-    straight = rays
+    middle_s = 0.5 * (stamps_s[0] + stamps_s[-1])
+    since_middle_s = stamps_s - middle_s
+    corrected_rays = rays
     if state[PARAMETERS:].any():
         yaw_rate_radps, latency_s = state[PARAMETERS:].tolist()
-        straight = replace(
+        corrected_rays = replace(
             rays,
-            azimuths_rad=rays.azimuths_rad + yaw_rate_radps * since_s,
+            azimuths_rad=rays.azimuths_rad + yaw_rate_radps * since_middle_s,
             targets_m=rays.targets_m + latency_s * blocks.velocities_mps,
         )
-    angles, slopes = (values[0] for values in residuals(straight, state[None, :PARAMETERS]))
-    passed = np.einsum("pan,np->an", slopes[[0, 1, 4]], blocks.velocities_mps)
-    out = np.empty((STATES, *angles.shape))
-    out[:PARAMETERS], out[PARAMETERS], out[LATENCY] = slopes, slopes[2] * since_s, -passed
-    return angles, out
+
+    # The descent works on batches of poses: here of one
+    batch_residuals, batch_jacobian = residuals(corrected_rays, state[None, :PARAMETERS])
+    residuals_rad = batch_residuals[0]
+    pose_jacobian = batch_jacobian[0]
+
+    jacobian = np.empty((STATES, *residuals_rad.shape))
+    jacobian[:PARAMETERS] = pose_jacobian
+    jacobian[PARAMETERS] = pose_jacobian[2] * since_middle_s
+    jacobian[LATENCY] = -np.einsum("pan,np->an", pose_jacobian[[0, 1, 4]], blocks.velocities_mps)
+    return residuals_rad, jacobian
 
 
 def _considered(rays: Rays) -> Array:
@@ -337,14 +373,23 @@ def _considered(rays: Rays) -> Array:
     azimuths fades where people point all round.
     """
     phasor = rays.inverse_azimuth.conjugate()
-    cos_az, sin_az = phasor.real, phasor.imag
-    cos_el, sin_el = rays.elevation_phasor.real, rays.elevation_phasor.imag
-    aside = (phasor * np.conj(phasor.mean())).imag
-    out = np.zeros((4, 2, len(aside)))
-    out[0, 0], out[0, 1] = -sin_az, -sin_el * cos_az
-    out[1, 0], out[1, 1] = cos_az, -sin_el * sin_az
-    out[2, 1], out[3, 0] = rays.elevations_rad - rays.elevations_rad.mean(), aside * cos_el
-    return out
+    cos_azimuth = phasor.real
+    sin_azimuth = phasor.imag
+    cos_elevation = rays.elevation_phasor.real
+    sin_elevation = rays.elevation_phasor.imag
+    turns = np.zeros((4, 2, len(phasor)))
+
+    # Finger forwards, and to the left
+    turns[0, 0] = -sin_azimuth
+    turns[0, 1] = -sin_elevation * cos_azimuth
+    turns[1, 0] = cos_azimuth
+    turns[1, 1] = -sin_elevation * sin_azimuth
+
+    # Exaggerated elevations and azimuths
+    turns[2, 1] = rays.elevations_rad - rays.elevations_rad.mean()
+    mean_phasor = phasor.mean()
+    turns[3, 0] = (phasor * np.conj(mean_phasor)).imag * cos_elevation
+    return turns
 
 
 def _inverse(information: Array) -> tuple[Array, Array]:
@@ -356,7 +401,7 @@ def _inverse(information: Array) -> tuple[Array, Array]:
     if not np.isfinite(information).all():
         return np.zeros_like(information), np.eye(len(information))
     values, vectors = np.linalg.eigh(information)
-    is_known = values > NOTHING
+    is_known = values > MIN_INFORMATION
     known = vectors[:, is_known]
     return np.asarray((known / values[is_known]) @ known.T, dtype=np.float64), vectors[:, ~is_known]
 

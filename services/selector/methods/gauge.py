@@ -54,7 +54,7 @@ class Gauges:
         return self._spent_s.get(object_id, 0.0)
 
     def step(
-        self, stamp_ns: int, hovered: str | None, *, fills: bool, full_s: float, near: Container[str] = ()
+        self, stamp_ns: int, hovered: str | None, *, fills: bool, full_s: float, not_left: Container[str] = ()
     ) -> str | None:
         """Process a cursor, later than the one before. Return the object whose gauge is full now, or None.
 
@@ -63,24 +63,31 @@ class Gauges:
             hovered: hovered object.
             fills: True if the gauge of that object fills, else it keeps its level.
             full_s: time that fills it, s.
-            near: latched objects that this cursor has not left.
+            not_left: latched objects that this cursor has not left.
         """
-        before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
-        elapsed_s = 0.0 if before_ns is None else (stamp_ns - before_ns) / NS_PER_S
-        self._unlatch(stamp_ns, near, has_gap=elapsed_s > self._gap_s)
-        is_filled = elapsed_s <= self._gap_s and hovered is not None
+        elapsed_s = 0.0
+        if self._stamp_ns is not None:
+            elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
+        self._stamp_ns = stamp_ns
+        has_gap = elapsed_s > self._gap_s
+        self._unlatch(stamp_ns, not_left, has_gap=has_gap)
+
+        # Others drain; after a gap the hovered object, too
         if self._fill:
-            self._drain_others(hovered if is_filled else None, elapsed_s)
-        if hovered is None or not is_filled or not fills or hovered in self._latched:
+            kept = None if has_gap else hovered
+            self._drain_others(kept, elapsed_s)
+        if hovered is None or has_gap:
             return None
+        if not fills or hovered in self._latched:
+            return None
+
+        # The hovered object fills, or fires
         fill = self._fill.get(hovered, 0.0) + elapsed_s / full_s
         if fill < 1.0 - 1e-9:
             self._fill[hovered] = fill
             self._spent_s[hovered] = self._spent_s.get(hovered, 0.0) + elapsed_s
             return None
-        self._fill.pop(hovered, None)
-        self._spent_s.pop(hovered, None)
-        self._latched[hovered] = None
+        self.latch(hovered)
         return hovered
 
     def latch(self, object_id: str) -> None:
@@ -94,17 +101,18 @@ class Gauges:
         for object_id, fill in list(self._fill.items()):
             if object_id == kept:
                 continue
-            left = fill - drained
-            if left <= 0.0:
+            new_fill = fill - drained
+            if new_fill <= 0.0:
                 del self._fill[object_id]
                 self._spent_s.pop(object_id, None)
             else:
-                self._spent_s[object_id] = self._spent_s.get(object_id, 0.0) * left / fill
-                self._fill[object_id] = left
+                spent_s = self._spent_s.get(object_id, 0.0)
+                self._spent_s[object_id] = spent_s * new_fill / fill
+                self._fill[object_id] = new_fill
 
-    def _unlatch(self, stamp_ns: int, near: Container[str], *, has_gap: bool) -> None:
+    def _unlatch(self, stamp_ns: int, not_left: Container[str], *, has_gap: bool) -> None:
         for object_id, since_ns in list(self._latched.items()):
-            if object_id in near:
+            if object_id in not_left:
                 self._latched[object_id] = None
             elif since_ns is None or has_gap:
                 self._latched[object_id] = stamp_ns
@@ -139,7 +147,8 @@ class RaySpeedEstimator:
 
     def add(self, stamp_ns: int, direction: Vec3) -> None:
         """Add the ray of `stamp_ns`, later than those before, with its unit direction in {W}."""
-        stamps_ns, azimuths = self._stamps_ns, self._azimuths
+        stamps_ns = self._stamps_ns
+        azimuths = self._azimuths
         azimuth = vector.azimuth(direction)
         if azimuths:
             azimuth = azimuths[-1] + vector.wrap(azimuth - azimuths[-1])
@@ -162,21 +171,22 @@ class RaySpeedEstimator:
         first_ns = self._stamps_ns[0]  # a Unix time in ns has more digits than a float
         ages_ns = [stamp_ns - first_ns for stamp_ns in self._stamps_ns]
         span_ns = median(ages_ns[-half:]) - median(ages_ns[:half])
-        turned = median(self._azimuths[-half:]) - median(self._azimuths[:half])
-        raised = median(self._elevations[-half:]) - median(self._elevations[:half])
+        azimuth_change = median(self._azimuths[-half:]) - median(self._azimuths[:half])
+        elevation_change = median(self._elevations[-half:]) - median(self._elevations[:half])
         per_s = NS_PER_S / span_ns
-        return turned * math.cos(self._elevations[-1]) * per_s, raised * per_s
+        return azimuth_change * math.cos(self._elevations[-1]) * per_s, elevation_change * per_s
 
 
 class GaugeMethod:
     """Method `gauge` for one person."""
 
     def __init__(self, config: SelectorConfig) -> None:
-        self._config = gauge = config.gauge
+        gauge = config.gauge
+        self._config = gauge
         self._snap_rad = math.radians(gauge.snap_deg)
         self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
-        self._steadiness = RaySpeedEstimator(SPEED_WINDOW_S)
+        self._ray_speed = RaySpeedEstimator(SPEED_WINDOW_S)
         self._gauges = Gauges(longest_gap_s=config.longest_gap_s, full_s=gauge.full_s)
         self.latch = self._gauges.latch
         self._hovered: str | None = None
@@ -189,30 +199,36 @@ class GaugeMethod:
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
-        cursor, hovered, view, acts = pointing
-        gauge = self._config
+        cursor, hovered, view, is_actionable = pointing
         gauges = self._gauges
+
+        # Speed of the ray
         if self._stamp_ns is not None and cursor.stamp_ns - self._stamp_ns > self._gap_ns:
-            self._steadiness.clear()
+            self._ray_speed.clear()
         self._stamp_ns = cursor.stamp_ns
-        fills, full_s, near = True, gauge.full_s, set[str]()
         if cursor.direction is not None:
-            self._steadiness.add(cursor.stamp_ns, cursor.direction)
+            self._ray_speed.add(cursor.stamp_ns, cursor.direction)
+
+        # Hovered object, and the latched ones that are not left
+        not_left: Container[str] = ()
         if view is not None:
             hovered = view.pick(self._hovered, self._snap_rad, HYSTERESIS)
-            latched = gauges.latched
-            if latched:
-                near = view.near(latched, self._snap_rad, LEAVE_FACTOR)
+            if gauges.latched:
+                not_left = view.near(gauges.latched, self._snap_rad, LEAVE_FACTOR)
         elif hovered is not None:
-            near = {hovered}
-        if hovered is not None and view is not None:
-            rate = self._steadiness.rate()
-            fills = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
-            if gauge.sparse_full_s != full_s and view.is_isolated(SPARSE_RAD):
-                full_s = gauge.sparse_full_s
-        fills = fills and hovered is not None and acts(hovered)
-        fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)
+            not_left = {hovered}
         self._hovered = hovered
+
+        # Its gauge fills while the ray is steady on it, in less time where nothing else is near
+        full_s = self._config.full_s
+        is_steady = True
+        if hovered is not None and view is not None:
+            rate = self._ray_speed.rate()
+            is_steady = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
+            if self._config.sparse_full_s != full_s and view.is_isolated(SPARSE_RAD):
+                full_s = self._config.sparse_full_s
+        fills = is_steady and hovered is not None and is_actionable(hovered)
+        fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, not_left=not_left)
         if hovered is None:
             return SelectionProgress(None, fired=fired)
         return SelectionProgress(hovered, gauges.fill(hovered), fired, gauges.filled_s(hovered))

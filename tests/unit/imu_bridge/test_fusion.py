@@ -252,7 +252,7 @@ def test_missing_extra_is_named_with_its_command(monkeypatch: pytest.MonkeyPatch
 def test_build_without_fusion_is_named_once_raw_readings_come(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device_wrist, "FUSION", f"{device_wrist.FUSION.partition(':')[0]}_absent:Fusion")
     wrist = DeviceWrist("anna's wrist", "IMU source 'mine'", YawEpoch(), silence_s=3.0, has_steady_time=True)
-    assert wrist.take(RawReading(0, (0.1, 0.0, 0.0), (0.0, 0.0, 9.81)), 0, 0.0) is None
+    assert wrist.process_item(RawReading(0, (0.1, 0.0, 0.0), (0.0, 0.0, 9.81)), 0, 0.0) is None
     assert dict(wrist.warnings(0.1, is_explained=False))["fusion"] == (
         "IMU source 'mine' sends raw readings, whose fusion is not part of this build of PointIt: there is "
         "no pointit.services.imu_bridge.fusion_absent"

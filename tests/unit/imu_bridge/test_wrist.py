@@ -302,7 +302,7 @@ class Hand:
             session=session,
             device_time_ns=device_time_ns,
         )
-        return self.page.take(sample, at(time_s if comes_s is None else comes_s), home=self.home)
+        return self.page.process_sample(sample, at(time_s if comes_s is None else comes_s), home=self.home)
 
     def epoch(self, time_s: float, device: Device = "arm", session: int = 0) -> int:
         turned = self.send(time_s, device, session=session)

@@ -216,4 +216,4 @@ def test_hosts_are_bounded() -> None:
     watch = ClockSkewMonitor("here")
     for number in range(1000):
         watch.on_report(f"made-up-{number}", START_NS, START_NS, number / 1000)
-    assert len(watch._late) <= 256
+    assert len(watch._reports) <= 256

@@ -24,7 +24,7 @@ def run(
     fired: list[int] = []
     for time_ms in times_ms:
         near = (hovered,) if hovered else ()
-        if gauges.step(time_ms * MS, hovered, fills=fills, full_s=full_s, near=near):
+        if gauges.step(time_ms * MS, hovered, fills=fills, full_s=full_s, not_left=near):
             fired.append(time_ms)
     return fired
 
@@ -94,7 +94,7 @@ def test_no_sequence_breaks_its_bounds(steps: list[tuple[int, str | None, bool]]
     for passed_ms, hovered, fills in steps:
         time_ms += passed_ms
         near = (hovered,) if hovered else ()
-        fired = gauges.step(time_ms * MS, hovered, fills=fills, full_s=0.5, near=near)
+        fired = gauges.step(time_ms * MS, hovered, fills=fills, full_s=0.5, not_left=near)
         for object_id in ("a", "b"):
             assert 0.0 <= gauges.fill(object_id) < 1.0
         if fired is not None:

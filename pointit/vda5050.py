@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic.alias_generators import to_camel
 from pydantic_core import from_json
 
-from pointit.schemas.text import one_line
+from pointit.schemas.text import first_of, one_line
 
 KINDS = ("connection", "state", "visualization")
 STANDARD_PREFIX = re.compile(r"[^/]+/v\d")
@@ -199,12 +199,8 @@ class UnreadableFields:
         self._first = {name: self._first.get(name, what) for name, what in model.unreadable.items()}
         if not self._first:
             return ""
-        listed = ", ".join(f"{name} {what}" for name, what in list(self._first.items())[:MAX_NAMES])
-        others = len(self._first) - MAX_NAMES
-        more = f" and {others} more" if others > 0 else ""
-        return (
-            f"{topic[:200]}: {listed}{more}; correct it at the AGV, or update its software to keep VDA 5050"
-        )
+        listed = first_of((f"{name} {what}" for name, what in self._first.items()), MAX_NAMES)
+        return f"{topic[:200]}: {listed}; correct it at the AGV, or update its software to keep VDA 5050"
 
 
 def _remove(

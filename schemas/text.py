@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Iterable
 
 from pydantic_core import ErrorDetails
 
@@ -51,6 +52,13 @@ def plain(text: str) -> str:
     Line breaks stay; tabs and all kinds of spaces become spaces.
     """
     return text if text.isprintable() else "".join(map(_plain, text))
+
+
+def first_of(names: Iterable[str], most: int) -> str:
+    """Return the first `most` of `names` as `a, b and 3 more`."""
+    all_names = list(names)
+    more = len(all_names) - most
+    return ", ".join(all_names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:

@@ -2,7 +2,7 @@
 
 import asyncio
 import bisect
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,7 +26,7 @@ from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Hover, ThingState
 from pointit.schemas.environment import Thing
-from pointit.schemas.text import one_line
+from pointit.schemas.text import first_of, one_line
 from pointit.schemas.topics import ANNOUNCED, HOVER, MAP
 
 FIRST_REPLY_S = 3.0
@@ -319,10 +319,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
         self._announcer.report_voice()
-        names = _listed(missing)
+        names = first_of(missing, MAX_NAMES)
         remedy = "correct `home_assistant` in the map or site"
         self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")
-        names = _listed(unavailable)
+        names = first_of(unavailable, MAX_NAMES)
         remedy = "look into the integration there"
         self.bus.warn("unavailable", names and f"unavailable in Home Assistant: {names}; {remedy}")
 
@@ -349,11 +349,6 @@ def _similar_names(entity: str, names: Collection[str]) -> str:
     alike = sorted(each for each in names if each.startswith(domain))
     middle = bisect.bisect(alike, entity)
     return did_you_mean(entity, alike[max(middle - MAX_CANDIDATES // 2, 0) : middle + MAX_CANDIDATES // 2])
-
-
-def _listed(entries: Sequence[str]) -> str:
-    more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
-    return ", ".join(entries[:MAX_NAMES]) + more
 
 
 def _content(path: Path) -> bytes:

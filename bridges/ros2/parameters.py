@@ -19,13 +19,13 @@ from typing import Any, cast
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.message_format import MAX_NAME, listed
+from pointit.bridges.ros2.message_format import MAX_NAME
 from pointit.bridges.ros2.over_zenoh.backend import NEEDS
 from pointit.bridges.ros2.types.types import NO_HASH, Types
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.service.plugin_guard import NullHealth
-from pointit.schemas.text import one_line
+from pointit.schemas.text import first_of, one_line
 
 Value = bool | int | float | str | list[Any]
 """A list holds values of one of the other types: ROS has no lists of lists."""
@@ -181,7 +181,7 @@ class NodeParameters:
         if not names:
             why = self._backend.problem or self._needs
             return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
-        there_are = listed((one_line(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
+        there_are = first_of((one_line(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
         return f"there is no node {self._node} in domain {self._domain}; there are {there_are}"
 
     async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
@@ -456,4 +456,4 @@ def _nothing(request: FetchRequest, names: Sequence[str]) -> str:
 
 
 def _there(names: Sequence[str]) -> str:
-    return f"it has {listed(names, MAX_SHOWN) or 'none'}"
+    return f"it has {first_of(names, MAX_SHOWN) or 'none'}"

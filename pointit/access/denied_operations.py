@@ -21,6 +21,7 @@ from collections.abc import Callable, Collection, Mapping
 from pointit.access.rights import INTERNAL_COST, REQUEST_COST, max_rate_hz
 from pointit.runtime.link.link import ROOM
 from pointit.schemas.problems import DENIED, Problem
+from pointit.schemas.text import first_of
 
 REJECTION_FILTER = (
     "zenoh_link_tls=warn,zenoh_link_quic=warn"
@@ -82,11 +83,10 @@ class RejectedConnections:
             return ""
         shown = [
             reason + (f" ({count} times)" if count > 1 else "")
-            for reason, count in self._reasons.most_common(MAX_SHOWN)
+            for reason, count in self._reasons.most_common()
         ]
-        more = len(self._reasons) - len(shown)
         self._reasons.clear()
-        return f"somebody was not let in: {', '.join(shown)}" + (f" and {more} more" if more else "")
+        return f"somebody was not let in: {first_of(shown, MAX_SHOWN)}"
 
     def _reason(self, line: str, where: str) -> str:
         if found := PASSWORD.match(line):
@@ -476,11 +476,7 @@ def _listed(attempts: Counter[tuple[str, str]]) -> str:
     by_verb: dict[str, list[str]] = defaultdict(list)
     for (verb, key), count in attempts.most_common():
         by_verb[verb].append(key + (f" ({count} times)" if count > 1 else ""))
-    return ", ".join(
-        f"{verb} {', '.join(keys[:MAX_KEYS])}"
-        + (f" and {len(keys) - MAX_KEYS} more" if len(keys) > MAX_KEYS else "")
-        for verb, keys in by_verb.items()
-    )
+    return ", ".join(f"{verb} {first_of(keys, MAX_KEYS)}" for verb, keys in by_verb.items())
 
 
 def _without(key: str) -> str:

@@ -13,6 +13,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import Claim, Referent, SelectionEvent, SendRobot, SetThing, StopRobot, TrackedObject
 from pointit.schemas.person import ReferentKind
+from pointit.schemas.text import first_of
 from pointit.schemas.topics import CLAIM, SELECTION_EVENTS, SEND_ROBOT, SET_THING, STOP_ROBOT
 from pointit.speech.grammar import Command, SpokenRoom
 
@@ -171,9 +172,8 @@ def _lacking(context: VerbContext, command: Command, question: str, remedy: str)
     if not command.unknown_name:
         return f"{question} {remedy}"
     names = sorted(set(context.room.names.values()))
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     near = did_you_mean(command.unknown_name, names)
-    hint = f"name one of {', '.join(names[:MAX_NAMES])}{more}, or" if names and not near else f"{near} or"
+    hint = f"name one of {first_of(names, MAX_NAMES)}, or" if names and not near else f"{near} or"
     return f"nothing here is called {command.unknown_name!r}: {hint.strip()} {remedy}"
 
 

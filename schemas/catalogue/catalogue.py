@@ -13,6 +13,7 @@ from pointit.schemas.base import SchemaError, SchemaModel
 from pointit.schemas.catalogue import asyncapi
 from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.codec import encode
+from pointit.schemas.text import first_of
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 P = TypeVar("P", bound=SchemaModel)
@@ -206,8 +207,7 @@ def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> li
         return broken
     sentences: list[str] = []
     if stale := sorted(updated_files(committed, kinds)):
-        more = f" and {len(stale) - 3} more" if len(stale) > 3 else ""
-        sentences.append(f"missing or out of date: {', '.join(stale[:3])}{more}; run {WRITE}")
+        sentences.append(f"missing or out of date: {first_of(stale, 3)}; run {WRITE}")
     for path in sorted(committed):
         if not path.startswith(("messages/", "samples/")):
             continue

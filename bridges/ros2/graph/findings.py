@@ -7,9 +7,9 @@ from operator import attrgetter
 from typing import Literal
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph
-from pointit.bridges.ros2.message_format import MAX_NAME, listed, nodes
+from pointit.bridges.ros2.message_format import MAX_NAME, MAX_SHOWN, nodes
 from pointit.bridges.ros2.types.types import NO_HASH
-from pointit.schemas.text import one_line
+from pointit.schemas.text import first_of, one_line
 
 COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "publisher": "subscriber",
@@ -85,7 +85,7 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
     return [
         Finding(
             about="bridge",
-            sentence=f"another PointIt bridge is node {listed(names)} in this domain ({domain}): we do not "
+            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain ({domain}): we do not "
             "listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
             "two another backend.domain_id and backend.node",
         )
@@ -183,7 +183,7 @@ def _domains(
     return [
         Finding(
             about="domain",
-            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, remote))}, we are in "
+            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {first_of(map(str, remote), MAX_SHOWN)}, we are in "
             f"{domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
             f"ROS_DOMAIN_ID={domain}",
         )

@@ -16,6 +16,7 @@ from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.model import ROUNDED_M, LampEntry, MapFile, broken_things, things_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
+from pointit.schemas.text import first_of
 
 SYLLABLE_S = 0.2
 """Time of one spoken syllable, s: synthesizers say four to five a second."""
@@ -72,9 +73,7 @@ def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
             text = f"{label!r} begins for {MAX_SPOKEN_S:g} s as {same!r} of {first}; say first what differs"
             yield warning(f"things.{thing.id}", text)
     if slow:
-        more = f" and {len(slow) - NAMED} more" if len(slow) > NAMED else ""
-        listed = f"{', '.join(slow[:NAMED])}{more}"
-        limit = f"labels take longer than {MAX_SPOKEN_S:g} s to speak: {listed}"
+        limit = f"labels take longer than {MAX_SPOKEN_S:g} s to speak: {first_of(slow, NAMED)}"
         yield warning("things", f"{limit}; give shorter ones")
 
 
@@ -130,8 +129,7 @@ def check_things(
         yield warning("things", text)
     unplaced = [name for name, each in file.things.items() if not (each.center or each.light or each.at)]
     if unplaced:
-        more = f" and {len(unplaced) - NAMED} more" if unplaced[NAMED:] else ""
-        text = f"{', '.join(unplaced[:NAMED])}{more}: without a position, nobody can point there"
+        text = f"{first_of(unplaced, NAMED)}: without a position, nobody can point there"
         yield warning("things", f"{text}; place them by `pointit map point USER {unplaced[0]} --into MAP`")
     names: dict[str, str] = {}
     for thing in everything:

@@ -23,6 +23,7 @@ from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Query, Reply
 from pointit.schemas.problems import DENIED, Problem
+from pointit.schemas.text import first_of
 from pointit.schemas.topics import ANY, REQUESTS, Request, topic_of
 
 log = logging.getLogger(__name__)
@@ -232,9 +233,7 @@ def _unknown_identity_error(credentials: Credentials) -> str:
 
 
 def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
-    named = ", ".join(keys[:MAX_KEYS])
-    if len(keys) > MAX_KEYS:
-        named += f" and {len(keys) - MAX_KEYS} more"
+    named = first_of(keys, MAX_KEYS)
     person = _person(keys[0])
     if person and person != credentials.link.name:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"

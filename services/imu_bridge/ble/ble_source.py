@@ -12,6 +12,7 @@ from pointit.runtime.config.plugins import Discover, FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.plugin_guard import WarningSink
 from pointit.schemas import Feedback
+from pointit.schemas.text import first_of
 from pointit.services.imu_bridge.ble.radio import (
     CONNECT_S,
     END_S,
@@ -184,8 +185,7 @@ class WristSearch:
         if wanted:
             what = f"{self._kind.label} {wanted}"
         labels = [each.label for each in advertisements.values()]
-        more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
-        others = (", ".join(labels[:NAMED]) or "none") + more
+        others = first_of(labels, NAMED) or "none"
         verb = "is not heard" if wanted else "is heard"
         if wanted == self.used != "":
             option = set_option("imu-bridge", f"{self._kind.plugin}.sensor", "ADDRESS")

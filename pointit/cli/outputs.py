@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, Unpack
+from typing import Any, TypeVar
 
 import click
 
@@ -17,12 +17,13 @@ from pointit.cli.common.completions import scenarios
 from pointit.cli.common.keyboard import has_keyboard, key_bytes, keys
 from pointit.cli.common.output import interruptible, json_option, say, to_json
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import USUAL, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.maps.file import load_map
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock, wait_up_to
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import plugin_folder
@@ -143,7 +144,7 @@ class PrintedWarnings(NullHealth):
             say("; ".join(warnings) or self._well, err=True)
 
 
-@click.command("add", params=site_options())
+@site_command("add")
 @click.argument("output")
 @click.option(
     "--strip",
@@ -153,7 +154,7 @@ class PrintedWarnings(NullHealth):
     help="strip of the map to show, behind the pixels of the strip before. Repeatable  [default: all]",
 )
 @json_option
-def add(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack[AtSite]) -> int:
+async def add(site: SiteAddress, output: str, *, strips: tuple[str, ...], as_json: bool) -> int:
     """Show strips of a running site on one more OUTPUT, such as ddp:HOST for a WLED.
 
     The site keeps running, and its other outputs do not change. The lights go dark after Ctrl-C, and while
@@ -161,12 +162,12 @@ def add(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack[AtS
 
     Example: pointit output add ddp:wled-kitchen.local --strip shelf
     """
-    quiet()
     config = _config(output, strips)
     frames = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
-    return run_until_shutdown(
-        _show_added(config, PrintedWarnings(f"{output} shows {frames}", as_json=as_json), **at)
-    )
+    health = PrintedWarnings(f"{output} shows {frames}", as_json=as_json)
+    async with site.join() as bus:
+        await _show_added(bus, config, health)
+    return 0
 
 
 def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
@@ -181,19 +182,17 @@ def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
     return config
 
 
-async def _show_added(config: OutputConfig, health: PrintedWarnings, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
-        folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
-        surroundings = Surroundings(clock=WallClock(), health=health, folder=folder)
-        (output,) = make_outputs([config], lambda _kind, _name, _user, _which: surroundings, health)
-        if output.follows_cursors:
-            raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
-        frames = SiteFrames(output)
-        now_s = asyncio.get_running_loop().time
-        follow_site(SiteState(frames.on_change), bus, now_s, (MAP, STRIPS_FRAME, LAMP_COLOR))
-        health.tell()
-        await output.run()
-    return 0
+async def _show_added(bus: Bus, config: OutputConfig, health: PrintedWarnings) -> None:
+    folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
+    surroundings = Surroundings(clock=WallClock(), health=health, folder=folder)
+    (output,) = make_outputs([config], lambda _kind, _name, _user, _which: surroundings, health)
+    if output.follows_cursors:
+        raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
+    frames = SiteFrames(output)
+    now_s = asyncio.get_running_loop().time
+    follow_site(SiteState(frames.on_change), bus, now_s, (MAP, STRIPS_FRAME, LAMP_COLOR))
+    health.tell()
+    await output.run()
 
 
 class SiteFrames:

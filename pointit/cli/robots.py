@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, Unpack
+from typing import Any, Literal
 
 import click
 from rich.console import RenderableType
@@ -11,14 +11,14 @@ from rich.text import Text
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.summary import DisplayPart
 from pointit.cli.view import ROOMY_WIDTH, color_of
 from pointit.launch.robots import RobotWatcher, goal_lines, score_lines
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import PointItError
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import RobotPlan, RobotState, StopRobot
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ROBOT_PLAN, ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
@@ -151,21 +151,16 @@ def _row(name: str, found: Found) -> Row:
     }
 
 
-@click.command("list", params=site_options())
+@site_command("list")
 @json_option
-def list_robots(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def list_robots(site: SiteAddress, *, as_json: bool) -> int:
     """List the robots of a site with position, user, and the reason if one does not move.
 
     The exit code is 1 if there is none.
 
     Example: pointit robot list --json
     """
-    quiet()
-    return run_until_shutdown(_list(as_json=as_json, **at))
-
-
-async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         found = rows(await find_robots(bus))
     if not found and not as_json:
         say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
@@ -178,7 +173,7 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     return 0 if found else EXIT_FAILED
 
 
-@click.command("stop", params=site_options())
+@site_command("stop")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
 @click.option(
@@ -189,8 +184,8 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     help="reason in a few words, shown to the user who steers the robot",
 )
 @json_option
-def stop(
-    names: tuple[str, ...], *, everything: bool, reason: str, as_json: bool, **at: Unpack[AtSite]
+async def stop(
+    site: SiteAddress, names: tuple[str, ...], *, everything: bool, reason: str, as_json: bool
 ) -> int:
     """Stop the robots NAME, or --all: each stays where it is until somebody takes it again.
 
@@ -205,15 +200,9 @@ def stop(
         raise UnknownNameError("name the robots to stop, or give --all; `pointit robot list` shows them")
     for name in names:
         check_name(name, "robot")
-    query = StopRobot(reason=reason[:200])
-    quiet()
-    return run_until_shutdown(_stop(names, query.reason, as_json=as_json, **at))
-
-
-async def _stop(names: tuple[str, ...], reason: str, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         chosen = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
-        problems = await stop_robots(bus, chosen, reason)
+        problems = await stop_robots(bus, chosen, reason[:200])
     if as_json:
         print_json({"stopped": [name for name in chosen if name not in problems], "problems": problems})
     else:

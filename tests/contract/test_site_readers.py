@@ -3,8 +3,10 @@
 import asyncio
 import contextlib
 import functools
+import inspect
 import time
 from collections.abc import AsyncGenerator, Callable, Generator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -111,13 +113,10 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
     echoed = SiteState()
     monkeypatch.setattr(echo, "SiteState", lambda: echoed)
 
-    def join_site(**_: object) -> contextlib.AbstractAsyncContextManager[Any]:
-        return contextlib.nullcontext(bus)
-
-    monkeypatch.setattr(echo, "join_site", join_site)
+    address = SimpleNamespace(join=lambda: contextlib.nullcontext(bus))
 
     async def echoing() -> None:
-        await echo._echo("selection", [(SELECTION, "")], None, as_json=True, site="", connect=())
+        await inspect.unwrap(echo.echo.callback or print)(address, "selection", count=None, as_json=True)
 
     async with ApiSite.on(bus, clock) as site, background(ros.run()), background(echoing()):
         newest = site.latest

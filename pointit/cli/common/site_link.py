@@ -2,10 +2,11 @@
 
 import asyncio
 import socket
-from collections.abc import AsyncGenerator, Generator, Sequence
-from contextlib import asynccontextmanager, contextmanager
-from functools import partial
-from typing import TypedDict
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from functools import partial, wraps
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -15,6 +16,7 @@ from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import ENDPOINT, Link
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 CONNECT_TIMEOUT_S = 5.0
@@ -33,11 +35,41 @@ SILENT_S = 1.0
 """Wait after which a notice is printed, s."""
 
 
-class AtSite(TypedDict):
-    """Values of the options --site and --connect."""
+@dataclass(frozen=True)
+class SiteAddress:
+    """The site that a command joins, by its options --site and --connect."""
 
-    site: str
+    name: str
     connect: tuple[str, ...]
+
+    def join(self) -> AbstractAsyncContextManager[ZenohBus]:
+        """Return `join_site` of this site."""
+        return join_site(self.name, self.connect)
+
+    @property
+    def note(self) -> str:
+        """Return `default_address_note` of this site."""
+        return default_address_note(self.name, self.connect)
+
+
+def site_command(
+    name: str, *, params: Sequence[click.Parameter] = (), **attributes: Any
+) -> Callable[[Callable[..., Coroutine[Any, Any, int]]], click.Command]:
+    """Return a decorator that makes a coroutine function a command with the options of a site.
+
+    The function gets the `SiteAddress` first. It runs, with a quiet log, until it returns its exit code or is
+    cancelled by Ctrl-C.
+    """
+
+    def decorate(work: Callable[..., Coroutine[Any, Any, int]]) -> click.Command:
+        @wraps(work)
+        def run(*, site: str, connect: tuple[str, ...], **values: Any) -> int:
+            quiet()
+            return run_until_shutdown(work(SiteAddress(site, connect), **values))
+
+        return click.command(name, params=[*params, *site_options()], **attributes)(run)
+
+    return decorate
 
 
 def site_options() -> list[click.Parameter]:

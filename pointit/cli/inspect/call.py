@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from typing import Any, Unpack
+from typing import Any
 
 import click
 from pydantic import ValidationError
@@ -10,14 +10,13 @@ from pydantic import ValidationError
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show, to_line
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.inspect.topics import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers, validate
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
 from pointit.services.registry import add_installed
@@ -31,7 +30,7 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
 """Names of limits in pydantic and in the table."""
 
 
-@click.command("call", params=site_options())
+@site_command("call")
 @click.argument("key", required=False)
 @click.argument("values", nargs=-1, metavar="[FIELD=VALUE]...")
 @click.option(
@@ -42,8 +41,8 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
     help="time to wait for the reply, s",
 )
 @json_option
-def command(
-    key: str | None, values: tuple[str, ...], *, timeout_s: float, as_json: bool, **at: Unpack[AtSite]
+async def command(
+    site: SiteAddress, key: str | None, values: tuple[str, ...], *, timeout_s: float, as_json: bool
 ) -> int:
     """Send the request KEY to its service, and print the reply; without KEY, list all requests.
 
@@ -59,21 +58,14 @@ def command(
         return 0
     request, name = resolve(key)
     query = build_query(request, key, values)
-    quiet()
-    return run_until_shutdown(_call(request, query, name, timeout_s, as_json=as_json, **at))
-
-
-async def _call(
-    request: AnyRequest, query: Query, name: str, timeout_s: float, *, as_json: bool, **at: Unpack[AtSite]
-) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         reply: Reply = await bus.call(request, query, name, timeout_s=timeout_s)
     fields = reply.model_dump()
     if as_json:
         print_json({"key": request.at(name), **fields})
         return 0
     message = fields.pop("message")
-    say((message or "done") + default_address_note(**at))
+    say((message or "done") + site.note)
     if fields:
         click.echo(to_line(fields))
     return 0

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import click
 
@@ -21,12 +21,12 @@ from pointit.cli.common.output import (
     write_line,
 )
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.clock import wait_up_to
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import KeyNameError, Message, encode
 from pointit.schemas.topics import ANY, IMU, OBJECTS, POSE, PRESENCES, REQUESTS, TOPICS, Delivery, Topic
 from pointit.services.registry import add_installed
@@ -116,11 +116,11 @@ SILENCE_S = 2.0
 """Time without a message after which a notice is printed."""
 
 
-@click.command("echo", params=site_options())
+@site_command("echo")
 @click.argument("key")
 @click.option("--count", type=click.IntRange(min=1), help="number of messages to print before exit")
 @json_option
-def echo(key: str, *, count: int | None, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def echo(site: SiteAddress, key: str, *, count: int | None, as_json: bool) -> int:
     """Print the messages on KEY as they arrive, one per line.
 
     KEY is users/anna/imu, or for all users 'users/*/imu' or users/{user}/imu; 'users/anna/*' is all of
@@ -130,18 +130,11 @@ def echo(key: str, *, count: int | None, as_json: bool, **at: Unpack[AtSite]) ->
     Example: pointit topic echo 'users/*/cursor' --count 3
     """
     wanted = resolve(key)
-    quiet()
-    return run_until_shutdown(_echo(key, wanted, count, as_json=as_json, **at))
-
-
-async def _echo(
-    key: str, wanted: list[Wanted], count: int | None, *, as_json: bool, **at: Unpack[AtSite]
-) -> int:
     loop = asyncio.get_running_loop()
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         printer = _Printer(count, as_json=as_json)
-        site = SiteState()
-        follow_site(site, bus, loop.time, ())
+        state = SiteState()
+        follow_site(state, bus, loop.time, ())
         for topic, name in wanted:
             bus.subscribe(topic, functools.partial(printer.show, topic), name or ANY)
         printed_s: float | None = None
@@ -150,7 +143,7 @@ async def _echo(
             if wait_s <= 0:
                 if printed_s != printer.newest_s:
                     printed_s = printer.newest_s
-                    _tell_silence(key, wanted, site.services, any_yet=printer.shown > 0)
+                    _tell_silence(key, wanted, state.services, any_yet=printer.shown > 0)
                 wait_s = SILENCE_S
             await wait_up_to(printer.done, wait_s)
     return 0
@@ -280,19 +273,13 @@ class RateMeter:
         return rate
 
 
-@click.command("hz", params=site_options())
+@site_command("hz")
 @click.argument("keys", nargs=-1, metavar="[KEY]...")
 @click.option("--all", "everything", is_flag=True, help="every topic")
 @window_options(5.0)
 @json_option
-def hz(
-    keys: tuple[str, ...],
-    *,
-    everything: bool,
-    window_s: float,
-    watch: bool,
-    as_json: bool,
-    **at: Unpack[AtSite],
+async def hz(
+    site: SiteAddress, keys: tuple[str, ...], *, everything: bool, window_s: float, watch: bool, as_json: bool
 ) -> int:
     """Measure rate, jitter and bandwidth of the messages on each KEY.
 
@@ -308,21 +295,8 @@ def hz(
         )
     wanted = resolve_all([EVERYTHING] if everything else keys)
     named = resolve_all(key for key in keys if ANY not in key)
-    quiet()
-    return run_until_shutdown(_measure(wanted, named, window_s, watch=watch, as_json=as_json, **at))
-
-
-async def _measure(
-    wanted: list[Wanted],
-    named: list[Wanted],
-    window_s: float,
-    *,
-    watch: bool,
-    as_json: bool,
-    **at: Unpack[AtSite],
-) -> int:
     loop = asyncio.get_running_loop()
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         counter = TopicCounter(bus, wanted, named)
         while True:
             await asyncio.sleep(window_s)

@@ -7,7 +7,6 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Unpack
 
 import click
 import numpy as np
@@ -23,12 +22,11 @@ from pointit.cli.common.output import (
     write_line,
 )
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.errors import AccessDeniedError, NoMessageError
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
@@ -203,14 +201,12 @@ def _quantile(
     return float(np.quantile(values, share, method="inverted_cdf")) if values else None
 
 
-@click.command(
-    "trace", params=site_options(), cls=PanelCommand, usual=("count", "watch", "as_json", "connect")
-)
+@site_command("trace", cls=PanelCommand, usual=("count", "watch", "as_json", "connect"))
 @click.argument("user")
 @click.option("--count", type=click.IntRange(1, 100_000), default=250, help="number of samples to measure")
 @click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
 @json_option
-def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def command(site: SiteAddress, user: str, *, count: int, watch: bool, as_json: bool) -> int:
     """Show the path of USER's samples from capture to light, with the time of each hop.
 
     Every message keeps the capture time of the sample that it is derived from. By this time `trace` finds
@@ -232,12 +228,7 @@ def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[A
     Example: pointit trace user1 --count 500
     """
     topics.check_name(user, "user")
-    quiet()
-    return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, **at))
-
-
-async def _trace(user: str, count: int, *, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         await _check_rights(bus, user)
         tracer = Tracer(bus, user)
         while True:

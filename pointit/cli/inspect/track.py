@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import click
 import numpy as np
@@ -22,10 +22,10 @@ from pointit.cli.common.output import (
     to_json,
     write_line,
 )
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.cli.inspect.topics import RateMeter, window_options
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import NS_PER_S, Configuration, Health, TrackedObjects, UserPose, encode
 from pointit.schemas.system import BODY
 from pointit.schemas.topics import CONFIGURATION, HEALTH, OBJECTS, POSE
@@ -199,12 +199,12 @@ def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
     ]
 
 
-@click.command("track", params=site_options())
+@site_command("track")
 @click.argument("trackers", nargs=-1, metavar="[TRACKER]...")
 @window_options(3.0, "; 3 and more find objects that two trackers report by different ids")
 @json_option
-def command(
-    trackers: tuple[str, ...], *, window_s: float, watch: bool, as_json: bool, **at: Unpack[AtSite]
+async def command(
+    site: SiteAddress, trackers: tuple[str, ...], *, window_s: float, watch: bool, as_json: bool
 ) -> int:
     """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
 
@@ -215,16 +215,9 @@ def command(
 
     Example: pointit track conveyor --watch
     """
-    quiet()
-    return run_until_shutdown(_measure(trackers, window_s, watch=watch, as_json=as_json, **at))
-
-
-async def _measure(
-    names: tuple[str, ...], window_s: float, *, watch: bool, as_json: bool, **at: Unpack[AtSite]
-) -> int:
     loop = asyncio.get_running_loop()
-    meters = TrackerMeters(names)
-    async with join_site(**at) as bus:
+    meters = TrackerMeters(trackers)
+    async with site.join() as bus:
 
         def on_objects(message: TrackedObjects, tracker: str) -> None:
             meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())

@@ -7,16 +7,16 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import Any, Literal
 
 import click
 import numpy as np
 
-from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import INTERRUPTED, print_file, say
 from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3, norm, rotate_z, subtract
 from pointit.maps.edit import SetValue, edited, write_new
@@ -25,7 +25,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, NoMessageError, PointItError, RefusedError
 from pointit.runtime.host.state_file import replaced_file
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
 from pointit.scan.result import pointed_text
 from pointit.schemas import ButtonEvent, Environment, PointingRay, UseMap, UserPose
@@ -200,9 +200,7 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
 """Asks a person to point, and returns the text of a map and the exit code."""
 
 
-@click.command(
-    "point", params=[*site_link.site_options()], cls=PanelCommand, usual=("kind", "output", "room", "connect")
-)
+@site_command("point", cls=PanelCommand, usual=("kind", "output", "room", "connect"))
 @click.argument("user")
 @click.argument("names", nargs=-1, required=True)
 @click.option(
@@ -240,7 +238,8 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     metavar="M",
     help="with --origin: z of the floor in MAP  [default: by the eye height, less exactly]",
 )
-def command(
+async def command(
+    site: SiteAddress,
     user: str,
     names: Sequence[str],
     *,
@@ -249,7 +248,6 @@ def command(
     room: Path | None,
     into: Path | None,
     floor_m: float | None,
-    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Find positions by pointing: USER points at NAMES one after the other, from two or three positions.
 
@@ -285,12 +283,7 @@ def command(
     else:
         content, environment = read(room)
         work = stand_at(room, content, ends_in(environment, names), floor_m)
-    site_link.quiet()
-    return run_until_shutdown(_run(user, work, output, **at))
-
-
-async def _run(user: str, work: Work, output: Path | None, **at: Unpack[site_link.AtSite]) -> int:
-    async with site_link.join_site(**at) as bus:
+    async with site.join() as bus:
         try:
             session = PointingSession(bus, user, say)
             with keys(session.press) if has_keyboard() else nullcontext():

@@ -4,22 +4,21 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Unpack
+from typing import Any
 
 import click
 
 from pointit.api.inputs import add_or_similar
-from pointit.cli.common import site_link
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, progress, say
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.site_link import notify_if_slow
+from pointit.cli.common.site_link import SiteAddress, notify_if_slow, site_command
 from pointit.diagnosis.observation import silence_reason
 from pointit.forearm.true_pose import PoseError
 from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
@@ -367,11 +366,11 @@ def timeout_option() -> click.Option:
     )
 
 
-@click.command("anchor", params=[timeout_option(), *site_link.site_options()])
+@site_command("anchor", params=[timeout_option()])
 @click.argument("user")
 @click.argument("lamp", default="")
 @json_option
-def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+async def command(site: SiteAddress, user: str, lamp: str, *, timeout_s: float, as_json: bool) -> int:
     """Correct the pose of USER, who points at LAMP without a cursor.
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. LAMP may also be a robot
@@ -383,14 +382,7 @@ def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpa
     The exit code is 1 if it was not accepted.
     """
     check_name(user, "user")
-    site_link.quiet()
-    return run_until_shutdown(_anchor(user, lamp, timeout_s, as_json=as_json, **at))
-
-
-async def _anchor(
-    user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[site_link.AtSite]
-) -> int:
-    async with site_link.join_site(**at) as bus:
+    async with site.join() as bus:
         latest_pose = LatestMessage(bus, POSE, user)
         anchoring = AnchorRequester(bus, user)
         before = await latest_pose.wait(SHORT_S)
@@ -407,7 +399,7 @@ async def _anchor(
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        say(f"{user}: {sentence(anchor, before, after)}{site_link.default_address_note(**at)}")
+        say(f"{user}: {sentence(anchor, before, after)}{site.note}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

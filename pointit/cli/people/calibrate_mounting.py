@@ -10,7 +10,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import click
 import numpy as np
@@ -23,6 +23,7 @@ from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, progress, say
 from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.people.anchor import LISTEN_S
 from pointit.cli.people.calibrate_user import erase_local, query_site, read_local
 from pointit.diagnosis.observation import silence_reason
@@ -32,7 +33,6 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import NS_PER_S, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
 from pointit.schemas.text import round_beyond
@@ -208,12 +208,7 @@ class GuidanceOptions:
     """Confirm before the result is used."""
 
 
-@click.command(
-    "mounting",
-    params=site_link.site_options(),
-    cls=PanelCommand,
-    usual=("rest_s", "yes", "show", "erase", "connect"),
-)
+@site_command("mounting", cls=PanelCommand, usual=("rest_s", "yes", "show", "erase", "connect"))
 @click.argument("user")
 @click.option(
     "--seconds", "rest_s", type=Finite(min=0.3, max=30), default=2.0, help="rest of the arm in each pose, s"
@@ -230,7 +225,8 @@ class GuidanceOptions:
 @click.option("--show", is_flag=True, help="only show the mounting in use, or stored on this machine")
 @click.option("--erase", is_flag=True, help="delete the measured mounting: back to the configured one")
 @json_option
-def command(
+async def command(
+    site: SiteAddress,
     user: str,
     *,
     rest_s: float,
@@ -240,7 +236,6 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Measure and store the mounting of the person USER's sensor on the arm.
 
@@ -253,22 +248,19 @@ def command(
     check_name(user, "user")
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
-    site_link.quiet()
     if show or erase:
-        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
+        return await _keep(site, user, erase=erase, as_json=as_json)
     guidance = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
         waits=not non_interactive,
         asks=not (yes or non_interactive or as_json),
     )
-    return run_until_shutdown(_measure(user, guidance, as_json=as_json, **at))
+    return await _measure(site, user, guidance, as_json=as_json)
 
 
-async def _measure(
-    user: str, guidance: GuidanceOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
-) -> int:
-    async with site_link.join_site(**at) as bus:
+async def _measure(site: SiteAddress, user: str, guidance: GuidanceOptions, *, as_json: bool) -> int:
+    async with site.join() as bus:
         try:
             fitted = await measure(bus, user, guidance)
             if not as_json:
@@ -283,7 +275,7 @@ async def _measure(
     if as_json:
         print_json({"user": user, **fields(fitted), **_reply_fields(reply)})
         return 0
-    say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
+    say(f"{user}: {reply.message}{site.note}")
     if abs(fitted.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(fitted.heading_change_rad):.0f}°: correct "
@@ -413,19 +405,19 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
     return {"sensor_from_arm_xyzw": reply.sensor_from_arm_xyzw, "message": reply.message}
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+async def _keep(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
     """Show the stored mounting, or delete it with `erase`, and return the exit code.
 
     The request goes to imu-bridge if it runs, else the file on this machine is read or changed.
     """
     # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
-    reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), site_link.join_site(**at))
+    reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), site.join())
     if reply is not None:
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            say(f"{user}: {reply.message}{site_link.default_address_note(**at) if erase else ''}")
+            say(f"{user}: {reply.message}{site.note if erase else ''}")
         return 0
     file = StateFile(StoredMountings, user, PURPOSE)
     if erase:

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, TypeVar, Unpack
+from typing import Any, TypeVar
 
 import click
 from pydantic import BaseModel
@@ -27,6 +27,7 @@ from pointit.cli.common.output import (
     say,
 )
 from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.people.anchor import (
     LISTEN_S,
     AnchorNotStartedError,
@@ -42,7 +43,6 @@ from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConnectError, NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
 from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit, sighting
@@ -269,9 +269,9 @@ class CalibrationOptions:
     keeps: bool
 
 
-@click.command(
+@site_command(
     "user",
-    params=[timeout_option(), *site_link.site_options()],
+    params=[timeout_option()],
     cls=PanelCommand,
     usual=("lamps", "count", "dry_run", "show", "erase", "connect"),
 )
@@ -293,7 +293,8 @@ class CalibrationOptions:
 @click.option("--show", is_flag=True, help="only show the offset in use, or stored on this machine")
 @click.option("--erase", is_flag=True, help="delete the offset: no correction any more")
 @json_option
-def command(
+async def command(
+    site: SiteAddress,
     user: str,
     *,
     lamps: tuple[str, ...],
@@ -303,7 +304,6 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Measure and store the pointing offset of the person USER.
 
@@ -319,18 +319,15 @@ def command(
     check_name(user, "user")
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
-    site_link.quiet()
     if show or erase:
-        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
+        return await _keep(site, user, erase=erase, as_json=as_json)
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
     options = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
-    return run_until_shutdown(_measure(user, options, as_json=as_json, **at))
+    return await _measure(site, user, options, as_json=as_json)
 
 
-async def _measure(
-    user: str, options: CalibrationOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
-) -> int:
-    async with site_link.join_site(**at) as bus:
+async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *, as_json: bool) -> int:
+    async with site.join() as bus:
         clock = SiteClock(bus)
         anchoring = AnchorRequester(bus, user)
         lamps = await _lamps(bus, user, options.lamps)
@@ -363,7 +360,7 @@ async def _measure(
         note = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if options.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            note = reply.message + site_link.default_address_note(**at)
+            note = reply.message + site.note
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
         table_rows = [table_row(row) for row in rows]
@@ -444,21 +441,19 @@ def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     print_table(console(), section)
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+async def _keep(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
     """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
-        reply = await query_site(
-            lambda bus: bus.call(SET_OFFSET, SetOffset(), user), site_link.join_site(**at)
-        )
+        reply = await query_site(lambda bus: bus.call(SET_OFFSET, SetOffset(), user), site.join())
         if reply is None:
             return erase_local(user, file, "offset", as_json=as_json)
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
+            say(f"{user}: {reply.message}{site.note}")
         return 0
-    profile = await query_site(lambda bus: _profile(bus, user), site_link.join_site(**at))
+    profile = await query_site(lambda bus: _profile(bus, user), site.join())
     if profile is not None:
         offset = profile.offset
         if as_json:

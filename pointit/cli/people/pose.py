@@ -3,7 +3,6 @@
 import asyncio
 import math
 from dataclasses import dataclass
-from typing import Unpack
 
 import click
 
@@ -13,13 +12,13 @@ from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.people import anchor
 from pointit.cli.people.anchor import LISTEN_S, localizing, missing_reason, out_of_map_warning, people
 from pointit.forearm.true_pose import PoseError, TruePose, find_true_poses
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import CancelLocalization, Localization, SetHeading, SetPose, TrackedObjects, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
@@ -75,9 +74,8 @@ The exit code is 1 if the pose is unknown, or the localizer refuses.
 _DEGREES = Finite(-360, 360)
 
 
-@click.command(
+@site_command(
     "pose",
-    params=site_link.site_options(),
     help=HELP,
     cls=PanelCommand,
     usual=("yaw_deg", "facing_deg", "now", "forget_bias", "as_json", "connect"),
@@ -105,7 +103,8 @@ _DEGREES = Finite(-360, 360)
     help="forget the elevation bias of earlier localizations, as of another person",
 )
 @json_option
-def command(
+async def command(
+    site: SiteAddress,
     user: str,
     numbers: tuple[str, ...],
     *,
@@ -114,7 +113,6 @@ def command(
     now: bool,
     forget_bias: bool,
     as_json: bool,
-    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
@@ -127,11 +125,10 @@ def command(
         )
     if now and facing_deg is None:
         raise UnknownNameError("--now belongs to --facing")
-    site_link.quiet()
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
     asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now, forget_bias=forget_bias)
-    return run_until_shutdown(_pose(user, asked, as_json=as_json, **at))
+    return await _pose(site, user, asked, as_json=as_json)
 
 
 @dataclass(frozen=True)
@@ -165,8 +162,8 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
 
-async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
-    async with site_link.join_site(**at) as bus:
+async def _pose(site: SiteAddress, user: str, asked: _Asked, *, as_json: bool) -> int:
+    async with site.join() as bus:
         clock = SiteClock(bus)
         latest_pose = LatestMessage(bus, POSE, user)
         latest_localization = LatestMessage(bus, LOCALIZATION, user)
@@ -184,7 +181,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
             return INTERRUPTED
         if sentences and not as_json:
             for sentence in sentences:
-                say(f"{user}: {sentence}{site_link.default_address_note(**at)}")
+                say(f"{user}: {sentence}{site.note}")
             return 0
         if asked.forget_bias:
             await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.remembered_bias is None)

@@ -1,19 +1,18 @@
 """`pointit person press USER`: a person's button, for devices without one."""
 
-from typing import Unpack, cast
+from typing import cast
 
 import click
 
 from pointit.api.inputs import Gesture, press
 from pointit.cli.common.output import json_option, print_json, say
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import AccessDeniedError
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas.topics import BUTTON, check_name
 
 
-@click.command("press", params=site_options())
+@site_command("press")
 @click.argument("user")
 @click.option(
     "--gesture",
@@ -22,7 +21,7 @@ from pointit.schemas.topics import BUTTON, check_name
     help="press: start or stop; double: point at one lamp to correct the pose; hold: localize again",
 )
 @json_option
-def command(user: str, *, gesture: str, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def command(site: SiteAddress, user: str, *, gesture: str, as_json: bool) -> int:
     """Press the button of the person USER, and print the resulting state and the next step.
 
     The exit code is 1 if that person has no supervisor.
@@ -30,15 +29,10 @@ def command(user: str, *, gesture: str, as_json: bool, **at: Unpack[AtSite]) -> 
     Example: pointit person press anna --gesture double
     """
     check_name(user, "user")
-    quiet()
-    return run_until_shutdown(_press(user, cast("Gesture", gesture), as_json=as_json, **at))
-
-
-async def _press(user: str, gesture: Gesture, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         if denied := await bus.denial_reason("writes", BUTTON, user):
             raise AccessDeniedError(denied)
-        answer = await press(bus, SiteClock(bus), user, gesture)
+        answer = await press(bus, SiteClock(bus), user, cast("Gesture", gesture))
     if as_json:
         print_json({"user": user, **answer.model_dump(include={"state", "reason", "next_step"})})
     else:

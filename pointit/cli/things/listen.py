@@ -7,19 +7,18 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import click
 
 from pointit.cli.common.output import say
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, ConfigError, RefusedError
 from pointit.runtime.service.carrier import Act, ActFailedError, Target
-from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import NS_PER_S, Referent, SelectionEvent, Speech, Understood
 from pointit.schemas.topics import SPEECH, check_name
 from pointit.services.reactions.targets import Program, Reaction
@@ -89,12 +88,7 @@ END_TIMEOUT_S = 15.0
 """Time for the last utterance to be followed, questions included, s."""
 
 
-@click.command(
-    "listen",
-    params=site_options(),
-    cls=PanelCommand,
-    usual=("text", "audio", "recogniser", "verbs", "speak", "connect"),
-)
+@site_command("listen", cls=PanelCommand, usual=("text", "audio", "recogniser", "verbs", "speak", "connect"))
 @click.argument("user")
 @click.option("--text", metavar="FILE", help="file with lines `TIME WORD` or `WORD`; - is standard input")
 @click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")
@@ -108,7 +102,8 @@ END_TIMEOUT_S = 15.0
     "own programs follow the understood commands. Repeatable",
 )
 @click.option("--speak", is_flag=True, help="speak the understood sentence, by espeak-ng")
-def command(
+async def command(
+    site: SiteAddress,
     user: str,
     *,
     text: str | None,
@@ -116,7 +111,6 @@ def command(
     recogniser: str,
     verbs: tuple[str, ...],
     speak: bool,
-    **at: Unpack[AtSite],
 ) -> int:
     """Follow spoken commands of USER, who points: take that, put that there, turn this on, stop.
 
@@ -129,26 +123,12 @@ def command(
     check_name(user, "user")
     if text and audio:
         raise click.UsageError("--text and --audio exclude each other")
-    quiet()
-    return run_until_shutdown(_listen(user, text, audio, recogniser, verbs, speak=speak, **at))
-
-
-async def _listen(
-    user: str,
-    text: str | None,
-    audio: str | None,
-    recogniser: str,
-    verbs: Sequence[str],
-    *,
-    speak: bool,
-    **at: Unpack[AtSite],
-) -> int:
 
     from pointit.bridges.speaker.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
 
     own, problem = own_verbs(verbs)
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         if denied := await bus.denial_reason("writes", SPEECH, user):
             raise AccessDeniedError(denied)
         clock = SiteClock(bus)

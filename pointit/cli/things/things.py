@@ -5,7 +5,6 @@ import contextlib
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Unpack
 
 import click
 
@@ -13,7 +12,7 @@ from pointit.api.feed import is_reaction
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
+from pointit.cli.common.site_link import TIMEOUT_S, SiteAddress, site_command
 from pointit.cli.things.mqtt_events import USER, MqttThings, broker_of
 from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
@@ -21,7 +20,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoMessageError, RequestError
 from pointit.runtime.service.carrier import Carrier, check_carrier, check_things
-from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing, ThingStates
 from pointit.schemas.environment import Thing
@@ -33,9 +32,9 @@ STATES_S = 0.3
 """Time in which the states of carriers arrive, s."""
 
 
-@click.command("list", params=site_options())
+@site_command("list")
 @json_option
-def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def list_things(site: SiteAddress, *, as_json: bool) -> int:
     """List the things of a site's map: mode, light, state of the target, and how often each fired.
 
     Counts begin when the site loaded this map, among the last 200 events in the selector's journal since
@@ -43,12 +42,7 @@ def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 
     Example: pointit things list --json
     """
-    quiet()
-    return run_until_shutdown(_list(as_json=as_json, **at))
-
-
-async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         room = await _map(bus)
         events: Sequence[SelectionEvent] | None
         try:
@@ -118,23 +112,18 @@ def _light(thing: Thing) -> str:
     return f"{thing.strip} {start_m:g}-{end_m:g} m" if thing.strip else thing.lamp
 
 
-@click.command("try", params=site_options())
+@site_command("try")
 @click.argument("thing")
 @click.option("--user", default="operator", help="user name in events")
 @click.option("--on/--off", default=None, help="state of a switch  [default: the other one]")
-def try_thing(*, thing: str, user: str, on: bool | None, **at: Unpack[AtSite]) -> int:
+async def try_thing(site: SiteAddress, *, thing: str, user: str, on: bool | None) -> int:
     """Fire THING as if a person had pointed at it: its light, and all its reactions.
 
     A switch goes on or off. On a secured site only operators may do this.
 
     Example: pointit things try screws
     """
-    quiet()
-    return run_until_shutdown(_try(thing, user, on=on, **at))
-
-
-async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+    async with site.join() as bus:
         room = await _map(bus)
         check_things([thing], room)
         reply = await bus.call(SET_THING, SetThing(thing=thing, on=on), user)
@@ -142,11 +131,11 @@ async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) 
     return 0
 
 
-@click.command("react", params=site_options(), cls=PanelCommand, usual=("mqtt", "connect", "credentials"))
+@site_command("react", cls=PanelCommand, usual=("mqtt", "connect", "credentials"))
 @click.argument("on", nargs=-1, metavar="[FILE.yaml|THING=PROGRAM|THING=URL]...")
 @mqtt_options
-def react_to_things(
-    *, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, mqtt_discovery_prefix: str, **at: Unpack[AtSite]
+async def react_to_things(
+    site: SiteAddress, *, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, mqtt_discovery_prefix: str
 ) -> int:
     """Start programs and send web requests when people point at things of a running site, until Ctrl-C.
 
@@ -157,7 +146,6 @@ def react_to_things(
 
     Example: pointit things react my_site.yaml
     """
-    quiet()
     reactions = [each for text in on for each in reactions_in(text)]
     watchers: list[Watcher] = []
     if mqtt or mqtt_ca_file:
@@ -166,7 +154,8 @@ def react_to_things(
         raise click.UsageError(
             "nothing to do: name a FILE.yaml, THING=PROGRAM or THING=URL, or --mqtt BROKER"
         )
-    return run_until_shutdown(_react(watchers, reactions, **at))
+    async with site.join() as bus:
+        return await _react(bus, watchers, reactions)
 
 
 async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
@@ -179,32 +168,31 @@ async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
     return carrier
 
 
-async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
-        room = await _map(bus)
-        for reaction in reactions:
-            reaction.check(room)
-        if watchers:
-            await check_carrier(bus, USER)
-        carrier = await _carrier(bus, reactions) if reactions else None
+async def _react(bus: ZenohBus, watchers: Sequence[Watcher], reactions: Sequence[Reaction]) -> int:
+    room = await _map(bus)
+    for reaction in reactions:
+        reaction.check(room)
+    if watchers:
+        await check_carrier(bus, USER)
+    carrier = await _carrier(bus, reactions) if reactions else None
 
-        def on_map(environment: Environment, _name: str) -> None:
-            for watcher in watchers:
-                watcher.on_map(environment)
+    def on_map(environment: Environment, _name: str) -> None:
+        for watcher in watchers:
+            watcher.on_map(environment)
 
-        try:
-            with contextlib.ExitStack() as ending:
-                for watcher in watchers:
-                    for each in watcher.attach(bus, lambda _line, _user: None):
-                        ending.callback(each.close)
-                bus.subscribe(MAP, on_map)
-                say(f"reacting to things of map {room.name}; Ctrl-C ends it")
-                await asyncio.Event().wait()
-        finally:
-            if carrier is not None:
-                await carrier.close()
-                say(f"Acts: {carrier.done} done, {carrier.failed} failed.")
+    try:
+        with contextlib.ExitStack() as ending:
             for watcher in watchers:
-                for line in summary_lines(watcher.summary()):
-                    say(line)
+                for each in watcher.attach(bus, lambda _line, _user: None):
+                    ending.callback(each.close)
+            bus.subscribe(MAP, on_map)
+            say(f"reacting to things of map {room.name}; Ctrl-C ends it")
+            await asyncio.Event().wait()
+    finally:
+        if carrier is not None:
+            await carrier.close()
+            say(f"Acts: {carrier.done} done, {carrier.failed} failed.")
+        for watcher in watchers:
+            for line in summary_lines(watcher.summary()):
+                say(line)
     return 0

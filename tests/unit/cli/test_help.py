@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from pointit.cli.common.lazy import LazyGroup, walk
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.site_link import default_address_note, notify_if_slow
+from pointit.cli.common.site_link import SiteAddress, default_address_note, notify_if_slow
 from pointit.cli.inspect.listings import plugins, services
 from pointit.cli.main import PATHS, command, front, wrap_message
 from pointit.plugins import GROUPS
@@ -86,6 +86,8 @@ def test_every_parameter_has_an_argument_of_its_name(path: tuple[str, ...]) -> N
         return
     accepted = inspect.signature(inspect.unwrap(found.callback)).parameters
     names = {parameter.name for parameter in found.params if parameter.expose_value}
+    if any(each.annotation is SiteAddress for each in accepted.values()):
+        names -= {"connect"}  # `site` has both
     required = {
         name
         for name, each in accepted.items()

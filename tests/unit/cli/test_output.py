@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.text import Text
 
 from pointit.cli import outputs
+from pointit.cli.common import site_link
 from pointit.cli.common.output import ROOMY_WIDTH, OutputSection, cell, print_table, to_json, to_line
 from pointit.cli.inspect.topics import format_message
 from pointit.cli.outputs import PrintedWarnings, SiteFrames
@@ -186,6 +187,6 @@ def test_warnings_are_printed_whenever_they_change(capsys: pytest.CaptureFixture
 def test_wrong_outputs_are_refused_in_a_sentence(
     output: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outputs, "quiet", lambda: None)
+    monkeypatch.setattr(site_link, "quiet", lambda: None)
     result: Any = CliRunner().invoke(outputs.add, [output, "--strip", "a"])
     assert sentence in str(result.exception)

@@ -1,178 +1,119 @@
-"""The paper's two methods: by example, and against a plain reading of the paper for any sequence."""
+"""The paper's two methods: any cursors against a plain reading of the docstring, and its figures by example."""
 
 from collections.abc import Sequence
-from random import Random
+from itertools import accumulate, pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pointit.services.selector.methods.dwell import Dwell, Method
+from pointit.services.selector.methods.dwell import Dwell
 
 MS = 1_000_000
-STEP_NS = 100 * MS
-WINDOW = 8
-RELEASE = 5
+STEP, WINDOW, GAP = 100, 8, 250
+"""Timestep, ms; timesteps of a window; longest gap, ms."""
 
-hovered = st.sampled_from(["a", "b", None])
-steps = st.lists(hovered, max_size=60) | st.lists(st.tuples(hovered, st.integers(1, 12)), max_size=12).map(
-    lambda stays: [object_id for object_id, count in stays for _ in range(count)]
-)
-"""Objects of timesteps. Stays of the second kind are long enough that windows are full."""
-HOLD: Method = "hold"
-FRACTION: Method = "fraction"
-methods = st.one_of(
-    st.just((HOLD, 1.0)), st.tuples(st.just(FRACTION), st.sampled_from([0.25, 0.5, 0.8, 1.0]))
-)
+Cursors = list[tuple[int, str | None]]
+"""Times, ms, and the objects that are hovered."""
+
+methods = st.sampled_from([("hold", 1.0), *(("fraction", share) for share in (0.25, 0.5, 0.8, 1.0))])
+releases = st.sampled_from([1, 5])
+pauses_ms = st.sampled_from([1, 10, 40, 99, 100, 101, 140, 200, 249, 250, 251, 310, 490, 700, -150, -2000])
+cursors = st.lists(
+    st.tuples(st.lists(pauses_ms, min_size=1, max_size=12), st.sampled_from(["a", "b", None])), max_size=12
+).map(lambda stays: timed([(pause, name) for pauses, name in stays for pause in pauses]))
 
 
-def feed(dwell: Dwell, objects: Sequence[str | None], start: int = 0) -> list[tuple[int, str]]:
-    """Put one cursor in every timestep, and one more to end the last; return (ended timestep, toggled)."""
-    toggles: list[tuple[int, str]] = []
-    for index, object_id in enumerate([*objects, None]):
-        toggled = dwell.step((start + index) * STEP_NS, object_id)
-        if toggled is not None:
-            toggles.append((start + index - 1, toggled))
-    return toggles
+def timed(steps: Sequence[tuple[int, str | None]], start_ms: int = 100_000) -> Cursors:
+    """Return cursors with pauses before them."""
+    times = accumulate((pause for pause, _ in steps), initial=start_ms)
+    return list(zip(list(times)[1:], (name for _, name in steps), strict=True))
 
 
-def as_the_paper_says(objects: list[str | None], share: float) -> list[tuple[int, str]]:
-    """Toggle what covers `share` of the last full window of timesteps, counted since the last toggle.
+def every(period_ms: int, until_ms: int, name: str | None = "a", start_ms: int = 0) -> Cursors:
+    return [(at, name) for at in range(start_ms, until_ms, period_ms)]
 
-    A toggled object counts again from the first timestep that follows `RELEASE` timesteps off it.
-    """
-    toggles: list[tuple[int, str]] = []
-    counted: list[str | None] = []
-    last_on: dict[str, int] = {}
-    for index, object_id in enumerate(objects):
-        for latched in [o for o, last in last_on.items() if index - last > RELEASE]:
-            del last_on[latched]
-        if object_id in last_on:
-            last_on[object_id] = index
-            counted.append(None)
-        else:
-            for latched in [o for o, last in last_on.items() if index - last >= RELEASE]:
-                del last_on[latched]
-            counted.append(object_id)
-        window = counted[-WINDOW:]
-        if len(window) < WINDOW:
+
+def toggles(dwell: Dwell, stream: Cursors) -> Cursors:
+    """Return the times of the cursors that toggled, and what."""
+    found = [(at, dwell.step(at * MS, name)) for at, name in stream]
+    return [(at, name) for at, name in found if name is not None]
+
+
+def as_the_docstring_says(stream: Cursors, share: float, release: int) -> tuple[Cursors, set[str]]:
+    """Return the toggles and what is latched at the end."""
+    toggled: Cursors = []
+    window: list[str | None] = []
+    away: dict[str, int] = {}
+    in_order: Cursors = []
+    for at, name in stream:
+        before = in_order[-1] if in_order else (at, None)
+        if at // STEP < before[0] // STEP - WINDOW:  # the clock was set back
+            window, away, in_order = [], {}, [(at, name)]
             continue
-        full = [o for o in ("a", "b") if window.count(o) >= share * WINDOW - 1e-9]
-        if not full:
+        if at < before[0]:
             continue
-        best = max(full, key=lambda o: (window.count(o), max(i for i, w in enumerate(window) if w == o)))
-        toggles.append((index, best))
-        last_on[best] = index
-        counted = []
-    return toggles
+        in_order.append((at, name))
+        first, last = before[0] // STEP, at // STEP
+        if last - first > release and at - before[0] > GAP:
+            window, away = [None] * WINDOW, {}
+            continue
+        fired: str | None = None
+        for step in range(first, last):
+            hovered = before[1] if step == first or (step + 1) * STEP - before[0] <= GAP else None
+            away = {each: 0 if each == hovered else count + 1 for each, count in away.items()}
+            away = {each: count for each, count in away.items() if count < release}
+            window = [*window, None if hovered in away else hovered][-WINDOW:]
+            counts = {each: window.count(each) for each in reversed(window) if each}
+            best = max(counts, key=counts.__getitem__, default=None)
+            if len(window) == WINDOW and best and counts[best] >= share * WINDOW - 1e-9:
+                window, fired = [], best
+                away[best] = 0
+        if fired:
+            toggled.append((at, fired))
+    return toggled, set(away)
 
 
-@settings(max_examples=150)
-@given(methods, steps)
-def test_any_sequence_toggles_as_the_paper_says(
-    method: tuple[Method, float], objects: list[str | None]
-) -> None:
-    dwell = Dwell(method[0], fraction=method[1])
-    assert feed(dwell, objects) == as_the_paper_says(objects, method[1])
+@settings(max_examples=400)
+@given(methods, releases, cursors)
+@example(("hold", 1.0), 5, every(10, 700) + [(710, None), (890, None), (1000, "a"), (1190, "a")])
+def test_any_cursors_toggle_as_the_docstring_says(method, release: int, stream: Cursors) -> None:  # noqa: ANN001
+    dwell = Dwell(method[0], fraction=method[1], release_s=release / 10)
+    found = toggles(dwell, stream)
+    assert (found, set(dwell.latched)) == as_the_docstring_says(stream, method[1], release)
 
 
-@pytest.mark.parametrize(("first", "last", "fires"), [(None, "a", True), ("a", None, False)])
-def test_the_last_object_of_a_timestep_is_the_timesteps(
-    first: str | None, last: str | None, *, fires: bool
-) -> None:
-    dwell = Dwell("hold")
-    toggled: list[str | None] = []
-    for step in range(9):
-        toggled.append(dwell.step(step * STEP_NS, first))
-        toggled.append(dwell.step(step * STEP_NS + STEP_NS // 2, last))
-    assert toggled == [None] * 16 + (["a", None] if fires else [None, None])
-
-
-def put(dwell: Dwell, cursors: Sequence[tuple[int, str | None]]) -> list[tuple[int, str]]:
-    """Put (time in ms, object) cursors; return (time of the cursor that toggled, toggled)."""
-    toggles = [(time_ms, dwell.step(time_ms * MS, object_id)) for time_ms, object_id in cursors]
-    return [(time_ms, object_id) for time_ms, object_id in toggles if object_id is not None]
-
-
-def jittered_ms(rate_hz: int, jitter_ms: int, seed: int, duration_ms: int = 10_000) -> list[int]:
-    """Return times of cursors at `rate_hz`, each off by at most `jitter_ms`."""
-    random = Random(seed)
-    period_ms = 1000 / rate_hz
-    count = int(duration_ms / period_ms)
-    return [round((1 + k) * period_ms) + random.randint(-jitter_ms, jitter_ms) for k in range(count)]
-
-
-slow_wrists = st.sampled_from([(5, 25), (8, 60), (10, 45), (10, 0)]).flatmap(
-    lambda wrist: st.builds(jittered_ms, st.just(wrist[0]), st.just(wrist[1]), st.integers(0, 10_000))
+@pytest.mark.parametrize(
+    ("stream", "toggled_ms"),
+    [
+        (every(10, 2000), [800]),
+        (every(10, 401) + every(10, 2000, start_ms=600), [800]),  # a silence within the longest gap is held
+        (every(10, 401) + every(10, 2000, start_ms=800), [1600]),  # a longer one restarts
+        (every(10, 450) + [(450, "a"), (700, "a")] + every(10, 2000, start_ms=800), [800]),
+        (every(10, 449) + [(449, "a"), (700, "a")] + every(10, 2000, start_ms=800), [1500]),
+        (every(200, 4000, start_ms=100), [900]),  # a slow wrist
+        (every(10, 700) + every(10, 900, None, 710) + every(10, 1200, start_ms=1000), []),
+    ],
 )
+def test_hold_by_example(stream: Cursors, toggled_ms: list[int]) -> None:
+    assert [at for at, _ in toggles(Dwell("hold"), stream)] == toggled_ms
 
 
-@given(st.sampled_from([HOLD, FRACTION]), slow_wrists, st.sampled_from([0.1, 0.5]))
-def test_a_slow_wrist_with_jitter_toggles_after_the_window(
-    method: Method, times_ms: list[int], release_s: float
-) -> None:
-    toggles = put(Dwell(method, release_s=release_s), [(time_ms, "a") for time_ms in times_ms])
-    assert [object_id for _, object_id in toggles] == ["a"]
-    # the window's eight timesteps, and the rest of the last one and the gap to the cursor after it
-    assert 700 <= toggles[0][0] - times_ms[0] <= 800 + 100 + 250
-
-
-def test_a_silence_within_the_longest_gap_is_held_and_a_longer_one_restarts() -> None:
-    def silent_from_400(silence_ms: int) -> list[tuple[int, str]]:
-        times_ms = [*range(0, 401, 10), *range(400 + silence_ms, 3000, 10)]
-        return put(Dwell("hold", longest_gap_s=0.25), [(time_ms, "a") for time_ms in times_ms])
-
-    assert silent_from_400(200) == [(800, "a")]
-    assert silent_from_400(400) == [(1600, "a")]  # nothing was hovered in the timesteps from 600 to 800
-    assert put(Dwell("hold", longest_gap_s=0.05), [(t, "a") for t in range(0, 3000, 200)]) == []
-
-
-@pytest.mark.parametrize(("last_ms", "next_ms", "toggled_ms"), [(450, 700, 800), (449, 700, 1500)])
-def test_hold_goes_on_while_the_cursor_is_at_most_the_longest_gap_old(
-    last_ms: int, next_ms: int, toggled_ms: int
-) -> None:
-    # the timestep from 600 has no cursor of its own: at its end that of 450 is exactly 250 ms old
-    times_ms = [*range(0, last_ms, 10), last_ms, next_ms, *range(800, 3000, 10)]
-    assert put(Dwell("hold"), [(time_ms, "a") for time_ms in times_ms]) == [(toggled_ms, "a")]
-
-
-@pytest.mark.parametrize("silence_ms", [310, 490])
-def test_a_silence_shorter_than_the_release_neither_empties_a_fraction_nor_unlatches(silence_ms: int) -> None:
-    times_ms = [*range(0, 401, 10), *range(400 + silence_ms, 3000, 10)]
-    dwell = Dwell("fraction", fraction=0.6)
-    assert put(dwell, [(time_ms, "a") for time_ms in times_ms]) == [(max(800, 400 + silence_ms), "a")]
-    later_ms = range(3000 + silence_ms - 10, 6000, 10)
-    assert put(dwell, [(time_ms, "a") for time_ms in later_ms]) == []
-    assert list(dwell.latched) == ["a"]
-
-
-def test_an_object_left_during_a_silence_is_not_held() -> None:
-    cursors: list[tuple[int, str | None]] = [(time_ms, "a") for time_ms in range(0, 700, 10)]
-    assert put(Dwell("hold"), [*cursors, (710, None), (890, None), (1000, "a"), (1190, "a")]) == []
-
-
-def test_late_cursors_are_left_out_and_a_clock_set_back_starts_anew() -> None:
-    dwell = Dwell("hold")
-    for step in range(100, 106):
-        dwell.step(step * STEP_NS, "a")
-    assert dwell.step(104 * STEP_NS, "b") is None
-    assert dwell.step(106 * STEP_NS, "a") is None
-    assert dwell.progress("a") == 6 / 8
-    assert dwell.step(3 * STEP_NS, "a") is None
-    assert dwell.progress("a") == 0.0
-    assert feed(dwell, ["a"] * 8, start=4)[0] == (10, "a")
-
-
-@given(methods, steps)
-def test_progress_grows_to_the_toggle_and_stays_a_share(
-    method: tuple[Method, float], objects: list[str | None]
-) -> None:
+@given(methods, st.lists(st.sampled_from(["a", "b", None]), max_size=60))
+def test_progress_grows_to_the_toggle_and_stays_a_share(method, names: list[str | None]) -> None:  # noqa: ANN001
     dwell = Dwell(method[0], fraction=method[1])
-    for index, object_id in enumerate(objects):
-        before = dwell.progress(object_id)
-        toggled = dwell.step(index * STEP_NS, object_id)
-        assert 0.0 <= dwell.progress(object_id) < 1.0
+    for index, name in enumerate(names):
+        before = dwell.progress(name)
+        toggled = dwell.step(index * STEP * MS, name)
+        assert 0.0 <= dwell.progress(name) < 1.0
         if toggled is not None:
             assert dwell.progress(toggled) == 0.0
-        elif index and objects[index - 1] == object_id and method[0] == "hold":
-            assert dwell.progress(object_id) in (0.0, before + 1 / WINDOW)
+        elif index and names[index - 1] == name and method[0] == "hold":
+            assert dwell.progress(name) in (0.0, before + 1 / WINDOW)
+
+
+@pytest.mark.parametrize(("away", "fires"), [(4, False), (5, True)])
+def test_a_share_of_four_fifths_fires_again_after_half_a_second_away(away: int, *, fires: bool) -> None:
+    names = ["a"] * 7 + [None] * (1 + away) + ["a"] * 12
+    found = toggles(Dwell("fraction"), [(STEP * index, name) for index, name in enumerate(names)])
+    assert len(found) == 1 + fires

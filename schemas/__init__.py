@@ -116,6 +116,7 @@ from pointit.schemas.selection import (
     SelectedObject,
     Selection,
     SelectionEvent,
+    SelectionManner,
     ThingState,
     ThingStates,
 )
@@ -143,6 +144,7 @@ __all__ = [
     "ReadHistory", "ReadHistoryReply", "Referent", "Referents", "ReleaseObject", "RememberedBias",
     "Reply", "ReservedObject", "ResetConveyor", "RobotKind", "RobotPhase", "RobotPlan", "RobotState",
     "RunScenario", "Say", "SchemaError", "SchemaModel", "SelectedObject", "Selection", "SelectionEvent",
+    "SelectionManner",
     "SendRobot", "ServedRequest", "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod",
     "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing",
     "SetTolerance", "SetToleranceReply", "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",

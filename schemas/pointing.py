@@ -250,10 +250,13 @@ class Announced(Message):
     ] = 0
 
 
+PressEffect = Literal["", "start", "cancel", "stop", "confirm"]
+
+
 class Interaction(Message):
     """State of the person in the interaction's life cycle (paper, §II-D), and their next step."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     state: Literal["idle", "localizing", "pointing"]
     next_step: Annotated[str, Field(description="instruction to the person, in one sentence")] = ""
@@ -267,6 +270,13 @@ class Interaction(Message):
             description="the person's direction has become uncertain: a double press, then pointing at a "
             "lamp once, sets it right"
         ),
+    ] = False
+    press: Annotated[
+        PressEffect,
+        Field(description="effect of a press now: begin, cancel localizing, end, select; empty if none"),
+    ] = ""
+    is_advised: Annotated[
+        bool, Field(description="the next step is that of a service which acts on what the person does")
     ] = False
 
 

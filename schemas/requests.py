@@ -264,7 +264,13 @@ class StopRobot(Query):
 class Say(Query):
     """Tell a person something, by a cue with a text."""
 
+    version: ClassVar[int] = 2
+
     text: Annotated[str, Field(min_length=1, max_length=200)]
+    stays: Annotated[
+        bool,
+        Field(description="no cue: it is their next step while they point, until another one"),
+    ] = False
 
 
 class FindReferents(Query):

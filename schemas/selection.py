@@ -84,6 +84,26 @@ class Selection(Message):
     ] = None
 
 
+SelectsBy = Literal["stay", "press"]
+"""What selects the object that a person points at: staying on it, or a press."""
+
+MAX_PRESSED = 4
+"""Maximum number of named objects that want a press: more are told by their number."""
+
+
+class SelectionManner(Message):
+    """How people select here, for those who tell them: each person's supervisor, and pages."""
+
+    by: SelectsBy
+    pressed: Annotated[
+        Many[Id], Field(description="names of objects that want a press, where others do not; a few at most")
+    ] = ()
+    pressed_count: Annotated[int, Field(ge=0, description="number of these objects")] = 0
+    names_by: Annotated[
+        SelectsBy | None, Field(description="for people who hear names of objects; None if nobody does")
+    ] = None
+
+
 REPEATED_REASON = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 

@@ -169,7 +169,7 @@ class ExpectedService(SchemaModel):
 class Deployment(Message):
     """Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones."""
 
-    version: ClassVar[int] = 4
+    version: ClassVar[int] = 5
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""
@@ -184,6 +184,12 @@ class Deployment(Message):
     target_kinds: Annotated[
         Many[Id], Field(description="kinds of objects to select; empty if all are right")
     ] = ()
+    goal: Annotated[
+        str,
+        Field(
+            max_length=200, description="instruction to a newcomer who points, in one sentence; empty: none"
+        ),
+    ] = ""
 
     def believed(self, name: str) -> "Deployment":
         """Return the part that the writer of `deployment/{name}` may state: a run all, a person their own.
@@ -206,6 +212,7 @@ class Deployment(Message):
                 "scenarios": (),
                 "localizes": False,
                 "target_kinds": (),
+                "goal": "",
                 "name": name,
             }
         )

@@ -155,7 +155,8 @@ __all__ = [
     "ACCOUNTS", "ACT_RESULTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BUTTON", "CANCEL_LOCALIZATION",
     "CARRIER_ALIVE", "CLAIM", "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR",
     "DEPLOYMENT", "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION",
-    "KEEPER_ALIVE", "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MAP", "MAX_AGE_PERIODS", "OBJECTS",
+    "KEEPER_ALIVE", "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MANNER", "MAP", "MAX_AGE_PERIODS",
+    "OBJECTS",
     "OUTCOMES", "POINT_ANCHOR", "POSE", "PRESENCES", "PROFILE", "RAY", "READ_HISTORY", "RELEASE_OBJECT",
     "REQUESTS", "RESET_CONVEYOR", "ROBOT_PLAN", "ROBOT_STATE", "RUN_SCENARIO", "SAY", "SELECTION",
     "SELECTION_EVENTS", "SEND_ROBOT", "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING",
@@ -254,6 +255,10 @@ SELECTION = Topic(
     key="selection", message=selection.Selection, delivery=_STATE, rate_hz=None, writers=("selector",),
     about="selected objects",
 )
+MANNER = Topic(
+    key="selection/manner", message=selection.SelectionManner, delivery=_STATE, rate_hz=None,
+    writers=("selector",), about="how people select: by staying, a press, or names",
+)
 SELECTION_EVENTS = Topic(
     key="selection/events", message=selection.SelectionEvent, delivery=_EVENT, rate_hz=None,
     writers=("selector", "conveyor-sim"), about="selected, deselected, left",
@@ -313,8 +318,8 @@ DEPLOYMENT = Topic(
 TOPICS: list[Topic[Any]] = [
     IMU, WRIST, BUTTON, STEP, PROFILE, RAY, POSE, LOCALIZATION, ANCHOR, CURSOR, HOVER, ANNOUNCED, CLAIM,
     INTERACTION, FEEDBACK, GOAL, STEERING, SPEECH, UNDERSTOOD, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN,
-    SELECTION, SELECTION_EVENTS, THING_STATES, ACT_RESULTS, OUTCOMES, LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME,
-    CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
+    SELECTION, MANNER, SELECTION_EVENTS, THING_STATES, ACT_RESULTS, OUTCOMES, LAMP_COLOR, LAMP_LEASES,
+    STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
 ]
 """All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
 

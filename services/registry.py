@@ -5,6 +5,7 @@ process loads only what it needs. Services of other packages get a row when they
 """
 
 import contextlib
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,11 +22,11 @@ if TYPE_CHECKING:
 
 
 SHOWN: tuple[topics.Topic[Any], ...] = (
-    topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.CURSOR, topics.HOVER, topics.ANNOUNCED,
-    topics.INTERACTION, topics.FEEDBACK, topics.GOAL, topics.STEERING, topics.UNDERSTOOD, topics.MAP,
-    topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS,
-    topics.OUTCOMES, topics.THING_STATES, topics.LAMP_COLOR, topics.STRIPS_FRAME, topics.CONVEYOR_STATE,
-    topics.HEALTH, topics.DEPLOYMENT,
+    topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.CURSOR, topics.HOVER,
+    topics.ANNOUNCED, topics.INTERACTION, topics.FEEDBACK, topics.GOAL, topics.STEERING, topics.UNDERSTOOD,
+    topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.SELECTION, topics.MANNER,
+    topics.SELECTION_EVENTS, topics.OUTCOMES, topics.THING_STATES, topics.LAMP_COLOR, topics.STRIPS_FRAME,
+    topics.CONVEYOR_STATE, topics.HEALTH, topics.DEPLOYMENT,
 )  # fmt: skip
 """Everything but raw IMU samples and rays."""
 
@@ -93,6 +94,9 @@ class Process:
             raise ConfigError(f"{self.name} needs {remedy(self.extra)}") from error
 
 
+IMU_BRIDGE = "imu-bridge"
+"""The process of a person's own device, or of a page's mouse or phone."""
+
 RECORDER = "recorder"
 """The process that records a site. Only an identity that may read everything records everything."""
 
@@ -134,7 +138,10 @@ PROCESSES: list[Process] = [
     Process(
         name="supervisor", scope="user",
         about="the interaction's life cycle; owns the profile",
-        reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
+        reads=(
+            topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION, topics.MANNER,
+            topics.ANNOUNCED,
+        ),
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
         serves=(topics.SET_OFFSET, topics.SAY),
     ),
@@ -185,8 +192,8 @@ PROCESSES: list[Process] = [
             topics.ACT_RESULTS,
         ),
         writes=(
-            topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK,
-            topics.CLAIM, topics.OUTCOMES,
+            topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.MANNER, topics.SELECTION_EVENTS,
+            topics.FEEDBACK, topics.CLAIM, topics.OUTCOMES,
         ),
         serves=(
             topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
@@ -304,6 +311,19 @@ def person_of(instance: str) -> str:
     service, which = split_instance(instance)
     is_shared = any(row.name == service and row.scope == "site" for row in PROCESSES)
     return "" if is_shared else which
+
+
+def moves_arm(service: str) -> bool:
+    """Return True if `service`, which may be of another package, is a simulated person with an arm."""
+    row = row_of(service) or _row_of_package(service)
+    return row is not None and row.scope == "user" and topics.IMU in row.writes and service != IMU_BRIDGE
+
+
+@functools.lru_cache(maxsize=256)  # presences may have any name
+def _row_of_package(service: str) -> Process | None:
+    with contextlib.suppress(ConfigError, KeyError):
+        return process(service)
+    return None
 
 
 def row_of(service: str) -> Process | None:

@@ -5,9 +5,11 @@ https://developers.home-assistant.io/docs/api/websocket
 
 import asyncio
 import contextlib
+import errno
 import importlib.util
 import json
 import logging
+import os
 import re
 import socket
 import ssl
@@ -141,6 +143,11 @@ class HomeAssistantConnection:
         """Return the states of all entities, by entity. Raises as `request`."""
         states = await self.request("get_states")
         return {each["entity_id"]: each for each in states if is_state(each)} if is_list(states) else {}
+
+    async def is_starting(self) -> bool:
+        """Return True if Home Assistant says that it has not loaded everything yet. Raises as `request`."""
+        state = _fields(await self.request("get_config")).get("state")
+        return isinstance(state, str) and state in ("NOT_RUNNING", "STARTING")
 
     async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
         """Call `handler` with the data of all events of a type. Raises as `request`."""
@@ -381,6 +388,13 @@ def _status_problem(config: HomeAssistantConfig, status: int, headers: Mapping[s
     return STATUS_PROBLEMS.get(status, "").format(url=config.url, status=status)
 
 
+def _plain(error: Exception) -> str:
+    """Return an error of a connection in words, without numbers and addresses of the system."""
+    if isinstance(error, OSError) and error.errno in errno.errorcode:
+        return os.strerror(error.errno).lower()
+    return one_line(str(error), MAX_REASON) or "no answer"
+
+
 async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) -> NoReturn:
     """Raise the meaning of an error of a connection, with the remedy."""
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415 - an extra
@@ -388,7 +402,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     parts = urlsplit(config.url)
     host, is_encrypted = parts.hostname or "", config.address.startswith("wss")
     plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
-    problem = f"no Home Assistant answers at {config.url} ({one_line(str(error), MAX_REASON) or 'no answer'})"
+    problem = f"no Home Assistant answers at {config.url} ({_plain(error)})"
     problem += ": start it, or correct `url`, its usual port is 8123"
     may_encrypt = not isinstance(error, OSError)
     if (refusal := certificate_error_in(error)) is not None:

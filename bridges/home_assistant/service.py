@@ -79,6 +79,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Set by the next change in Home Assistant. Each change has its own."""
         self._problem = "Home Assistant is not connected yet: wait"
         """Cause for which nothing can be switched, or `""`."""
+        self._is_starting = False
+        """Home Assistant has not loaded everything yet: entities may be missing until it has."""
         self._acts: dict[str, object] = {}
         """Newest act on each entity that is being carried out."""
         self._hovers: dict[str, tuple[str, float]] = {}
@@ -157,6 +159,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
             await connection.subscribe("state_changed", self._on_state_changed)
+            self._is_starting = await connection.is_starting()
             await self._read_states(connection)
         finally:
             silence.cancel()
@@ -165,6 +168,9 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._problem = ""
         while True:
             change = self._change  # those that come from now on have another turn
+            if self._is_starting:
+                self._is_starting = await connection.is_starting()
+                self._should_read = True
             if self._should_read:
                 await self._read_states(connection)
             self._commands.check()
@@ -217,6 +223,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         problem = self._problem
         if action.action and not action.is_of(self.config.actions):
             problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
+        elif (
+            not problem and self._is_starting and (entity not in self._states or self._is_unavailable(entity))
+        ):
+            problem = "Home Assistant is still starting: wait"
         elif not problem and entity not in self._states:
             hint = self._hints.get(entity, "")
             problem = f"Home Assistant has no {entity}" + (f" ({hint})" if hint else "") + ": correct the map"
@@ -313,6 +323,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         missing: list[str] = []
         unavailable: list[str] = []
         for entity, use in uses:
+            if self._is_starting:
+                continue  # it may come
             if entity not in self._states:
                 hint = "" if len(missing) > MAX_NAMES else await self._hint(entity)
                 missing.append(f"{entity} {use}" + (f" ({hint})" if hint else ""))

@@ -62,7 +62,10 @@ Role = Literal["operator", "viewer", "wrist"]
 """Operator (control), viewer, or one person's phone."""
 
 Mover = Literal["own", "mouse", "phone", "headset"]
-"""Mover of a person's wrist: their own device or the simulation, a page's mouse or headset, a phone."""
+"""Mover of a person's wrist: their own source, a page's mouse or headset, a phone."""
+
+ArmSource = Literal["none", "device", "simulation"]
+"""Source of the movements of a person's arm while no page or phone has it."""
 
 Deed = Annotated[str, Field(max_length=64)]
 """Name of an action of this server: a row of `pages/arm_actions.py` or `pages/site_actions.py`,
@@ -127,6 +130,7 @@ class PersonLine(WireModel):
 
     user: str
     moved_by: Mover = "own"
+    source: Annotated[ArmSource, Field(description="what moves the arm while it is `own`")] = "device"
     is_mine: Annotated[bool, Field(description="by this page")] = False
     phone: Annotated[str, Field(description="state of the paired phone; empty if none is paired")] = ""
     battery: Fraction | None = None

@@ -307,9 +307,12 @@ class ImuRequests(_Requests[D], Generic[D, R]):
 class FeedbackRequests(_Requests[D]):
     """Requests for feedback to a person."""
 
-    def say(self, user: str, text: str) -> D:
-        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""
-        return self._do(topics.SAY, user, text=text)
+    def say(self, user: str, text: str, *, stays: bool = False) -> D:
+        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime.
+
+        With `stays` there is no chime: it is their next step while they point, until another one.
+        """
+        return self._do(topics.SAY, user, text=text, stays=stays)
 
 
 F = TypeVar("F")

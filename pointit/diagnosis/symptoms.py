@@ -8,13 +8,13 @@ from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding
 from pointit.geometry import floor_sigma
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health, UserPose
-from pointit.schemas.problems import INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
+from pointit.schemas.problems import IDLE_ARM, INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line, round_beyond
 from pointit.schemas.topics import TOPICS, Delivery
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.registry import person_of
+from pointit.services.registry import moves_arm, person_of
 
 _LOCALIZER = LocalizerConfig()
 
@@ -63,6 +63,8 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
             sentence, subject = one_line(problem.sentence), one_line(problem.subject, LONGEST_HOST)
             if problem.code == REFUSED_ACTS and subject in seen.present:
                 continue  # it reports its own problem
+            if problem.code == IDLE_ARM and _is_simulated(person_of(instance), seen):
+                continue  # a simulated person has it, of whatever package
             is_note = problem.severity == "note"
             text = f"says: “{sentence}”" if person_of(instance) and not is_note else sentence
             yield Finding(
@@ -132,6 +134,11 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
     yield from _counter(
         instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
     )
+
+
+def _is_simulated(user: str, seen: Observation) -> bool:
+    """Return True if a simulated person moves the arm of `user`."""
+    return any(moves_arm(service) and who == user for service, who in map(split_instance, seen.present))
 
 
 def _certainty(instance: str, health: Health) -> Iterator[Finding]:

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, Step, TrackedObjects
 from pointit.schemas.base import unchecked
+from pointit.schemas.selection import MAX_PRESSED, SelectionManner, SelectsBy
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.pointer import MakeMethod, PersonPointer, PointerResult, is_by_angle
 from pointit.services.selector.ownership import Ownership
@@ -79,6 +80,23 @@ class HoverEngine:
         """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
         self._things = {each.id: each.object_fields for each in environment.things if each.is_tracked}
+
+    def manner(self, stamp_ns: int) -> SelectionManner:
+        """Return how people select the objects that are there."""
+        by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
+        announcer = next((each.announcer for each in self._people.values() if each.announcer), None)
+        names_by: SelectsBy | None = (
+            None if announcer is None else "press" if announcer.is_pressed else "stay"
+        )
+        objects = self._positions.objects.values()
+        pressed = [one.kind or one.id for one in objects if one.press]
+        if by == "press" or not pressed or len(pressed) == len(objects):
+            by = "press" if pressed else by
+            return SelectionManner(stamp_ns=stamp_ns, by=by, names_by=names_by)
+        few = tuple(sorted(set(pressed)))[:MAX_PRESSED]
+        return SelectionManner(
+            stamp_ns=stamp_ns, by=by, pressed=few, pressed_count=len(pressed), names_by=names_by
+        )
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""
@@ -273,6 +291,10 @@ class PointingEngine:
     def on_step(self, user: str, step: Step) -> list[Output]:
         """Move `user` from the announced object to the one beside it, or to the nearest one."""
         return self._hovers.on_step(user, step)
+
+    def manner(self, now_ns: int) -> SelectionManner:
+        """Return how people select the objects that are there."""
+        return self._hovers.manner(now_ns)
 
     def stale_trackers(self, now_ns: int) -> list[str]:
         """Return the trackers silent for a time after which their objects cannot be hovered."""

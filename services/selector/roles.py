@@ -20,6 +20,7 @@ from pointit.schemas import (
     ReleaseObject,
     Selection,
     SelectionEvent,
+    SelectionManner,
     SetMethod,
     SetMethodReply,
     SetThing,
@@ -66,6 +67,9 @@ class SiteRole:
         self._selections = bus.publisher(topics.SELECTION)
         self._events = bus.publisher(topics.SELECTION_EVENTS)
         self._outcomes = bus.publisher(topics.OUTCOMES)
+        self._manners = bus.publisher(topics.MANNER)
+        self._manner: SelectionManner | None = None
+        """Last one that was published, without its stamp and number."""
         self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
         """Callers that wait for the outcome of an event, by its object and stamp."""
         self._carrier_warnings: dict[str, str] = {}
@@ -123,7 +127,16 @@ class SiteRole:
         before, self._carrier_warnings = self._carrier_warnings, self.engine.carrier_warnings()
         for carrier in {*before, *self._carrier_warnings}:
             self._bus.warn(REFUSED_ACTS, self._carrier_warnings.get(carrier, ""), carrier)
+        self._tell_manner(now_ns)
         self._maintain_journal(now_ns)
+
+    def _tell_manner(self, now_ns: int) -> None:
+        """Publish how people select here, if it has changed."""
+        manner = self.engine.manner(now_ns)
+        plain = manner.model_copy(update={"stamp_ns": 0})
+        if plain != self._manner:
+            self._manner = plain
+            self._manners.put(manner)
 
     def close(self) -> None:
         """Close the journal."""

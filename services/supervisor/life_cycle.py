@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
-from pointit.schemas.selection import MAX_FLASHES, SIGNS, Cue
+from pointit.schemas.pointing import PressEffect
+from pointit.schemas.selection import MAX_FLASHES, SIGNS, Cue, SelectionManner
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
@@ -182,7 +183,7 @@ class InteractionPublisher:
     """Numbers states and cues, and skips unchanged states."""
 
     def __init__(self) -> None:
-        self._shown: tuple[State, str, str, tuple[str, ...], bool] | None = None
+        self._shown: tuple[State, str, str, PressEffect, tuple[str, ...], bool, bool] | None = None
         self._seq = 0
         self._cues = 0
         self._flashes_ns = deque[int](maxlen=MAX_FLASHES)
@@ -196,10 +197,12 @@ class InteractionPublisher:
         next_step: str,
         ahead: tuple[str, ...] = (),
         *,
+        press: PressEffect,
         is_unsure: bool = False,
+        is_advised: bool = False,
     ) -> list[Interaction]:
         """Return the state of the interaction, unless it equals the last one."""
-        update = (state, reason, next_step, ahead, is_unsure)
+        update = (state, reason, next_step, press, ahead, is_unsure, is_advised)
         if update == self._shown:
             return []
         self._seq += 1
@@ -210,9 +213,11 @@ class InteractionPublisher:
                 seq=self._seq,
                 state=state,
                 next_step=next_step,
+                press=press,
                 reason=reason,
                 ahead=ahead,
                 is_unsure=is_unsure,
+                is_advised=is_advised,
             )
         ]
 
@@ -275,6 +280,12 @@ class LifeCycle:
         """Time of the wrist's last sample, or of the start of listening, ns."""
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
+        self._manner: SelectionManner | None = None
+        """How people select here. None: no selector has told."""
+        self._advice = ""
+        """Next step of a service that acts on what the person does, while they point."""
+        self._hears_names = False
+        """Names of objects are spoken to the person."""
         self._runs = 0
         self._pending_cancels = 0
         """Number of requests to cancel without reply."""
@@ -332,6 +343,16 @@ class LifeCycle:
         self._is_unsure = pose.method != "external" and pose.covariance[8] > UNSURE_YAW_RAD**2
         return [*self._show(now_ns)]
 
+    def manner(self, manner: SelectionManner | None, now_ns: int) -> list[Output]:
+        """Set how people select here, which the next step tells."""
+        self._manner = manner
+        return [*self._show(now_ns)]
+
+    def hear_names(self, now_ns: int) -> list[Output]:
+        """Note that names of objects are spoken to the person."""
+        self._hears_names = True
+        return [*self._show(now_ns)]
+
     def localization(self, localization: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
         if self._attempt is not None:
@@ -369,6 +390,11 @@ class LifeCycle:
         """
         cue = self._publisher.cue(now_ns, "target", text)
         return [cue.model_copy(update={"turn_rad": (0.0, 0.0)})]
+
+    def advise(self, text: str, now_ns: int) -> list[Output]:
+        """Set the next step of a person while they point, until another one."""
+        self._advice = text
+        return [*self._show(now_ns)]
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
@@ -410,7 +436,7 @@ class LifeCycle:
             case "has pose":
                 return is_known
             case "press ends":
-                return self._config.press_while_pointing == "ends"
+                return self._is_end
             case "may start":
                 return self._readiness.may_begin(now_ns)
             case "may resume":
@@ -489,8 +515,16 @@ class LifeCycle:
     def _show(self, now_ns: int) -> list[Interaction]:
         ahead = () if self._attempt is None else self._attempt.ahead
         is_unsure = self._stage == "pointing" and self._is_unsure
-        step = self._next_step
-        return self._publisher.show(now_ns, self.state, self._reason, step, ahead, is_unsure=is_unsure)
+        return self._publisher.show(
+            now_ns,
+            self.state,
+            self._reason,
+            self._next_step,
+            ahead,
+            press=self._press,
+            is_unsure=is_unsure,
+            is_advised=self._stage == "pointing" and self._advice != "" and not is_unsure,
+        )
 
     @property
     def _next_step(self) -> str:
@@ -507,5 +541,16 @@ class LifeCycle:
 
     @property
     def _pointing(self) -> str:
-        is_end = self._config.press_while_pointing == "ends"
-        return transitions.POINT if is_end else transitions.POINT_AND_CONFIRM
+        usual = transitions.point(is_end=self._is_end, manner=self._manner, hears_names=self._hears_names)
+        return self._advice or usual
+
+    @property
+    def _press(self) -> PressEffect:
+        return transitions.press_effect(
+            self._stage, is_end=self._is_end, manner=self._manner, hears_names=self._hears_names
+        )
+
+    @property
+    def _is_end(self) -> bool:
+        """True if a press while pointing ends it."""
+        return self._config.press_while_pointing == "ends"

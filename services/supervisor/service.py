@@ -10,6 +10,7 @@ from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
+    Announced,
     ButtonEvent,
     CancelLocalization,
     Done,
@@ -20,6 +21,7 @@ from pointit.schemas import (
     PointAnchor,
     PointingOffset,
     Say,
+    SelectionManner,
     SetOffset,
     SetPose,
     StartLocalization,
@@ -68,6 +70,8 @@ class Supervisor(Service[SupervisorConfig]):
         self.bus.subscribe(topics.POSE, self._on_pose, self.user)
         self.bus.subscribe(topics.LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(topics.IMU, self._on_imu, self.user)
+        self.bus.subscribe(topics.MANNER, self._on_manner)
+        self.bus.subscribe(topics.ANNOUNCED, self._on_announced, self.user)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_presence)
         self.bus.serve(topics.SET_OFFSET, self._set_offset, self.user)
         self.bus.serve(topics.SAY, self._say, self.user)
@@ -125,9 +129,17 @@ class Supervisor(Service[SupervisorConfig]):
                 self.bus.clear(UNWRITABLE)
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if instance == topics.CLEAR_SELECTION.server and not present:
+            self._do(self._cycle.manner(None, self.clock.now_ns()))
         if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":
             self._restorer.localizer(self.clock.now_ns(), is_present=present)
             self._moved.set()
+
+    def _on_manner(self, manner: SelectionManner, _name: str) -> None:
+        self._do(self._cycle.manner(manner, self.clock.now_ns()))
+
+    def _on_announced(self, _announced: Announced, _user: str) -> None:
+        self._do(self._cycle.hear_names(self.clock.now_ns()))
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         outputs = self._cycle.imu(sample, self.clock.now_ns())
@@ -216,7 +228,9 @@ class Supervisor(Service[SupervisorConfig]):
         return Done(message=what)
 
     async def _say(self, query: Say, _user: str) -> Done:
-        self._do(self._cycle.cue_of_text(query.text, self.clock.now_ns()))
+        now_ns = self.clock.now_ns()
+        say = self._cycle.advise if query.stays else self._cycle.cue_of_text
+        self._do(say(query.text, now_ns))
         return Done(message=f"{self.user} is told")
 
     async def _store_offset(self) -> str:

@@ -15,7 +15,8 @@ from datetime import UTC, datetime
 from typing import Literal, NamedTuple
 
 from pointit.schemas import NS_PER_S, Localization, PointingOffset
-from pointit.schemas.selection import Cue
+from pointit.schemas.pointing import PressEffect
+from pointit.schemas.selection import Cue, SelectionManner
 from pointit.schemas.text import round_beyond
 
 CANCELLED = "Localizing was cancelled."
@@ -41,6 +42,14 @@ ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "
 WAIT = "Wait for the target to point at; press the button to cancel."
 POINT = "Point with your arm straight; press the button to stop."
 POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm; hold it to stop."
+STAY = "Point with your arm straight and stay on what you want; hold the button to stop."
+STAY_OR_PRESS = (
+    "Point with your arm straight and stay on what you want; press the button for {pressed}; hold it to stop."
+)
+PRESS_AT_NAME = (
+    "Point with your arm straight; press the button once you have heard the name that you want; "
+    "hold it to stop."
+)
 POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become uncertain."
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
@@ -90,6 +99,36 @@ def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager
     if not is_place_known:
         return SET_POSE
     return BY_ITSELF if is_eager else PRESS
+
+
+def point(*, is_end: bool, manner: SelectionManner | None, hears_names: bool) -> str:
+    """Return the next step while pointing. `is_end`: a press ends it. `manner`: how people select here."""
+    if is_end:
+        return POINT
+    if manner is None or (manner.by == "press" and not hears_names):
+        return POINT_AND_CONFIRM  # without a selector, a service of another package takes presses
+    if hears_names:
+        return STAY if manner.names_by == "stay" else PRESS_AT_NAME
+    return STAY_OR_PRESS.format(pressed=_pressed(manner)) if manner.pressed else STAY
+
+
+def _pressed(manner: SelectionManner) -> str:
+    """Return the objects that want a press, in words."""
+    more = manner.pressed_count - len(manner.pressed)
+    *first, last = (*manner.pressed, f"{more} more") if more > 0 else manner.pressed
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def press_effect(
+    stage: "Stage", *, is_end: bool, manner: SelectionManner | None, hears_names: bool
+) -> PressEffect:
+    """Return the effect of a press now, or `""` if it has none."""
+    if stage != "pointing":
+        return "start" if stage == "idle" else "cancel"
+    if is_end:
+        return "stop"
+    by = "press" if manner is None else manner.names_by if hears_names else manner.by
+    return "" if by == "stay" and not (manner and manner.pressed and not hears_names) else "confirm"
 
 
 OFFSET_PURPOSE = "offset"

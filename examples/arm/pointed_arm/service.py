@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Coroutine, Generator, Iterator
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -124,6 +124,8 @@ class Arm(Service[ArmConfig]):
         self._near_ns = 0
         """Last time at which the owner pointed near a box, ns."""
         self._shown = ArmState(stamp_ns=self.clock.now_ns())
+        self._advised = ("", "")
+        """Person who was advised last, and the advice."""
         self._telling: set[asyncio.Task[None]] = set()
         self._objects = self.bus.publisher(topics.OBJECTS, self.NAME)
         self._state = self.bus.publisher(ARM_STATE)
@@ -315,17 +317,29 @@ class Arm(Service[ArmConfig]):
     def _say(self, text: str, user: str = "") -> None:
         """Publish `text`, and have the person's supervisor tell it to them. Without `user`: to the owner."""
         self._text = text
-        task = asyncio.create_task(self._tell(user or self._owner, text))
+        self._start(self._tell(user or self._owner, text))
+
+    def _advise(self) -> None:
+        """Tell the owner what a press does next. Their page, phone and terminal show it while they point."""
+        holds, takes = f"Point at a place for {self._held}", "Point at a box: the hand hovers above it"
+        advice = f"{holds} and press: it is put there." if self._held else f"{takes}. Press, and it is taken."
+        if self._owner and (self._owner, advice) != self._advised:
+            self._advised = (self._owner, advice)
+            self._start(self._tell(self._owner, advice, stays=True))
+
+    def _start(self, telling: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(telling)
         self._telling.add(task)
         task.add_done_callback(self._telling.discard)
 
-    async def _tell(self, user: str, text: str) -> None:
+    async def _tell(self, user: str, text: str, *, stays: bool = False) -> None:
         try:
-            await self.bus.call(topics.SAY, topics.SAY.query(text=text), user)
+            await self.bus.call(topics.SAY, topics.SAY.query(text=text, stays=stays), user)
         except PointItError as error:  # a person without a supervisor: the state has the sentence
             self.bus.warn("arm-untold", f"{user} is not told {text!r}: {error}", user)
 
     def _show(self, now_ns: int) -> None:
+        self._advise()
         rest = "holding" if self._held else "hovering" if self._over else "idle"
         phase = "lost" if not self.arm.has_link else rest if self._program is None else "moving"
         state = ArmState(

@@ -366,6 +366,7 @@ def run(
         launches=launches,
         link=run_options.joining(options),
         target_kinds=chosen.target_kinds,
+        goal=chosen.goal,
         seed=choices.seed,
         duration_s=duration_s,
         is_limited=options["duration"] is not None,

@@ -56,6 +56,9 @@ class Scenario(Config):
     explained: str = Field(
         default="", description="description of the events and of what to watch, some sentences"
     )
+    goal: str = Field(
+        default="", max_length=200, description="instruction to a newcomer who points there, in one sentence"
+    )
     duration_s: float | None = Field(default=60.0, gt=0, description="default duration, s; null: no end")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[ScenarioPlace, ...] = Field(min_length=1, description="positions of the people, in turn")
@@ -102,7 +105,7 @@ class Scenario(Config):
         things = read_map_file(path).things
         scenario.site["pui"]["map"] = str(path)
         scenario.user["user-sim"]["target_kinds"] = [each.label or name for name, each in things.items()]
-        return scenario.model_copy(update={"duration_s": None})
+        return scenario.model_copy(update={"duration_s": None, "goal": ""})
 
 
 def scenario_names() -> list[str]:
@@ -232,6 +235,8 @@ class Plan:
     """Services of the scenario or the person, without those beside it."""
     link: Link
     target_kinds: Sequence[str] = ()
+    goal: str = ""
+    """Instruction to a newcomer who points there, or `""`."""
     seed: int = 0
     duration_s: float | None = None
     is_limited: bool = False

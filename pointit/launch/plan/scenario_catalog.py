@@ -101,6 +101,7 @@ class ScenarioCatalog:
             scenario=Path(source).stem,
             launches=launches,
             target_kinds=scenario.target_kinds,
+            goal=scenario.goal,
             duration_s=plan.duration_s if plan.is_limited else scenario.duration_s,
             localizes=localizes,
             notes=(*self._ignored(scenario), *assumed_places(launches, choices)),

@@ -293,6 +293,7 @@ class DeploymentPublisher:
                 scenarios=tuple(plan.scenarios),
                 localizes=plan.localizes,
                 target_kinds=tuple(plan.target_kinds),
+                goal=plan.goal,
             )
         )
 

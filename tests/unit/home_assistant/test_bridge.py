@@ -32,7 +32,7 @@ async def bridge(
         health = bench.collect(HEALTH)
         site = HomeSite(bench, *things)
         start(bench, config_of(folder, 1, **parameters))
-        await until(lambda: len(home.client.messages) == 2, what="the connection")
+        await until(lambda: len(home.client.messages) >= 3, what="the connection")
         await asyncio.sleep(0.5)  # in virtual time: the answers
         yield bench, site, health
 
@@ -104,11 +104,13 @@ async def test_three_hundred_things_act_by_a_message_each_and_show_their_states(
         for each in things:
             site.point(each.id)
         await until(lambda: {each["state"] for each in home.states.values()} == {"on"}, what="all lamps")
-        assert len(home.client.messages) == 2 + COUNT, "two subscriptions and the states, then a call each"
+        assert len(home.client.messages) == 3 + COUNT, (
+            "a subscription, the configuration and the states, then a call each"
+        )
         for entity in LIGHTS:
             home.set(entity, "off")
         await until(lambda: not site.selected, what="what was switched there")
-        assert len(home.client.messages) == 2 + COUNT, "no echo"
+        assert len(home.client.messages) == 3 + COUNT, "no echo"
 
 
 async def test_many_deleted_and_unavailable_entities_are_named_and_counted(
@@ -248,3 +250,17 @@ async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_w
         answers.set()
         await asyncio.sleep(2.0)
         assert health[-1].problems == ()
+
+
+async def test_while_home_assistant_starts_people_are_told_to_wait_and_then_it_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({"light.other": ("off", {})})
+    home.registries = {"get_config": {"state": "STARTING"}}
+    async with bridge(home, tmp_path, monkeypatch, thing("desk", LAMP)) as (_bench, site, health):
+        assert site.states["desk"].reason == "Home Assistant is still starting: wait"
+        assert "correct" not in str(health[-1].problems)
+        home.registries = {"get_config": {"state": "RUNNING"}}
+        home.set(LAMP, "off")
+        await asyncio.sleep(2.0)
+        assert (site.states["desk"].state, site.states["desk"].reason) == ("off", "")

@@ -326,3 +326,10 @@ def test_names_in_scenarios_and_files_of_parameters_are_literal_text(tmp_path: P
     config = config_of(site_launches(read, Choices(files=[parameters], settings=[setting])), "conveyor-sim")
     assert config["kinds"] == {"01": "no", "1": "1.10"}
     assert config["feeder_belts"] == {"on": "010", "off": "1_0", "0x1": "12:30"}
+
+
+def test_a_goal_is_of_the_scenario_and_not_of_a_room_of_ones_own(tmp_path: Path) -> None:
+    assert read_scenario("scenario_4").goal == "Move onto a red package and stay on it until it is full."
+    room = tmp_path / "room.yaml"
+    room.write_text("things: {lamp: {center: [2, 0, 1], size: [0.2, 0.2, 0.2]}}\n", encoding="utf-8")
+    assert read_scenario(str(room)).goal == ""

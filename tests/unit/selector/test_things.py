@@ -32,7 +32,7 @@ def thing(name: str, y_m: float = 0.0, **fields: Any) -> Thing:
 class Things:
     """An engine for a room with things, and people who point at directions."""
 
-    def __init__(self, *things: Thing, **estimate: float) -> None:
+    def __init__(self, *things: Thing, **estimate: Any) -> None:
         config = SelectorConfig.model_validate({"method": "estimate", "estimate": estimate})
         self.engine = SelectionEngine(config, lambda _record: None)
         self.room = Environment(stamp_ns=0, name="room", things=things)
@@ -322,3 +322,30 @@ def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
         (one,) = there(seen.view_from(Cursor(stamp_ns=at(time_s), origin_m=EYES, direction=ray))).seen
         assert one.outline_m is None
         assert one.center_m == pytest.approx((2.6, time_s, 1.4))
+
+
+def test_the_manner_of_selecting_names_what_wants_a_press_and_follows_the_things_that_are_there() -> None:
+    def manner(*things: Thing, **config: Any) -> tuple[str, tuple[str, ...], int]:
+        engine = SelectionEngine(
+            SelectorConfig.model_validate({"method": "estimate", **config}), lambda _record: None
+        )
+        engine.on_objects(TRACKER, listing(Environment(stamp_ns=0, name="room", things=things), 0))
+        told = engine.manner(0)
+        return told.by, told.pressed, told.pressed_count
+
+    screws, kettle = thing("screws"), thing("kettle", 1.0, press=True, label="the kettle")
+    assert manner() == ("stay", (), 0)
+    assert manner(screws) == ("stay", (), 0)
+    assert manner(screws, kettle) == ("stay", ("the kettle",), 1)
+    assert manner(kettle) == ("press", (), 0)
+    assert manner(screws, kettle, confirm="press") == ("press", (), 0)
+    many = [thing(f"k{n}", 0.1 * n, press=True) for n in range(9)]
+    assert manner(screws, *many) == ("stay", ("k0", "k1", "k2", "k3"), 9)
+
+
+def test_the_manner_tells_what_selects_for_people_who_hear_names() -> None:
+    for confirm, by in (("press", "press"), ("dwell", "stay")):
+        room = Things(thing("screws"), announce={"people": ("anna",), "confirm": confirm})
+        assert room.engine.manner(0).names_by is None, "nobody is there yet"
+        room.point(0.0, 0.1)
+        assert room.engine.manner(0).names_by == by

@@ -3,8 +3,12 @@
 import runpy
 from pathlib import Path
 
+import pytest
+
+from pointit.schemas import SelectionManner
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.transitions import TABLE
+from tests.unit.supervisor import played
 from tests.unit.supervisor.played import S, life_cycle, localizing, news, pose, press, sample, shown, told
 
 
@@ -157,3 +161,54 @@ def test_every_attempt_can_be_left_by_the_person_and_ends_by_itself() -> None:
         leaving = {event for row in rows if row.then in ("idle", "before") for event in row.events}
         if stage not in ("idle", "pointing"):
             assert leaving >= {"press", "double", "hold", "silent", "timeout"}
+
+
+@pytest.mark.parametrize(
+    ("manner", "press", "step"),
+    [
+        ({"by": "press"}, "confirm", transitions.POINT_AND_CONFIRM),
+        ({"by": "stay"}, "", transitions.STAY),
+        (
+            {"by": "stay", "pressed": ("kettle",), "pressed_count": 1},
+            "confirm",
+            "press the button for kettle;",
+        ),
+        (
+            {"by": "stay", "pressed": ("a", "b"), "pressed_count": 5},
+            "confirm",
+            "the button for a, b and 3 more;",
+        ),
+    ],
+)
+def test_the_next_step_and_the_press_are_as_things_are_selected_here(
+    manner: dict[str, object], press: str, step: str
+) -> None:
+    cycle = life_cycle(press_while_pointing="confirms")
+    cycle.begin(0)
+    assert shown(cycle.pose(*pose())).press == "start"
+    begun = shown(cycle.button(*played.press(1)))
+    assert (begun.next_step, begun.press) == (transitions.POINT_AND_CONFIRM, "confirm"), "without a selector"
+    outputs = cycle.manner(SelectionManner.model_validate({"stamp_ns": 0, **manner}), 2 * S)
+    now = shown(outputs) if outputs else begun
+    assert step in now.next_step
+    assert now.press == press
+    named = {**manner, "names_by": "press"}
+    cycle.manner(SelectionManner.model_validate({"stamp_ns": 0, **named}), 3 * S)
+    heard = shown(cycle.hear_names(4 * S))
+    assert (heard.next_step, heard.press) == (transitions.PRESS_AT_NAME, "confirm")
+    ending = life_cycle()
+    ending.pose(*pose())
+    assert shown(ending.button(*played.press(1))).press == "stop"
+    assert ending.manner(SelectionManner.model_validate({"stamp_ns": 0, **manner}), 2 * S) == []
+
+
+def test_the_advice_of_a_service_is_the_next_step_while_the_person_points() -> None:
+    cycle = life_cycle(press_while_pointing="confirms")
+    cycle.pose(*pose())
+    assert cycle.advise("Press to take the box.", 1 * S)[:1] == []
+    begun = shown(cycle.button(*played.press(1)))
+    assert (begun.next_step, begun.is_advised) == ("Press to take the box.", True)
+    other = shown(cycle.advise("Press to put it down.", 2 * S))
+    assert (other.next_step, other.is_advised, other.press) == ("Press to put it down.", True, "confirm")
+    rests = shown(cycle.button(*played.press(3, "hold")))
+    assert (rests.next_step, rests.is_advised) == (transitions.PRESS, False)

@@ -15,7 +15,7 @@ from pointit.bridges.web.model.site_model import (
 )
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.wire import Status
+from pointit.bridges.web.wire import Mover, PersonLine, Status
 from pointit.diagnosis.observation import LOADING_S
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import (
@@ -30,6 +30,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.environment import Thing
+from pointit.schemas.problems import IDLE_ARM, Problem
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
 
@@ -374,3 +375,23 @@ def test_a_person_who_ends_alone_ends_no_run() -> None:
     restart.take("anna", deployment("pointing.anna"), 2.0)
     restart.take("anna", deployment(), 3.0)
     assert restart.tick(4.0).run == "runs"
+
+
+def test_the_source_of_an_arm_is_a_simulation_a_device_or_none_yet(sight: SiteObservation) -> None:
+    def source(moved_by: Mover = "own") -> str:
+        return sight.status({}, [PersonLine(user="anna", moved_by=moved_by)], 1.0).people[0].source
+
+    assert source() == "device"
+    sight.set_present("imu-bridge.anna", True, 0.0)
+    assert source() == "device"
+    idle = Problem(code=IDLE_ARM, sentence="nobody moves the arm", severity="note")
+    heard(sight, "imu-bridge.anna", 1.0, problems=(idle,))
+    assert source() == "none"
+    heard(sight, "imu-bridge.anna", 2.0)
+    assert (source("mouse"), source()) == ("none", "device"), "while a page has it, as before"
+    heard(sight, "imu-bridge.anna", 2.0, problems=(idle,))
+    sight.set_present("user-sim.ben", True, 0.0)
+    sight.set_present("tool-of-somebody.anna", True, 0.0)
+    assert source() == "none", "of another person, and of a program that is not known here"
+    sight.set_present("user-sim.anna", True, 0.0)
+    assert source() == "simulation"

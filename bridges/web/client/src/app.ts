@@ -20,7 +20,7 @@ import { healthPart } from "./panel/health";
 import { makeLook } from "./panel/look";
 import { messagesPart } from "./panel/messages";
 import { moverPart } from "./panel/mover";
-import { nowPart } from "./panel/now";
+import { nowPart, personPart } from "./panel/now";
 import { pairingDialog } from "./panel/pairing";
 import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
@@ -119,7 +119,7 @@ const speaker = new Speaker(at("name"), (spoken, problem) => {
 let namedNs = 0;
 const look = makeLook(controls, speaker, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), thingsPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, speechPart(controls)] },
+  { name: "Control", icon: "sliders", parts: [personPart(controls), moverPart(controls, mouse, pairing), nowPart(controls), thingsPart(controls), robotsPart(controls), belts, speechPart(controls)] },
   { name: "Set up", icon: "map", parts: [peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
@@ -187,6 +187,12 @@ function tell(change: SiteEvent): void {
   const mine = controls.mine?.user ?? "";
   if ("feedback" in change) {
     const { feedback } = change;
+    // a text of `feedback say`, from whomever: targets of a localization have an id, or wait for one
+    if (feedback.cue === "target" && !feedback.target_id && !feedback.waits && change.user === (mine || controls.user)) {
+      if (settings.sound) chime(feedback.chime);
+      controls.toasts.show("info", capital(friendly(site, feedback.text)));
+      return;
+    }
     if (!controls.isOwn({ user: change.user, stampNs: feedback.stamp_ns })) return;
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
@@ -216,7 +222,10 @@ function tell(change: SiteEvent): void {
     controls.setSelected(id, false);
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
   }
-  else if (event.event === "refused" && isOwn) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
+  else if (event.event === "refused" && isOwn) {
+    const why = friendly(site, plainly(event)) || "it could not be selected.";
+    controls.toasts.show("info", capital(why.startsWith(what) ? why : `${what}: ${why}`));
+  }
 }
 
 /** A name that began longer ago is not spoken: the page has just come, or was in the background, ns. */
@@ -250,7 +259,7 @@ function announce(): void {
   const interaction = controls.person?.interaction;
   const robot = steeredBy(site, controls.user);
   const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : nextStepOf(site, controls.person!).text}${steers}` : "";
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : nextStepOf(site, controls.person!)}${steers}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);

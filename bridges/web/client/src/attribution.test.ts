@@ -7,7 +7,7 @@ import { outage } from "./outage";
 import { emptyPerson, emptySite, siteNow, type Site } from "./site/site";
 import type { FindingLine, PersonLine, Status } from "./wire";
 
-const lineOf = (user: string, moved_by: PersonLine["moved_by"], is_mine = false): PersonLine => ({ user, moved_by, is_mine, phone: "", battery: null, assumed: null });
+const lineOf = (user: string, moved_by: PersonLine["moved_by"], is_mine = false): PersonLine => ({ user, moved_by, source: "device", is_mine, phone: "", battery: null, assumed: null });
 const statusOf = (part: Partial<Status> = {}): Status => ({ kind: "status", services: [], findings: [], people: [], viewers: 1, lan_url: "", devices: [], run: "runs", ...part });
 
 function bench(): { site: Site; controls: Controls; now: () => number } {
@@ -58,6 +58,7 @@ test("another scenario asks first only where a person would lose something", () 
   const services = [{ instance: "user-sim.user1", present: true, since_s: 1 }];
   site.status = statusOf({ services, viewers: 3 });
   site.selection = { objects: [{ id: "a", user: "user1" }, { id: "b", user: "user1" }], reserved: [] } as never;
+  site.people.get("user1")!.line = { ...lineOf("user1", "own"), source: "simulation" };
   assert.deepEqual(losses(controls), [], "the simulated person's");
   site.people.get("user1")!.line = lineOf("user1", "mouse", true);
   controls.follow();

@@ -11,7 +11,7 @@ import { siteNow, type Person, type Site } from "./site/site";
 import { hasSelected, hasTakenBack } from "./site/things";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
-import type { Hello } from "./wire";
+import type { Hello, PersonLine } from "./wire";
 import { called, friendly, listed, outcome } from "./words";
 
 type Deed = Hello["deeds"][number];
@@ -129,9 +129,14 @@ export class Controls {
     return !kind || kinds.length === 0 || kinds.includes(kind);
   }
 
-  /** Whether `user` is simulated. */
-  isSimulated(user: string): boolean {
-    return this.isPresent("user-sim", user);
+  /** What moves the arm of `user` while no page or phone has it. */
+  sourceOf(user: string): PersonLine["source"] {
+    return this.site.people.get(user)?.line?.source ?? "device";
+  }
+
+  /** What there is to do here, as the site says in one sentence, or "". */
+  get goal(): string {
+    return [...this.site.deployments.values()].map(({ goal }) => goal).find(Boolean) ?? "";
   }
 
   /** Send a request, and show the reason of a refusal. Returns the reply, or null if refused. */

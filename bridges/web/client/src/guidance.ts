@@ -1,133 +1,164 @@
-/** Guidance for new users over the scene: one sentence, and its actions. */
+/**
+ * Guidance for new users over the scene, from one table: who has the arm, what they point at, what came of their last act.
+ * The first row that fits is shown. It has no names of scenarios: what there is to do is stated by the site.
+ */
 
-import type { Hover, Interaction, TrackedObject } from "./messages";
-import { robotStep, type RobotSituation } from "./robot_guidance";
-import type { PersonLine } from "./wire";
+import type { Hover, Interaction, SelectionManner, TrackedObject } from "./messages";
 
 /** What there is to do: point at something, stay on it, press; or it does what was asked, or cannot. */
 export type Step = "aim" | "hold" | "press" | "following" | "stopped";
+export type Mode = "none" | "invite" | "other" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
+export type Offer = "take" | "pair" | "press" | "again" | "give";
 
-export interface Situation {
-  user: string;
-  /** This page may take the person's wrist; may pair a phone. */
+/** Everything on which the choice of a row depends. */
+export interface Facts {
+  /** All packages have passed. */
+  isOver: boolean;
+  /** Who has the person's arm: this page, nobody yet, their own device, a simulated person, another page … */
+  who: "me" | "nobody" | "device" | "simulation" | "mouse" | "phone" | "headset";
+  /** This page may take an arm, or pair a phone. */
   mayTake: boolean;
-  mayPair: boolean;
-  /** The person is simulated. */
-  isSimulated: boolean;
-  movedBy: PersonLine["moved_by"];
-  isMine: boolean;
-  interaction: Interaction | null;
-  hover: Hover | null;
-  /** What is hovered, in words. */
-  hovered: string;
-  /** Why what is hovered is unavailable, with the remedy. Empty or left out if it is not. */
-  unavailable?: string;
-  /** Effect of selecting what is hovered. */
+  state: Interaction["state"];
+  /** What this person selected a moment ago was to be selected, or not. */
+  just: "" | "right" | "wrong";
+  isOnThing: boolean;
+  /** Result of the last act on it since they came to it. */
+  last: "" | "done" | "refused";
+  /** Reason why an act on it would fail, or should not be. */
+  barrier: "" | "unavailable" | "taken" | "late" | "pending" | "unwanted";
+  /** Effect of staying on it, or of a press. */
+  does: Hover["action"];
   mode: TrackedObject["mode"];
-  /** All objects here want a press. */
-  areAllPressed: boolean;
-  /** This person has selected what is hovered; this page did it. */
-  isTheirs: boolean;
-  isOwn: boolean;
-  /** Names are spoken to the person: a press confirms what was heard, and staying does nothing. */
-  hasNames: boolean;
-  /** Things that want a press, in words; "" if none or all do. */
-  pressed: string;
-  /** What is hovered is selected by the button. */
-  wantsPress: boolean;
-  /** Robots that the person steers or may steer; null where nobody steers any. */
-  robots: RobotSituation | null;
-  /** A place for a robot is proposed. */
+  /** It is selected: by nobody, this page, this person otherwise, somebody else. */
+  owner: "" | "page" | "person" | "other";
+  /** What selects it; where nothing is pointed at, what selects here. */
+  by: SelectionManner["by"] | "name";
+  /** The person steers robots or may; a place for one is proposed; nothing is left to select, for a reason. */
+  steers: boolean;
   isProposed: boolean;
-  /** Sentence that all packages have passed, with the result. Empty if they have not. */
-  passed: string;
-  /** Reason why there is nothing to select, and the remedy. Empty if there is something. */
-  empty: string;
-  scenario: string;
-  /** Objects can be selected here. */
+  isEmpty: boolean;
+  /** Objects can be selected here; the site says what there is to do. */
   canSelect: boolean;
-  /** Last selection of this person, such as "fired the kettle". Empty after some seconds. */
-  success: string;
-  /** It was not one of those to select. */
-  isWrong: boolean;
-  /** How many objects of this person are their own now; this page selected them. */
-  count: number;
+  hasGoal: boolean;
+  /** A service that acts on what the person does has told their next step. */
+  isAdvised: boolean;
 }
 
-export interface Guidance {
-  mode: "none" | "invite" | "other" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
-  step: Step;
-  title: string;
-  text: string;
+/** Words that fill the table's templates. */
+export interface Words {
+  user: string;
+  thing: string;
+  other: string;
+  /** Reason of a barrier or a refusal, with the remedy. */
+  why: string;
+  goal: string;
+  /** The next step, as the person's supervisor says. */
+  next: string;
+  /** Last selection, such as `fired the kettle`; how many are theirs now. */
+  did: string;
+  count: string;
+  /** Kinds to select. */
+  wanted: string;
+  passed: string;
+  empty: string;
+  /** ` For the kettle, press the button.`, or nothing. */
+  pressed: string;
+}
+
+export interface Said {
+  readonly mode: Mode;
+  readonly step: Step;
+  readonly title: string;
+  readonly text: string;
   /** Label of the button that acts as a press at the wrist. Empty if it is hidden. */
-  press: string;
-  /** How full the gauge is; null: none shows. */
-  progress: number | null;
+  readonly press: string;
+  readonly offers: readonly Offer[];
 }
 
-const GOALS: Record<string, string> = {
-  scenario_1: "Point at a lamp: its colour shows how close you point.",
-  scenario_2: "Point along a strip: the light follows you.",
-  scenario_3: "Move onto a red segment and stay on it until it is full.",
-  scenario_4: "Move onto a red package and stay on it until it is full.",
-  send_a_robot: "Stay on a place of the floor: it is proposed as a goal. No robot is here to see.",
-  shelf: "Move onto a box and stay on it until it fires.",
-};
-
-/** What there is to do in a scenario for who points with the mouse. */
-export function goal(scenario: string, canSelect: boolean, { areAllPressed, hasNames, pressed }: Pick<Situation, "areAllPressed" | "hasNames" | "pressed">): string {
-  if (hasNames && canSelect) return "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want.";
-  const select = areAllPressed ? "Move onto an object and press the button." : "Move onto an object and stay on it until it is full.";
-  const usual = GOALS[scenario] ?? (canSelect ? select : "Point anywhere: the arm follows you.");
-  return pressed ? `${usual} For ${pressed}, press the button.` : usual;
+export interface Row {
+  readonly name: string;
+  readonly when: { readonly [K in keyof Facts]?: Facts[K] | readonly Facts[K][] };
+  readonly say: Said;
 }
 
-/** The object under the cursor: its state, and what staying or pressing does. */
-function onObject({ hovered, unavailable, mode, hasNames, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
-  const { taken_by: other, progress, action } = hover;
-  if (action === "refuse") {
-    if (unavailable && !other) return { step: "stopped", text: `${hovered} is unavailable: ${unavailable}` };
-    const why = !other ? "it is too late for it" : mode === "claim" ? `${other} has it` : `${other} is about to use it`;
-    return { step: "stopped", text: `${hovered} cannot be had: ${why}. Point at another${other ? ", or wait" : ""}.` };
-  }
-  if (action !== "deselect" && (isTheirs || action === "")) {
-    const isOn = isTheirs || hover.is_selected;
-    const owned = other ? `belongs to ${other}` : !isOn ? "is free again" : isOwn ? "is yours" : "is selected already";
-    return { step: "following", text: `${hovered} ${{ claim: owned, button: "has fired", switch: isOn ? "is on" : "is off" }[mode]}. Go on with the next.` };
-  }
-  const step = wantsPress ? "press" as const : "hold" as const, press = wantsPress ? "Press" : "";
-  if (action === "deselect") {
-    const does = mode === "switch" ? "is on" : "is yours", ends = mode === "switch" ? "switches it off" : "takes it back";
-    return { step, press, progress, text: `${hovered} ${does}; ${wantsPress ? "the button" : "staying"} ${ends}.` };
-  }
-  return { step, press, progress, text: `${hovered}: ${hasNames ? "press once you have heard its name." : wantsPress ? "press the button." : "stay on it …"}` };
+const MINE = { mode: "point", step: "aim", title: "You are the arm now.", text: "", press: "", offers: ["give"] } as const;
+const ON = { isOnThing: true, canSelect: true } as const;
+const row = (name: string, when: Row["when"], say: Partial<Said>): Row => ({ name, when, say: { ...MINE, ...say } });
+
+export const TABLE: readonly Row[] = [
+  row("all have passed", { isOver: true }, { mode: "passed", title: "{passed}", offers: ["again"] }),
+
+  row("who only looks on", { who: ["nobody", "device", "simulation", "mouse"], mayTake: false }, { mode: "none", title: "", offers: [] }),
+  row("nobody", { who: "nobody" }, { mode: "invite", title: "Nobody points as {user} yet. Do it yourself:", offers: ["take", "pair"] }),
+  row("a simulated person", { who: "simulation" }, { mode: "invite", title: "This is a simulation. Take over:", offers: ["take", "pair"] }),
+  row("another page", { who: "mouse" }, { mode: "other", title: "Another page points as {user}. Take over:", offers: ["take"] }),
+  row("a phone", { who: "phone" }, { mode: "phone", title: "A phone points.", text: "{next}" }),
+  row("a headset", { who: "headset" }, { mode: "phone", title: "A headset points.", text: "{next}" }),
+  row("their own device", { who: "device" }, { mode: "other", title: "{user} points with their own device.", text: "{next}", offers: ["take"] }),
+
+  row("rests", { state: "idle" }, { mode: "idle", step: "press", title: "Your arm rests.", text: "{next}", press: "Start pointing", offers: ["press", "give"] }),
+  row("is found", { state: "localizing" }, { title: "You are the arm. First the system finds your place.", text: "{next}" }),
+  row("selected what is not wanted", { just: "wrong" }, { mode: "wrong", title: "You {did}, which is not wanted.", text: "Select it again to take it back." }),
+  row("selected", { just: "right" }, { mode: "success", title: "You {did}!", text: "{count}Go on with the next." }),
+
+  row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} is not changed: {why}" }),
+  row("unavailable", { ...ON, barrier: "unavailable" }, { step: "stopped", text: "{thing} is unavailable: {why}" }),
+  row("another's", { ...ON, barrier: "taken", mode: "claim" }, { step: "stopped", text: "{thing} cannot be had: {other} has it. Point at another, or wait." }),
+  row("in use", { ...ON, barrier: "taken" }, { step: "stopped", text: "{thing} cannot be had: {other} is about to use it. Point at another, or wait." }),
+  row("too late", { ...ON, barrier: "late" }, { step: "stopped", text: "{thing} cannot be had: it is too late for it. Point at another." }),
+  row("under way", { ...ON, barrier: "pending" }, { step: "following", text: "{thing}: under way …" }),
+  row("not wanted", { ...ON, barrier: "unwanted" }, { text: "{thing}: not to be selected. Go on to {wanted}." }),
+
+  row("on; stay ends it", { ...ON, does: "deselect", mode: "switch", by: "stay" }, { step: "hold", text: "{thing} is on; staying switches it off." }),
+  row("on; press ends it", { ...ON, does: "deselect", mode: "switch" }, press("{thing} is on; the button switches it off.")),
+  row("theirs; stay ends it", { ...ON, does: "deselect", by: "stay" }, { step: "hold", text: "{thing} is yours; staying takes it back." }),
+  row("theirs; press ends it", { ...ON, does: "deselect" }, press("{thing} is yours; the button takes it back.")),
+
+  row("fired", { ...ON, mode: "button", last: "done" }, { step: "following", text: "{thing} has fired. Go on with the next." }),
+  row("fired by them", { ...ON, mode: "button", owner: ["page", "person"] }, { step: "following", text: "{thing} has fired. Go on with the next." }),
+  row("was not left yet", { ...ON, mode: "button", does: "" }, { step: "following", text: "{thing}: leave it, then point at it again." }),
+  row("is on", { ...ON, mode: "switch", owner: ["page", "person", "other"], does: "" }, { step: "following", text: "{thing} is on. Go on with the next." }),
+  row("is off", { ...ON, mode: "switch", does: "" }, { step: "following", text: "{thing} is off. Go on with the next." }),
+  row("theirs, by this page", { ...ON, mode: "claim", owner: "page" }, { step: "following", text: "{thing} is yours. Go on with the next." }),
+  row("theirs, otherwise", { ...ON, mode: "claim", owner: "person" }, { step: "following", text: "{thing} is selected already. Go on with the next." }),
+  row("belongs to another", { ...ON, mode: "claim", owner: "other", does: "" }, { step: "following", text: "{thing} belongs to {other}. Go on with the next." }),
+  row("free again", { ...ON, does: "" }, { step: "following", text: "{thing} is free again. Go on with the next." }),
+
+  row("by its name", { ...ON, by: "name" }, press("{thing}: press once you have heard its name.")),
+  row("by a press", { ...ON, by: "press" }, press("{thing}: press the button.")),
+  row("by staying", { ...ON }, { step: "hold", text: "{thing}: stay on it …" }),
+
+  row("robots", { steers: true }, {}),
+  row("empty", { isEmpty: true }, { step: "stopped", text: "{empty}" }),
+  row("a place is proposed", { isProposed: true }, { step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." }),
+  row("names are spoken", { canSelect: true, by: "name" }, { text: "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want." }),
+  row("advised by a service", { isAdvised: true }, { text: "{next}" }),
+  row("the site's goal", { hasGoal: true }, { text: "{goal}{pressed}" }),
+  row("all want a press", { canSelect: true, by: "press" }, { text: "Move onto a thing and press the button." }),
+  row("staying selects", { canSelect: true }, { text: "Move onto a thing and stay on it until it is full.{pressed}" }),
+  row("nothing to select", {}, { text: "Point anywhere: the arm follows you." }),
+];
+
+function press(text: string): Partial<Said> {
+  return { step: "press", text, press: "Press", offers: ["press", "give"] };
 }
 
-/** Choose the guidance. */
-export function guidance(now: Situation): Guidance {
-  const none: Guidance = { mode: "none", step: "aim", title: "", text: "", press: "", progress: null };
-  if (now.passed) return { ...none, mode: "passed", title: now.passed };
-  if (!now.isMine) {
-    if (now.movedBy === "phone" || now.movedBy === "headset") return { ...none, mode: "phone", title: `A ${now.movedBy} points.`, text: now.interaction?.next_step ?? "" };
-    if (now.movedBy === "mouse") return now.mayTake ? { ...none, mode: "other", title: `Another page points as ${now.user}. Take over:` } : none;
-    if (!now.isSimulated || !(now.mayTake || now.mayPair)) return none;
-    return { ...none, mode: "invite", title: "This is a simulation. Take over:" };
-  }
-  const state = now.interaction?.state ?? "pointing";
-  if (state === "idle") return { ...none, mode: "idle", step: "press", title: "Your arm rests.", text: now.interaction?.next_step ?? "", press: "Start pointing" };
-  if (state === "localizing") {
-    return { ...none, mode: "point", title: "You are the arm. First the system finds your place.", text: now.interaction?.next_step ?? "" };
-  }
-  if (now.success && now.isWrong) {
-    return { ...none, mode: "wrong", title: `You ${now.success}, which is not wanted.`, text: "Select it again to take it back." };
-  }
-  if (now.success) {
-    return { ...none, mode: "success", title: `You ${now.success}!`, text: now.count > 1 ? `${now.count} are yours now. Go on with the next.` : "Go on with the next." };
-  }
-  const here: Guidance = { ...none, mode: "point", title: "You are the arm now." };
-  if (now.hover?.object_id && now.canSelect) return { ...here, ...onObject(now, now.hover) };
-  if (now.robots) return { ...here, ...robotStep(now.robots) };
-  if (now.empty) return { ...here, step: "stopped", text: now.empty };
-  if (now.isProposed) return { ...here, step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." };
-  return { ...here, text: goal(now.scenario, now.canSelect, now) };
+/** Whether the row is that of `facts`, if no one before it is. */
+function fits({ when }: Row, facts: Facts): boolean {
+  return (Object.keys(when) as (keyof Facts)[]).every((each) => {
+    const wanted = when[each];
+    return Array.isArray(wanted) ? (wanted as unknown[]).includes(facts[each]) : wanted === facts[each];
+  });
+}
+
+/** The row of the table for `facts`. */
+export function rowOf(facts: Facts): Row {
+  return TABLE.find((each) => fits(each, facts))!;
+}
+
+/** What the card says. */
+export function guidance(facts: Facts, words: Words): Said {
+  const { say } = rowOf(facts);
+  const filled = (template: string): string => template.replace(/\{(\w+)\}/g, (_, name: keyof Words) => words[name]);
+  return { ...say, title: filled(say.title), text: filled(say.text) };
 }

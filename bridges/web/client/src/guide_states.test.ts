@@ -1,36 +1,11 @@
 // What the card over the scene says: the states of pointing, of buttons, of robots, of the end of feeding.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { guidance, type Situation } from "./guidance";
 import type { ConveyorState, RobotState, Steering } from "./messages";
 import { robotSituation, robotStep } from "./robot_guidance";
 import { emptySentence, haveAllPassed, passedSentence, scoreOf } from "./run";
 import { emptyPerson, emptySite } from "./site/site";
-import { friendly, nextStepOf, placeName } from "./words";
-
-const hover = { action: "select", is_selected: false, miss_rad: 0, object_id: "kettle", progress: 0.4, seq: 0, snapped_m: null, snapped_position_m: null, stamp_ns: 0, taken_by: "" } as const;
-const mine: Situation = {
-  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "mouse", isMine: true, hover: null, hovered: "", mode: "button", isTheirs: false, isOwn: false, hasNames: false, pressed: "",
-  areAllPressed: false, interaction: { ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state: "pointing" },
-  wantsPress: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "shelf", canSelect: true, success: "", isWrong: false, count: 0,
-};
-
-test("a button is aimed at, stayed on and pressed, each with its own words, and the press has a button", () => {
-  const said = (part: Partial<Situation>) => {
-    const { step, text, press } = guidance({ ...mine, hovered: "The kettle", ...part });
-    return [step, text, press];
-  };
-  assert.deepEqual(said({}), ["aim", "Move onto a box and stay on it until it fires.", ""]);
-  assert.deepEqual(said({ hover, wantsPress: true }), ["press", "The kettle: press the button.", "Press"]);
-  assert.deepEqual(said({ hover: { ...hover, progress: 1 }, wantsPress: true }), ["press", "The kettle: press the button.", "Press"]);
-  assert.deepEqual(said({ hover: { ...hover, progress: 1, action: "deselect" }, mode: "claim", wantsPress: true }), ["press", "The kettle is yours; the button takes it back.", "Press"]);
-  assert.deepEqual(said({ hover: { ...hover, progress: 1 } }), ["hold", "The kettle: stay on it …", ""], "without a press it fires by itself");
-  for (const wantsPress of [true, false]) {
-    assert.deepEqual(said({ hover: { ...hover, progress: 0, action: "" }, wantsPress }), ["following", "The kettle has fired. Go on with the next.", ""]);
-  }
-  assert.equal(said({ hover: { ...hover, action: "refuse", taken_by: "ben" }, wantsPress: true })[0], "stopped");
-  assert.deepEqual([guidance({ ...mine, interaction: { ...mine.interaction!, state: "idle" } })].map(({ step, press }) => [step, press]), [["press", "Start pointing"]]);
-});
+import { friendly, placeName } from "./words";
 
 const robot = (part: Partial<RobotState> = {}): RobotState => ({
   battery: null, goal_ns: 0, kind: "quadrotor", phase: "landed", position_m: [0, 0, 0], position_sigma_m: null, radius_m: 0.15, reason: "",
@@ -93,8 +68,6 @@ test("when the last package has passed, the card says how many of those to selec
   assert.equal(after({ fed: 0, left: 0 }), "");
   assert.equal(after({ bays: [] }), "All packages have passed.");
   assert.ok(!haveAllPassed({ conveyor: null }));
-  assert.equal(guidance({ ...mine, passed: "All packages have passed." }).mode, "passed");
-  assert.equal(guidance({ ...mine, isMine: false, passed: "All packages have passed." }).mode, "passed", "for who looks on, too");
 });
 
 test("an empty conveyor has its reason and a remedy instead of the scenario's goal", () => {
@@ -106,21 +79,6 @@ test("an empty conveyor has its reason and a remedy instead of the scenario's go
   site.objects.set("conveyor", { stamp_ns: 0, seq: 0, objects: [{ id: "a" }] } as never);
   assert.equal(text({ feeding: false, speed_mps: 0 }), "", "one can still be selected");
   assert.equal(emptySentence(emptySite()), "", "no conveyor at all");
-  const { step, text: said } = guidance({ ...mine, scenario: "scenario_3", empty: "No segment is here." });
-  assert.deepEqual([step, said], ["stopped", "No segment is here."]);
-});
-
-test("who looks at a person whom another page points as is offered to take over", () => {
-  const other = { ...mine, isMine: false };
-  assert.deepEqual([guidance(other).mode, guidance(other).title], ["other", "Another page points as ada. Take over:"]);
-  assert.equal(guidance({ ...other, mayTake: false }).mode, "none", "a viewer");
-});
-
-test("what cannot be had says what to do instead", () => {
-  const refused = (taken_by: string, mode: "claim" | "button") => guidance({ ...mine, hovered: "It", mode, hover: { ...hover, action: "refuse", taken_by } }).text;
-  assert.equal(refused("ben", "claim"), "It cannot be had: ben has it. Point at another, or wait.");
-  assert.equal(refused("ben", "button"), "It cannot be had: ben is about to use it. Point at another, or wait.");
-  assert.equal(refused("", "claim"), "It cannot be had: it is too late for it. Point at another.");
 });
 
 test("names of the map are shown without internal ids, in sentences of services, too", () => {
@@ -132,20 +90,3 @@ test("names of the map are shown without internal ids, in sentences of services,
   assert.equal(friendly({ map: null }, "Point at led_1."), "Point at led_1.");
 });
 
-test("who hears names is told of names and the press, not of staying, and things that want a press are named", () => {
-  const said = (part: Partial<Situation>) => guidance({ ...mine, hovered: "Kettle", ...part }).text;
-  assert.match(said({ hasNames: true }), /^Point at things, or step by the arrow keys: their names are spoken\. Press/);
-  assert.equal(said({ hover, hasNames: true, wantsPress: true }), "Kettle: press once you have heard its name.");
-  assert.equal(said({ pressed: "the kettle" }), "Move onto a box and stay on it until it fires. For the kettle, press the button.");
-});
-
-test("the next step and the button speak of a press only where a thing wants one", () => {
-  const site = emptySite(), interaction = { ...mine.interaction!, next_step: "Point with your arm straight and press the button to confirm; hold it to stop." };
-  const things = ["kettle", "radio"].map((id) => ({ id, label: id, press: id === "kettle" }));
-  Object.assign(site, { map: { things, lamps: [], strips: [] } });
-  site.objects.set("t", { objects: things.map((each) => ({ ...each, kind: each.id })) } as never);
-  const next = (part: object) => nextStepOf(site, { interaction, announced: null, hover: null, ...part });
-  assert.deepEqual(next({ hover: { object_id: "radio" } }), { text: "Point with your arm straight and stay on a thing; press the button for kettle; hold it to stop.", press: "Press the button" });
-  assert.equal(next({ hover: { object_id: "kettle" } }).press, "Confirm");
-  assert.equal(next({ announced: {} }).text, interaction.next_step);
-});

@@ -10,7 +10,7 @@ export function losses(controls: Controls): string[] {
   const { site } = controls, lost: string[] = [];
   for (const { user, line } of site.people.values()) {
     const mover = line?.moved_by ?? "own", isMine = user === controls.mine?.user;
-    if (mover === "own" && controls.isSimulated(user)) continue;
+    if (mover === "own" && controls.sourceOf(user) === "simulation") continue;
     const selected = site.selection?.objects.filter((each) => each.user === user && (!isMine || controls.hasSelected(each.id))).length ?? 0;
     const robot = steeredBy(site, user)?.name;
     const has = [selected === 1 ? "1 selection" : selected ? `${selected} selections` : "", robot ?? ""].filter(Boolean).join(" and ");

@@ -1,7 +1,7 @@
 /** Guidance for who steers robots: what the robot does, what a press does now, and why it stands. */
 
 import { capital } from "./format";
-import type { Guidance } from "./guidance";
+import type { Said } from "./guidance";
 import type { RobotState } from "./messages";
 import { seenRobots, steeredBy, type SeenRobot } from "./site/robots";
 import type { Person, Site } from "./site/site";
@@ -43,7 +43,7 @@ export function robotSituation(site: Site, person: Person, last: string): RobotS
 }
 
 /** The next step with robots. */
-export function robotStep(now: RobotSituation): Pick<Guidance, "step" | "text"> & { press?: string } {
+export function robotStep(now: RobotSituation): Pick<Said, "step" | "text"> & { press?: string } {
   const { steered, meant, halted } = now;
   if (steered) return steeredStep(now, steered, capital(steered.name));
   if (now.asked) return { step: "following", text: `${capital(now.asked)} is asked to follow you …` };

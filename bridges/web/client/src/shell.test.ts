@@ -2,7 +2,6 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { columnsOf } from "./choice";
 import { bytes, duration, figure, latencyTick, milliseconds, rendererName, typedNumber } from "./format";
-import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
 import { command, foundDevices, foundHomes, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
 import { fitSentence } from "./devices/wearing";
@@ -71,11 +70,8 @@ test("settings survive what is not theirs", () => {
 });
 
 test("the button says what it does", () => {
-  const title = (state: "idle" | "localizing" | "pointing", next_step = "") => pressTitle({ state, next_step });
-  assert.deepEqual([pressTitle(null), title("idle"), title("localizing")], ["Start pointing", "Start pointing", "Stop localizing"]);
-  assert.equal(title("pointing", "Point with your arm straight; press the button to stop."), "Stop pointing");
-  assert.equal(title("pointing", "Point with your arm straight and press the button to confirm; hold it to stop."), "Confirm");
-  assert.equal(title("pointing", "Double press: point at a lamp once, your direction has become uncertain."), "Press the button");
+  const titles = (["start", "cancel", "stop", "confirm", ""] as const).map((press) => pressTitle({ press }));
+  assert.deepEqual([pressTitle(null), ...titles], ["Start pointing", "Start pointing", "Stop localizing", "Stop pointing", "Confirm", ""]);
 });
 
 test("what earlier localizations told of the elevation is said until it is forgotten", () => {
@@ -103,66 +99,6 @@ test("to forget it is a request of the chosen person's localizer, if the page ma
 test("the glossary is plain text, of the first table only", () => {
   const table = "# G\n\n| word | meaning |\n|---|---|\n| `pui` | computes [cursors](x.md) |\n| extra | libraries ([list](extras.md)) |\n\n## Of the source\n\n| word | meaning |\n|---|---|\n| shard | a second instance |\n";
   assert.deepEqual(wordsOf(table), [{ word: "pui", meaning: "computes cursors" }, { word: "extra", meaning: "libraries" }]);
-});
-
-const situation: Situation = {
-  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false, hasNames: false, pressed: "",
-  wantsPress: false, areAllPressed: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
-};
-const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
-const hover: NonNullable<Situation["hover"]> = {
-  action: "select", is_selected: false, miss_rad: 0, object_id: "1", progress: 0.4, seq: 0, snapped_m: null, snapped_position_m: null, stamp_ns: 0, taken_by: "",
-};
-
-test("a newcomer is told one thing at a time", () => {
-  assert.equal(guidance(situation).mode, "invite");
-  assert.equal(guidance({ ...situation, isSimulated: false }).mode, "none");
-  assert.equal(guidance({ ...situation, mayTake: false, mayPair: false }).mode, "none");
-  assert.equal(guidance({ ...situation, movedBy: "mouse" }).mode, "other");
-  const mine: Situation = { ...situation, movedBy: "mouse", isMine: true, interaction: interaction("pointing") };
-  assert.match(guidance(mine).text, /red package/);
-  assert.equal(guidance({ ...mine, interaction: interaction("idle") }).mode, "idle");
-  assert.equal(guidance({ ...mine, hover, hovered: "Red package" }).progress, 0.4);
-  for (const own of [{ hover: { ...hover, action: "" as const, is_selected: true } }, { hover, isTheirs: true }]) {
-    const had = guidance({ ...mine, hovered: "Red package", ...own });
-    assert.equal(had.text, "Red package is selected already. Go on with the next.", "by whoever pointed before");
-    assert.equal(guidance({ ...mine, hovered: "Red package", ...own, isOwn: true }).text, "Red package is yours. Go on with the next.");
-    assert.equal(had.progress, null);
-  }
-  const taken = guidance({ ...mine, hover: { ...hover, action: "refuse", taken_by: "ben" }, hovered: "Red package" });
-  assert.equal(taken.progress, null);
-  assert.match(taken.text, /ben has it/);
-  assert.equal(guidance({ ...mine, success: "selected a red package", count: 2 }).title, "You selected a red package!");
-  const wrong = guidance({ ...mine, success: "selected a blue package", isWrong: true, count: 2 });
-  assert.deepEqual([wrong.mode, wrong.title], ["wrong", "You selected a blue package, which is not wanted."]);
-});
-
-const pointing: Situation = { ...situation, movedBy: "mouse", isMine: true, interaction: interaction("pointing"), scenario: "shelf", hovered: "The kettle" };
-
-test("a thing that wants a press is pressed, not stayed on", () => {
-  const kettle: Situation = { ...pointing, mode: "button", wantsPress: true, hover: { ...hover, progress: 0.3 } };
-  assert.deepEqual([guidance(kettle).text, guidance(kettle).progress], ["The kettle: press the button.", 0.3]);
-  const radio: Situation = { ...kettle, mode: "switch", hover: { ...hover, action: "deselect", is_selected: true } };
-  assert.equal(guidance(radio).text, "The kettle is on; the button switches it off.");
-  assert.equal(guidance({ ...kettle, scenario: "my_room", hover: null, areAllPressed: true }).text, "Move onto an object and press the button.");
-});
-
-test("what is full and has not fired waits for the button, whatever makes it wait", () => {
-  assert.equal(guidance({ ...pointing, wantsPress: true, hover: { ...hover, progress: 1 } }).text, "The kettle: press the button.");
-  assert.equal(guidance({ ...pointing, hover }).text, "The kettle: stay on it …");
-});
-
-test("buttons and switches are nobody's own", () => {
-  const text = (mode: Situation["mode"], change: Partial<typeof hover>, isTheirs = false) => guidance({ ...pointing, mode, isTheirs, hover: { ...hover, ...change } }).text;
-  assert.equal(text("button", { action: "", is_selected: true }, true), "The kettle has fired. Go on with the next.");
-  assert.equal(text("switch", { action: "deselect", is_selected: true }), "The kettle is on; staying switches it off.");
-  assert.equal(text("switch", { action: "", progress: 0 }), "The kettle is off. Go on with the next.");
-  assert.equal(text("claim", { action: "deselect", is_selected: true }), "The kettle is yours; staying takes it back.");
-  assert.equal(text("claim", { action: "", progress: 0 }), "The kettle is free again. Go on with the next.");
-  assert.equal(text("button", { action: "refuse", taken_by: "ben" }), "The kettle cannot be had: ben is about to use it. Point at another, or wait.");
-  assert.equal(text("claim", { action: "refuse" }), "The kettle cannot be had: it is too late for it. Point at another.");
-  const fired = guidance({ ...pointing, success: "fired the kettle", count: 0 });
-  assert.deepEqual([fired.title, fired.text], ["You fired the kettle!", "Go on with the next."]);
 });
 
 test("options stand in even rows", () => {

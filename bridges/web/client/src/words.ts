@@ -42,26 +42,23 @@ export function stateTitle(state: Interaction["state"]): string {
   return STATES[state] ?? capital(state);
 }
 
-/** Effect of the button at the wrist now; the supervisor's next step tells what a press does while somebody points. */
-export function pressTitle(interaction: Pick<Interaction, "state" | "next_step"> | null): string {
-  if (!interaction || interaction.state === "idle") return "Start pointing";
-  if (interaction.state === "localizing") return "Stop localizing";
-  if (/button to stop\b/.test(interaction.next_step)) return "Stop pointing";
-  return /button to confirm\b/.test(interaction.next_step) ? "Confirm" : "Press the button";
+const PRESSES: Record<Interaction["press"], string> = { "": "", start: "Start pointing", cancel: "Stop localizing", stop: "Stop pointing", confirm: "Confirm" };
+
+/** Effect of the button at the wrist now, or "" if it has none. */
+export function pressTitle(interaction: Pick<Interaction, "press"> | null): string {
+  return PRESSES[interaction?.press ?? "start"] ?? "Press the button";
 }
 
-/** Things that want a press, where others do not; "" if none or all do. */
-export function pressedNames(site: Site): string {
-  const things = site.map?.things ?? [], pressed = things.filter(({ press }) => press);
-  return pressed.length && pressed.length < things.length ? listed(pressed.map(({ id, label }) => label || placeName(id, "thing"))) : "";
+/** ` For the kettle, press the button.`, if some things want a press where others do not. */
+export function pressedSentence({ manner }: Pick<Site, "manner">): string {
+  if (!manner?.pressed?.length) return "";
+  const more = manner.pressed_count - manner.pressed.length;
+  return ` For ${[...manner.pressed, ...(more > 0 ? [`${more} more`] : [])].join(", ")}, press the button.`;
 }
 
-/** The next step of a person, as the supervisor says; of a press it says which things want one. */
-export function nextStepOf(site: Site, { interaction, announced, hover }: Pick<Person, "interaction" | "announced" | "hover">): { text: string; press: string } {
-  const text = interaction?.next_step ?? "", press = pressTitle(interaction), pressed = announced ? "" : pressedNames(site);
-  if (press !== "Confirm" || !pressed) return { text: friendly(site, text), press };
-  const isWanted = objectOf(site, hover?.object_id ?? "")?.press;
-  return { text: friendly(site, text).replace("and press the button to confirm", `and stay on a thing; press the button for ${pressed}`), press: isWanted ? press : "Press the button" };
+/** The next step of a person, as their supervisor says. */
+export function nextStepOf(site: Site, { interaction }: Pick<Person, "interaction">): string {
+  return friendly(site, interaction?.next_step ?? "");
 }
 
 /** Sentence on the elevation bias that earlier localizations told, or "" if `pose` remembers none. */

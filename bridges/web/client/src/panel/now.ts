@@ -7,18 +7,35 @@ import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
 import { unavailable } from "../site/things";
-import { friendly, nextStepOf, rememberedSentence, stateTitle, thing } from "../words";
+import { friendly, nextStepOf, pressTitle, rememberedSentence, stateTitle, thing } from "../words";
 import type { PanelPart } from "./panel_part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
+
+/** The person of the controls, where there are several. */
+export function personPart(controls: Controls): PanelPart {
+  const { site } = controls, who = choice("Person", (user) => controls.choose(user));
+  who.element.classList.add("people");
+  const element = el("section", { className: "part", "aria-label": "Person" }, who.element);
+  return {
+    element,
+    update() {
+      const users = [...site.people.keys()].sort(byName);
+      who.offer(users.map((user) => {
+        const profile = site.people.get(user)?.profile;
+        return profile ? { value: user, label: user, swatch: cssColor(profile.cursor_color) } : { value: user, label: user };
+      }));
+      who.set(controls.user);
+      show(element, users.length > 1);
+    },
+  };
+}
 
 /** Time without people after which it is said, ms: they come a little later than the rest of a scenario. */
 const NOBODY_MS = 3000;
 
 export function nowPart(controls: Controls): PanelPart {
   const { site } = controls;
-  const who = choice("Person", (user) => controls.choose(user));
-  who.element.classList.add("people");
   const badge = el("span", { className: "badge" }, icon("pause"));
   const state = el("strong", {});
   const next = el("p", { className: "next" });
@@ -41,7 +58,7 @@ export function nowPart(controls: Controls): PanelPart {
   let nobodySince = Infinity;
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted" });
-  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions, remembered, forget);
+  const element = el("section", { className: "part", "aria-label": "Now" }, nobody, body, place, viewer, press, actions, remembered, forget);
 
   function showGauge(): void {
     const hover = controls.person?.hover;
@@ -57,13 +74,7 @@ export function nowPart(controls: Controls): PanelPart {
   return {
     element,
     update() {
-      const users = [...site.people.keys()].sort(byName);
-      who.offer(users.map((user) => {
-        const profile = site.people.get(user)?.profile;
-        return profile ? { value: user, label: user, swatch: cssColor(profile.cursor_color) } : { value: user, label: user };
-      }));
-      who.set(controls.user);
-      show(who.element, users.length > 1);
+      const users = [...site.people.keys()];
       show(viewer, site.hello?.role === "viewer");
       write(viewer, site.timeline ? "This is the past: nothing in it can be changed." : "This page only looks on. The operator's link lets you control.");
       const isNobody = users.length === 0 && site.connected && site.status?.run === "runs" && !site.timeline;
@@ -71,7 +82,7 @@ export function nowPart(controls: Controls): PanelPart {
       show(nobody, performance.now() - nobodySince > NOBODY_MS);
       const interaction = controls.person?.interaction ?? null;
       show(body, interaction !== null);
-      const now = interaction?.state ?? "idle", nextStep = nextStepOf(site, controls.person ?? { interaction: null, announced: null, hover: null });
+      const now = interaction?.state ?? "idle", line = controls.person?.line ?? null;
       mark(element, "data-state", now);
       badge.querySelector("use")?.setAttribute("href", `#icon-${ICONS[now] ?? "pause"}`);
       const stands = controls.person ? standingOf(controls.person) : null;
@@ -79,9 +90,10 @@ export function nowPart(controls: Controls): PanelPart {
       write(place, stands ? `The position of ${controls.user} is not yet measured; the assumed one is shown.` : `The position of ${controls.user} is not known, so they are not shown.`);
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, capital(friendly(site, controls.person?.cursor?.passed?.text ?? "")) || (site.timeline ? "" : nextStep.text));
-      write(pressText, nextStep.press);
-      show(press, controls.mayDo("press") && controls.user !== "");
+      write(next, capital(friendly(site, controls.person?.cursor?.passed?.text ?? "")) || (site.timeline || !controls.person ? "" : nextStepOf(site, controls.person)));
+      write(pressText, pressTitle(interaction));
+      const canPoint = line?.moved_by !== "own" || line.source !== "none"; // without an arm nothing follows the press
+      show(press, controls.mayDo("press") && controls.user !== "" && canPoint && pressTitle(interaction) !== "");
       const progress = controls.person?.localization;
       const isLocalizing = now === "localizing" || progress?.phase === "sampling";
       show(localize, controls.canLocalize && !isLocalizing);

@@ -2,7 +2,7 @@
 
 import type { Controls } from "../controls";
 import { el, icon, mark, renew, section, show, write } from "../dom";
-import { thingTiles, type ThingTile } from "../site/things";
+import { problemsOfThings, thingTiles, type ThingTile } from "../site/things";
 import { OUTCOMES } from "../words";
 import type { PanelPart } from "./panel_part";
 
@@ -12,7 +12,7 @@ const ICONS: Record<ThingTile["mode"], string> = { button: "button", switch: "po
 
 export function thingsPart(controls: Controls): PanelPart {
   const { site } = controls;
-  const list = el("ul", { className: "cards things" }), element = section("Things", list);
+  const list = el("ul", { className: "cards things" }), problems = el("div", { className: "problems" }), element = section("Things", problems, list);
   let updates: ((tile: ThingTile) => void)[] = [];
 
   function card({ id, name, mode }: ThingTile): HTMLLIElement {
@@ -30,6 +30,7 @@ export function thingsPart(controls: Controls): PanelPart {
     updates.push((now) => {
       isOn = now.isOn;
       mark(item, "data-on", now.isOn ? "" : null);
+      mark(item, "data-unavailable", now.problem ? "" : null);
       write(state, now.state);
       write(does, now.does);
       write(last, now.last);
@@ -46,6 +47,8 @@ export function thingsPart(controls: Controls): PanelPart {
     update() {
       const tiles = thingTiles(site);
       show(element, tiles.length > 0);
+      const causes = problemsOfThings(tiles);
+      renew(problems, causes.join("\n"), () => causes.map((text) => el("p", {}, icon("warning"), el("span", { text }))));
       renew(list, JSON.stringify(tiles.map(({ id, name, mode }) => [id, name, mode])), () => {
         updates = [];
         return tiles.map(card);

@@ -3,6 +3,7 @@ import { test } from "node:test";
 import * as THREE from "three";
 import { Labels, NAME } from "./labels";
 import { DARK } from "./mesh_factory";
+import { partsOf } from "./state";
 
 /** What labels use of an element, 90 px wide. */
 class Element {
@@ -33,4 +34,12 @@ test("on a narrow picture every thing has its name, or a number that a legend ex
   assert.equal(names.length + numbers.length, 20);
   const legend = shown.find(({ textContent }) => textContent.includes("thing"))!.textContent;
   assert.deepEqual(legend.split(" · ").map((each) => each.split(" ")[0]), numbers);
+});
+
+test("boxes of one kind that touch have one name, that of the topmost; others and pressed ones have their own", () => {
+  const box = (kind: string, x: number, z: number) => ({ object: { kind }, placed: { at: [x, 0, z] }, size: [0.06, 0.06, 0.06] }) as never as Parameters<typeof partsOf>[0][number];
+  const links = Array.from({ length: 7 }, (_, i) => box("arm", 0.1 * i, 0.1 * i)), far = box("arm", 5, 0), red = box("red", 0.1, 0.1);
+  const parts = partsOf([...links.slice(0, 3), far, red, ...links.slice(3)]);
+  assert.deepEqual([...links.map((each) => parts.has(each)), parts.has(far), parts.has(red)], [true, true, true, true, true, true, false, false, false]);
+  assert.equal(partsOf([box("", 0, 0), box("", 0.1, 0)]).size, 0, "without a kind they have their ids");
 });

@@ -39,7 +39,9 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     }
   }
   let number = 0;
+  const parts = partsOf([...things.byId.values()].filter(({ form, object }) => form === "box" && !object.press));
   for (const thing of things.byId.values()) {
+    if (parts.has(thing)) continue;
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
     if (thing.form === "box") {
@@ -50,6 +52,28 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
     if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
   }
+}
+
+/** Boxes of one kind that are nearer to each other have one name, m: links of an arm. */
+const APART_M = 0.2;
+
+/** Boxes without a name of their own: each is part of a whole of its kind, whose topmost box has the name. */
+export function partsOf<Box extends Pick<Thing, "object" | "placed" | "size">>(boxes: readonly Box[]): Set<Box> {
+  const parts = new Set<Box>(), wholes: Box[][] = [];
+  for (const box of boxes) {
+    const near = wholes.filter((whole) => whole.some((each) => each.object.kind === box.object.kind && box.object.kind !== "" && gap(each, box) < APART_M));
+    for (const whole of near) wholes.splice(wholes.indexOf(whole), 1);
+    wholes.push([box, ...near.flat()]);
+  }
+  for (const whole of wholes) {
+    const named = whole.reduce((top, each) => (each.placed.at[2] > top.placed.at[2] ? each : top));
+    for (const each of whole) if (each !== named) parts.add(each);
+  }
+  return parts;
+}
+
+function gap({ placed: one, size }: Pick<Thing, "placed" | "size">, { placed: other }: Pick<Thing, "placed">): number {
+  return Math.hypot(...one.at.map((part, axis) => part - other.at[axis]!)) - Math.max(...size);
 }
 
 /** What came out at each bay, by kind. */

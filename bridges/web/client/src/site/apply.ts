@@ -30,7 +30,11 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     // after a jump in the past, the newest may be old
     who.cursorAt = keeper.site.timeline ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6 : at;
   },
-  "users/{user}/hover": (keeper, message, name) => void (keeper.person(name).hover = message),
+  "users/{user}/hover": (keeper, message, name) => {
+    const who = keeper.person(name);
+    if (message.object_id !== who.hover?.object_id) who.cameNs = Number(message.stamp_ns);
+    who.hover = message;
+  },
   "users/{user}/announced": (keeper, message, name) => void (keeper.person(name).announced = message),
   "users/{user}/interaction": (keeper, message, name) => {
     const who = keeper.person(name);
@@ -72,6 +76,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   },
   "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
   selection: ({ site }, message) => void (site.selection = message),
+  "selection/manner": ({ site }, message) => void (site.manner = message),
   "selection/events": (keeper, message) => keeper.onEvent(message), // of acts, the server sends them with their results
   "selection/outcomes": () => undefined,
   "things/{carrier}": ({ site }, message, name) => void site.carriers.set(name, message),
@@ -122,6 +127,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   },
   "objects/{tracker}": ({ site }, name) => void site.objects.delete(name),
   selection: ({ site }) => void (site.selection = null),
+  "selection/manner": ({ site }) => void (site.manner = null),
   "selection/events": () => undefined,
   "selection/outcomes": () => undefined,
   "things/{carrier}": ({ site }, name) => void site.carriers.delete(name),

@@ -14,7 +14,7 @@ import { called, eventLine, ownCount } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
 
 const cursor = (seq: number): Uint8Array => encode({ seq, stamp_ns: 5, point_m: [1, 2, 3] });
-const personLine = (user: string): PersonLine => ({ user, moved_by: "own", is_mine: false, phone: "", battery: null, assumed: null });
+const personLine = (user: string): PersonLine => ({ user, moved_by: "own", source: "device", is_mine: false, phone: "", battery: null, assumed: null });
 const status = (...users: string[]): Status => ({ kind: "status", services: [], findings: [], people: users.map(personLine), viewers: 1, lan_url: "", devices: [], run: "runs" });
 
 test("a batch is decoded, its payloads are not", () => {

@@ -2,7 +2,7 @@
 
 import type {
   Announced, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, Steering, StripsFrame, ThingStates, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
+  Selection, SelectionEvent, SelectionManner, Steering, StripsFrame, ThingStates, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
 } from "../messages";
 import type { Robot } from "./robots";
 import type { Hello, PersonLine, Playing, Status, Timeline } from "../wire";
@@ -16,6 +16,8 @@ export interface Person {
   /** `performance.now()` when the newest cursor came; an old one is not drawn. */
   cursorAt: number;
   hover: Hover | null;
+  /** Stamp of the first hover of the object that they are on, ns: what came of acts since then is about this visit. */
+  cameNs: number;
   /** Thing whose name is spoken to them. */
   announced: Announced | null;
   interaction: Interaction | null;
@@ -59,11 +61,13 @@ export interface Site {
   readonly people: Map<string, Person>;
   /** By tracker. */
   readonly objects: Map<string, TrackedObjects>;
-  /** The last selection and the last deselection of each object, by its id; those of before this page came, too. */
-  readonly changes: Map<string, { selected?: SelectionEvent; deselected?: SelectionEvent }>;
+  /** The last selection, deselection and refusal of each object, by its id; those of before this page came, too. */
+  readonly changes: Map<string, { selected?: SelectionEvent; deselected?: SelectionEvent; refused?: SelectionEvent }>;
   /** By name. */
   readonly robots: Map<string, Robot>;
   selection: Selection | null;
+  /** How people select here. */
+  manner: SelectionManner | null;
   strips: StripsFrame | null;
   /** By lamp id. */
   readonly lamps: Map<string, LampColor>;
@@ -100,7 +104,7 @@ export const LOG_LINES = 400;
 export function emptySite(): Site {
   return {
     hello: null, status: null, timeline: null, playing: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
-    objects: new Map(), changes: new Map(), robots: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
+    objects: new Map(), changes: new Map(), robots: new Map(), selection: null, manner: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
     carriers: new Map(), deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };
@@ -109,7 +113,7 @@ export function emptySite(): Site {
 /** A person without any messages. */
 export function emptyPerson(user: string): Person {
   return {
-    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, announced: null, interaction: null, localization: null,
+    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, cameNs: 0, announced: null, interaction: null, localization: null,
     understood: null, goal: null, proposed: null, steering: null, line: null,
   };
 }

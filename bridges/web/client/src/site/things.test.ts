@@ -5,7 +5,7 @@ import type { SelectionEvent, Thing, TrackedObject } from "../messages";
 import { Keeper } from "./apply";
 import type { Item } from "./batch";
 import { emptyPerson, emptySite, type Site } from "./site";
-import { hasSelected, hasTakenBack, noteChange, thingTiles } from "./things";
+import { hasSelected, hasTakenBack, noteChange, problemsOfThings, thingTiles } from "./things";
 
 const S = 1e9;
 
@@ -55,7 +55,9 @@ const encoded = (topic: string, message: object, name = ""): Item => ({ topic, n
 test("a tile says that its thing is unavailable and why, and that an act is under way", () => {
   const all = site(), things = [{ id: "radio", state: "unavailable", reason: "no power: switch it on", limit_s: 5 }];
   new Keeper(all).take(encoded("things/{carrier}", { things }, "home-assistant"), 0);
-  assert.equal(thingTiles(all)[1]!.state, "Unavailable: no power: switch it on");
+  assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.problem], ["Unavailable", "no power: switch it on"]);
+  assert.deepEqual(problemsOfThings(thingTiles(all)), ["Radio unavailable: no power: switch it on"], "once for all");
+  assert.deepEqual(problemsOfThings([{ name: "A", problem: "off" }, { name: "B", problem: "off" }]), ["Everything unavailable: off"]);
   all.carriers.clear();
   all.selection = { objects: [{ id: "radio", user: "anna", is_pending: true }], reserved: [] } as never;
   assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.isOn], ["Under way …", false]);

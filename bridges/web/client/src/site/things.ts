@@ -2,17 +2,17 @@
 
 import { capital, duration } from "../format";
 import type { SelectionEvent, Thing, TrackedObject } from "../messages";
-import { isTooLate, modeOf, objectOf, OUTCOMES, placeName } from "../words";
-import { siteNow, type Site } from "./site";
+import { isTooLate, listed, modeOf, objectOf, OUTCOMES, placeName, plainly } from "../words";
+import { siteNow, type Person, type Site } from "./site";
 
 /** Limit of objects whose changes are kept; the oldest are dropped. */
 const MAX_CHANGES = 1000;
 /** Younger changes are told without figures, s. */
 const JUST_NOW_S = 2;
 
-/** Keep the event, if it is a selection or a deselection. */
+/** Keep the event, if it is a selection, a deselection or a refusal. */
 export function noteChange({ changes }: Site, event: SelectionEvent): void {
-  if (event.event !== "selected" && event.event !== "deselected") return;
+  if (event.event !== "selected" && event.event !== "deselected" && event.event !== "refused") return;
   const before = changes.get(event.object_id);
   changes.delete(event.object_id);
   changes.set(event.object_id, { ...before, [event.event]: event });
@@ -35,6 +35,14 @@ export function hasSelected(site: Site, user: string): boolean {
   return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button" && !isTooLate(objectOf(site, each.id))) ?? false;
 }
 
+/** Result of the last act of `person` on what they are on, since they came to it; a failed act comes as a refusal. */
+export function lastAct({ changes }: Site, { user, hover, cameNs }: Pick<Person, "user" | "hover" | "cameNs">): { result: "" | "done" | "refused"; reason: string } {
+  const events = Object.values(changes.get(hover?.object_id ?? "") ?? {}) // what goes off by itself has no cause
+    .filter((each) => each.user === user && (each.cause === "dwell" || each.cause === "button") && Number(each.stamp_ns) >= cameNs);
+  const last = events.sort((a, b) => Number(b.stamp_ns) - Number(a.stamp_ns) || (a.event === "refused" ? -1 : 1))[0];
+  return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last ? plainly(last) : "" };
+}
+
 /** Why the target of a thing is unavailable, with the remedy. Empty if it is not. */
 export function unavailable(site: Site, id: string): string {
   for (const { things } of site.carriers.values()) {
@@ -51,6 +59,8 @@ export interface ThingTile {
   readonly mode: Thing["mode"];
   /** Such as `Ready` or `On`. */
   readonly state: string;
+  /** Why it is unavailable, with the remedy; "" if it is not. */
+  readonly problem: string;
   readonly isOn: boolean;
   /** What pointing at it does. */
   readonly does: string;
@@ -67,14 +77,23 @@ export function thingTiles(site: Site): ThingTile[] {
   return (site.map?.things ?? []).map((thing) => tile(site, thing, objectOf(site, thing.id)));
 }
 
+/** Causes for which things are unavailable, each once, with their names unless it is all of them. */
+export function problemsOfThings(tiles: readonly Pick<ThingTile, "name" | "problem">[]): string[] {
+  const causes = new Set(tiles.map(({ problem }) => problem).filter(Boolean));
+  return [...causes].map((cause) => {
+    const names = tiles.filter(({ problem }) => problem === cause).map(({ name }) => name);
+    return `${names.length === tiles.length && names.length > 1 ? "Everything" : listed(names)} unavailable: ${cause}`;
+  });
+}
+
 function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile {
   const { id, mode } = thing, selected = site.selection?.objects.find((each) => each.id === id), owner = selected?.user ?? "", reason = unavailable(site, id);
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const aims = pointing.map(({ user }) => user).join(", ");
   const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
-  const state = !object ? "Not in the room now" : reason ? `Unavailable: ${reason}` : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
+  const state = !object ? "Not in the room now" : reason ? "Unavailable" : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
   return {
-    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending, does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
+    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending && !reason, problem: object ? reason : "", does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
     state: object && aims && !owner && !reason ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
     progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
     canBeTried: object !== null && mode !== "claim",

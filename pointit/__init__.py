@@ -27,7 +27,7 @@ _HOMES = {
     "connect": "pointit.api.connection",
     "open": "pointit.api.connection",
     "run": "pointit.api.run",
-    "run_virtually": "pointit.runtime.clock",
+    "run_virtually": "pointit.runtime.virtual_time",
 }
 """Modules of the public names; types of all of them are in `__init__.pyi`."""
 

@@ -7,6 +7,6 @@ from pointit.api.run import run as run
 from pointit.api.site import Site as Site
 from pointit.api.sync_site import SyncSite as SyncSite
 from pointit.errors import PointItError as PointItError
-from pointit.runtime.clock import run_virtually as run_virtually
+from pointit.runtime.virtual_time import run_virtually as run_virtually
 
 __version__: str

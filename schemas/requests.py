@@ -268,8 +268,7 @@ class Say(Query):
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
     stays: Annotated[
-        bool,
-        Field(description="no cue: it is their next step while they point, until another one"),
+        bool, Field(description="no cue: it is their next step while they point, until another one")
     ] = False
 
 

@@ -22,7 +22,8 @@ import foxglove
 from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
 
-from pointit.bridges.foxglove.scene import PARTS, LogLine, Part
+from pointit.bridges.foxglove.event_log import LogLine
+from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.plugins import ListenError, format_address
 from pointit.runtime.host.name_lookup import resolve
 from pointit.schemas.catalogue.json_channel import Schema

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 from foxglove import Channel
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.scene import FORGET_S, PARTS, EventLog, FoxgloveScene, LogLine
+from pointit.bridges.foxglove.event_log import EventLog, LogLine
+from pointit.bridges.foxglove.scene import FORGET_S, PARTS, FoxgloveScene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.plugins import (
     Change,

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.graph.backend import Backend, Graph, check_apart
+from pointit.bridges.ros2.graph.backend import Backend, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
+from pointit.bridges.ros2.graph.router_address import check_apart
 from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox

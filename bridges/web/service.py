@@ -14,8 +14,9 @@ from starlette.websockets import WebSocket
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.model.history import EventHistory
-from pointit.bridges.web.model.map_editor import FloorSeparability, MapEditor
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
+from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.action import ActionContext
 from pointit.bridges.web.pages.latest_values import MAX_KEYS, SlowLink

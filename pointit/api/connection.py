@@ -13,7 +13,6 @@ from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.clock import is_virtual
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
 from pointit.runtime.link.link import (
@@ -24,6 +23,7 @@ from pointit.runtime.link.link import (
     Link,
     read_credentials,
 )
+from pointit.runtime.virtual_time import is_virtual
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE, USER_ALIVE

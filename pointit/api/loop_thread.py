@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
-from pointit.runtime.clock import VirtualTimeLoop
 from pointit.runtime.errors import BusClosedError, PointItError
+from pointit.runtime.virtual_time import VirtualTimeLoop
 
 T = TypeVar("T")
 

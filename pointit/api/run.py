@@ -19,12 +19,13 @@ from pointit.launch.plan.plan import read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.launch.run.running_scenario import ServiceGroup
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock, WallClock, is_virtual
+from pointit.runtime.clock import WallClock
 from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError, PointItError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, check_launches
+from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 DEFAULT_SCENARIO = "scenario_4"

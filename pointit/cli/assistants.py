@@ -59,7 +59,7 @@ async def _serve(
             await stack.enter_async_context(connection.opened())
             await server.run_stdio_async()
             return 0
-        from pointit.assistants.server import HttpServer  # noqa: PLC0415
+        from pointit.assistants.http_server import HttpServer  # noqa: PLC0415
         from pointit.bridges.web.server.access import Access  # noqa: PLC0415
 
         tokens, notes = stored_tokens(site)

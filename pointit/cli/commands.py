@@ -169,8 +169,8 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Record and replay": (
         ours("record", "record all messages of a site in a file", "recordings.record"),
         ours("replay", "run the services of a recording again, and compare", "recordings.replay"),
-        ours("export", "write a recording as CSV tables", "recordings.conversion:export"),
-        ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.conversion"),
+        ours("export", "write a recording as CSV tables", "recordings.export:export"),
+        ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.import_"),
         ours("page", "open a recording in the page, with a timeline", "page"),
     ),
     "Rooms and devices of your own": (
@@ -182,7 +182,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             ours("new", "write the map of a room of your own, with lamps and strips", "maps.map_file:new"),
             ours("check", "show errors of a map, with remedies", "maps.map_file:check"),
             ours("plot", "draw a map from above: svg, png or pdf", "maps.map_file"),
-            ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.exchange"),
+            ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
             ours("scan", "map a room by a camera: its strips blink, a phone sees them", "maps.scan"),
             ours("point", "find lamps and boxes by pointing from two places", "maps.point"),
             ours("import", "make a map of a file of WLED or xLights", "maps.exchange:import_"),

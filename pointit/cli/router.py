@@ -18,7 +18,8 @@ from pointit.access.site_folder import SiteFolder
 from pointit.cli.common.panels import PanelCommand
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
-from pointit.runtime.router import Router, captured_log, raise_file_limit, running_router
+from pointit.runtime.router import Router, raise_file_limit, running_router
+from pointit.runtime.router_log import captured_log
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option, run_until_shutdown
 from pointit.schemas.problems import DENIED, EXCESS, REVOKED

@@ -28,13 +28,16 @@ from pointit.commands import (
 from pointit.runtime.host.extras import has_extra
 from pointit.study.check import Finding, check_folder
 from pointit.study.lsl import check_lsl
-from pointit.study.model import Scale, Study, StudyStep, read_study
+from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import check_sequences, plan_of
+from pointit.study.questionnaire import Scale
+from pointit.study.scenario import check_ready
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 from pointit.study.study_folder import StudyFolder
-from pointit.study.study_site import SiteOptions, check_ready
+from pointit.study.study_site import SiteOptions
+from pointit.study.study_step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 

@@ -4,7 +4,8 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 
-from pointit.recording.entries import Entry, Head, RecordingError, make_head
+from pointit.recording.entries import Entry, RecordingError
+from pointit.recording.head import Head, make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.host.state_file import replaced_file
 

@@ -10,17 +10,15 @@ from pointit.recording import container
 from pointit.recording.container import Channel as McapChannel
 from pointit.recording.container import Chunk, DamagedError, Metadata, Opcode, RecordLocation, Schema, parse
 from pointit.recording.entries import (
-    FORMAT,
-    METADATA,
     AnyRow,
     Entry,
-    Head,
     PresenceChange,
     RecordingError,
     body_kind,
     find_row,
     schema_name,
 )
+from pointit.recording.head import FORMAT, METADATA, Head
 from pointit.recording.writer import MAX_CHANNELS
 from pointit.schemas import NS_PER_S, DecodeError
 from pointit.schemas.catalogue.json_channel import from_json

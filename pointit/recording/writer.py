@@ -4,16 +4,8 @@ import json
 from typing import IO
 
 from pointit.recording.container import CompressionType, Writer
-from pointit.recording.entries import (
-    METADATA,
-    AnyRow,
-    Entry,
-    Head,
-    PresenceChange,
-    body_kind,
-    row_kind,
-    schema_name,
-)
+from pointit.recording.entries import AnyRow, Entry, PresenceChange, body_kind, row_kind, schema_name
+from pointit.recording.head import METADATA, Head
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 

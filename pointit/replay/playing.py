@@ -29,10 +29,11 @@ from pointit.replay.replayed_services import (
 from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, list_present
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.site_clock import publish_time
-from pointit.runtime.clock import Clock, run_virtually
+from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RequestError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.service.instance_takeover import LISTEN_S
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import (
     NS_PER_S,
     ActResult,

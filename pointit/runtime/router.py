@@ -1,29 +1,16 @@
-"""A Zenoh router in this process, which joins several machines where no zenohd is installed, and its log.
+"""A Zenoh router in this process, which joins several machines where no zenohd is installed.
 
 Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
 changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
-
-The module also closes sockets of clients, counts their unsent bytes, and releases ports of listeners.
-
-A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
-returned during the closing were never accepted, and end after 30 s.
 """
 
 import asyncio
 import contextlib
-import ctypes
-import ipaddress
 import json
 import logging
-import os
 import re
-import socket
-import struct
 import sys
-import threading
-import time
-from collections import Counter
-from collections.abc import AsyncGenerator, Callable, Collection, Generator, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -33,199 +20,19 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.zenoh.declarations import encoding_of
+from pointit.runtime.router_health import RouterHealthPublisher
+from pointit.runtime.router_sockets import Peer, cut, peer, release_udp_ports
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
     close_session,
     open_cancellable,
     open_session,
-    own_sockets,
     set_tcp_timeouts,
 )
-from pointit.schemas import Figure, Health, encode
 from pointit.schemas.problems import Problem
 from pointit.schemas.table_types import NAME
-from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
-
-CHUNK_BYTES = 256 * 1024
-STDOUT = 1
-MAX_LINES = 20_000
-"""Limit of lines per second that are taken one by one. Of further ones, equal lines are counted and taken
-once, at most as many that hold a mark, and as many others. Zenoh waits until its log is read, and with it
-everybody whose messages it carries."""
-OWN = b"\x1b["
-"""First bytes of each line of Zenoh. A line without them is the rest of a key with a line break."""
-TIME_BYTES = len("\x1b[2m2026-03-01T00:00:00.000000Z\x1b[0m ")
-"""Length of the time at the start of each line of Zenoh."""
-
-TakeLine = Callable[[str, int], None]
-"""Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
-
-
-@contextlib.contextmanager
-def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
-    """Pass each line of Zenoh's log to `take`, in another thread. Other output is not changed.
-
-    The log is coloured in spite of NO_COLOR: a line without colours is recognised as the rest of a key with a
-    line break.
-
-    Call this once, in a separate process, since Zenoh's log cannot be configured twice. If the user has set
-    RUST_LOG, the log is not changed. `wanted` has the syntax of RUST_LOG. `take` must not raise. Lines that
-    contain one of `marks` have precedence over others.
-    """
-    if "RUST_LOG" in os.environ:
-        zenoh.try_init_log_from_env()
-        yield
-        return
-    sys.stdout.flush()
-    before = os.dup(STDOUT)
-    source, sink = os.pipe()
-    os.dup2(sink, STDOUT)
-    os.close(sink)
-    shown = sys.stdout
-    sys.stdout = os.fdopen(os.dup(before), "w", 1, encoding=shown.encoding, errors=shown.errors)
-    threading.Thread(target=_read, args=(source, take, marks), name="zenoh-log", daemon=True).start()
-    os.environ.pop("NO_COLOR", None)
-    zenoh.init_log_from_env_or(wanted)
-    try:
-        yield
-    finally:
-        os.dup2(before, STDOUT)  # the pipe's last writer is gone with this, and so is its reader
-        os.close(before)
-        sys.stdout.close()
-        sys.stdout = shown
-
-
-def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
-    rest, began_s, count = b"", time.monotonic(), 0
-    distinct = {True: 0, False: 0}
-    with os.fdopen(source, "rb", buffering=0) as pipe:
-        while chunk := pipe.read(CHUNK_BYTES):
-            *lines, rest = (rest + chunk).split(b"\n")
-            if time.monotonic() - began_s >= 1.0:
-                began_s, count, distinct = time.monotonic(), 0, {True: 0, False: 0}
-            taken = lines[: max(MAX_LINES - count, 0)]
-            count += len(lines)
-            for line in taken:
-                take(line.decode(errors="replace"), 0)
-            further = [line for line in lines[len(taken) :] if line.startswith(OWN)]
-            for text, times in Counter(line[TIME_BYTES:] for line in further).items():
-                is_marked = any(mark in text for mark in marks)
-                if distinct[is_marked] < MAX_LINES:
-                    distinct[is_marked] += 1
-                    take((further[0][:TIME_BYTES] + text).decode(errors="replace"), times)
-
 
 log = logging.getLogger(__name__)
-
-Peer = tuple[str, int]
-"""Address and port, as `peer` returns them."""
-
-
-def peer(host: str, port: int) -> Peer:
-    """Return one spelling of an address: without zone, and IPv4 as such.
-
-    Raises:
-        ValueError: If `host` is no address.
-    """
-    address = ipaddress.ip_address(host.partition("%")[0])
-    return str(getattr(address, "ipv4_mapped", None) or address), port
-
-
-SO_ATTACH_FILTER = 26
-KEEP_HEADERS = struct.pack("HBBI", 6, 0, 0, 1)
-"""Linux's filter of one instruction, by which a connection takes acknowledgements and no data."""
-MAX_DISCARDED_BYTES = 16 * 1024 * 1024
-"""Above Linux's limit of what waits on a connection, which is discarded without being copied."""
-
-
-def cut(peers: Collection[Peer]) -> int:
-    """End the connections of this process from `peers`, each address and port; return how many were.
-
-    Nothing more is read of them, so Zenoh closes them. What has come or comes is discarded: Linux still
-    passes it on, so a flood would keep its connection. If they could not be written either, Zenoh might wait
-    5 s for one of them, and with it all others: measured in one of three floods.
-    """
-    count = 0
-    program = ctypes.create_string_buffer(KEEP_HEADERS)
-    for found in own_sockets():
-        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, nothing has come, or it listens
-            if peer(*found.getpeername()[:2]) in peers:
-                found.shutdown(socket.SHUT_RD)
-                count += 1
-                with contextlib.suppress(OSError):  # no such filter here: what has come is discarded anyway
-                    found.setsockopt(
-                        socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(program))
-                    )
-                found.recv(MAX_DISCARDED_BYTES, socket.MSG_DONTWAIT | socket.MSG_TRUNC)
-    return count
-
-
-def release_udp_ports(ports: Collection[int]) -> int:
-    """Release the UDP ports of closed listeners by moving their descriptors to sockets without a port.
-
-    No other code of this process may open or close files meanwhile, since a descriptor could be reused.
-
-    Returns:
-        Number of sockets that had one of `ports`, 0 where they cannot be found.
-    """
-    count = 0
-    for found in own_sockets(socket.SOCK_DGRAM):
-        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
-            empty.setblocking(False)
-            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
-                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
-                count += 1
-    return count
-
-
-SERVICE = "router"
-NO_NAME = re.compile(r"[^A-Za-z0-9_-]")
-LONGEST_HOST = 48
-
-
-class RouterHealthPublisher:
-    """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
-
-    def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
-        """Be present at `site` while `session` is open.
-
-        `joins_another`: the site has several routers, which get the names of their machines.
-        """
-        host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
-        self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
-        self._session = session
-        self._root = f"pointit/{site}"
-        self._began_s = time.monotonic()
-        self._seq = 0
-        self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
-
-    def report(self, problems: Sequence[Problem], refused: int, sessions: int) -> None:
-        """Publish the problems, the number of refused attempts, and the number of connections."""
-        self._seq += 1
-        health = Health(
-            stamp_ns=time.time_ns(),
-            seq=self._seq,
-            service=SERVICE,
-            instance=self._instance,
-            pid=os.getpid(),
-            host=socket.gethostname(),
-            uptime_s=time.monotonic() - self._began_s,
-            status="degraded" if problems else "ok",
-            warnings=tuple(each.without_secrets().sentence for each in problems),
-            problems=tuple(each.without_secrets() for each in problems),
-            figures=(
-                Figure(name="refused", value=float(refused)),
-                Figure(name="sessions", value=float(sessions)),
-            ),
-        )
-        self._session.put(
-            f"{self._root}/{HEALTH.at(self._instance)}",
-            encode(health),
-            encoding=encoding_of(Health),
-            congestion_control=zenoh.CongestionControl.DROP,
-        )
-
 
 LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""

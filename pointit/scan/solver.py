@@ -1,121 +1,18 @@
-"""From sightings to a room: lines, poses, then all in one adjustment, and the next best view."""
+"""From sightings to a room: lines, poses, then all in one adjustment."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
 from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece, SightingArrays, levelled, upright
 from pointit.scan.refinement import Refined, refined
-from pointit.scan.result import COMPLETE_M, Camera, Scan, ScanError, ScannedLamp, ScannedStrip
+from pointit.scan.result import Camera, Scan, ScanError, ScannedLamp, ScannedStrip
 from pointit.scan.views import CameraView, KnownLength, LampSpec, StripSpec, check_known_length, check_survey
-
-STEP_M = 1.0
-"""Distance of a step aside."""
-NEARER = 0.6
-"""Share of the distance to a strip that remains after going nearer."""
-CLOSEST_M = 0.8
-CONE = np.cos(np.radians(28.0))
-"""Cosine of the angle from the middle of an image within which a photograph surely shows a thing."""
-TIES = 3
-"""Number of known strips in a photograph that place it."""
-AIMS = 8
-"""Number of the worst strips that are looked at by turns."""
-
-
-@dataclass(frozen=True)
-class Advice:
-    """A sentence for a user, its strips and lamps, and the camera position if known.
-
-    Attributes:
-        position_m, look_at_m: positions of the camera and of its target, in the scan's frame.
-    """
-
-    text: str
-    names: tuple[str, ...]
-    position_m: Vec3 | None = None
-    look_at_m: Vec3 | None = None
-
-
-def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
-    """Return from where to take a further photograph, or None if the scan is complete."""
-    if scan.missing:
-        listed = ", ".join(scan.missing[:3])
-        return Advice(
-            f"photograph {listed} from two positions, each time together with two strips that are known",
-            scan.missing,
-        )
-    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    scanned.sort(key=lambda each: -each.sigma_m)
-    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in scanned], dtype=bool)
-    if not is_open.any():
-        return None
-    names = tuple(each.name for each, is_it in zip(scanned, is_open, strict=True) if is_it)
-    ends = np.array([_points(each)[[0, -1]] for each in scanned]).reshape(-1, 2, 3)
-    axes = np.array([_least_certain(each) for each in scanned]).reshape(-1, 3)
-    is_known = np.array([each.views > 1 for each in scanned], dtype=bool)
-
-    def worth(candidate: tuple[str, Array, int]) -> float:
-        """Return the value of a photograph: known strips that place it, and open ones from aside."""
-        sights = ends - candidate[1]
-        sights /= np.maximum(np.linalg.norm(sights, axis=2, keepdims=True), 1e-9)
-        ahead = sights[candidate[2]].sum(axis=0)
-        shows = np.all(sights @ ahead > CONE * np.linalg.norm(ahead), axis=1)
-        aside = np.linalg.norm(np.cross(sights.mean(axis=1), axes), axis=1)
-        return 10.0 * min(float((shows & is_known).sum()), TIES) + float(aside[shows & is_open].sum())
-
-    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS].tolist()), key=worth, default=None)
-    if best is None:
-        return Advice(f"photograph {names[0]} once more, from another position", names)
-    where, position, aim = best
-    each = scanned[aim]
-    reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
-    text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
-    first = (each.name, *(name for name in names if name != each.name))
-    return Advice(text, first, vec3(position), vec3(ends[aim].mean(axis=0)))
-
-
-def _points(scanned: ScannedStrip | ScannedLamp) -> Array:
-    points = scanned.line_m if isinstance(scanned, ScannedStrip) else (scanned.position_m,)
-    return np.array(points, dtype=np.float64)
-
-
-def _least_certain(scanned: ScannedStrip | ScannedLamp) -> Array:
-    """Return the direction in which a strip or lamp is known worst."""
-    blocks = [
-        scanned.covariance[row : row + 3, row : row + 3] for row in range(0, len(scanned.covariance), 3)
-    ]
-    return np.asarray(np.linalg.eigh(np.sum(blocks, axis=0))[1][:, -1])
-
-
-def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[str, Array, int]]:
-    """Yield positions one step beside a camera or nearer, with their descriptions and targets."""
-    cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
-    around = np.concatenate([ends.reshape(-1, 3), cameras])
-    for number, camera in enumerate(scan.cameras, 1):
-        if camera is None:
-            continue
-        at = np.array(camera.position_m)
-        for aim in aims:
-            sight = ends[aim].mean(axis=0) - at
-            right = np.cross(sight, [0.0, 0.0, 1.0])
-            right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)
-            found = [
-                (f"from {STEP_M:g} m to the right of photograph {number}", at + right, aim),
-                (f"from {STEP_M:g} m to the left of photograph {number}", at - right, aim),
-            ]
-            if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
-                found.append((f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight, aim))
-            for candidate in found:  # within the room, as far as it is known
-                if np.all((candidate[1] > around.min(axis=0)) & (candidate[1] < around.max(axis=0))):
-                    yield candidate
-
 
 MIN_PARALLAX_RAD = math.radians(4.0)
 MIN_SIGHTINGS = 3

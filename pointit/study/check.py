@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pointit.errors import ConfigError
-from pointit.study.model import SHIPPED, Study, imbalance
+from pointit.study.model import SHIPPED, Study
+from pointit.study.order import imbalance
 from pointit.study.plan import check_names, check_sequences, plan_of, row_errors
+from pointit.study.scenario import check_services
 from pointit.study.session import CLOCK_APART_S
 from pointit.study.study_folder import (
     TRIALS,
@@ -19,7 +21,6 @@ from pointit.study.study_folder import (
     read_any_trials,
     study_in,
 )
-from pointit.study.study_site import check_services
 from pointit.study.table_file import Row, counts, done_trials
 
 

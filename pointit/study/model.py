@@ -1,15 +1,11 @@
-"""The YAML file of a study: orders of conditions, questionnaires, and texts for participants."""
+"""The YAML file of a study: people, factors, order and task."""
 
 import itertools
 import math
 import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import (
     Field,
     PrivateAttr,
@@ -23,144 +19,15 @@ from pointit.errors import ConfigError
 from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt, read_yaml, written_text
+from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt, read_yaml
 from pointit.schemas import KeyNameError
 from pointit.schemas.base import Name
 from pointit.schemas.topics import check_name
+from pointit.study.order import Order, square
+from pointit.study.questionnaire import Questionnaire, check_questionnaire, scale_of
+from pointit.study.study_step import StudyStep
 from pointit.study.table_file import FIXED
 from pointit.study.tasks import Localize, Steer, Tapping, TargetPackages, TargetPlaces, TargetReach
-
-Order = Literal["latin_square", "williams", "blocked_random", "as_written"]
-
-
-def square(order: Order, conditions: int) -> list[tuple[int, ...]]:
-    """Return the rows of the square of `order`, each a permutation of 0 to `conditions` - 1.
-
-    `latin_square`: each condition once at each position. `williams`: also each before each other one equally
-    often (Williams 1949), in two squares if their number is odd. Others: one row, as written.
-    """
-    if order == "latin_square":
-        return [
-            tuple((row + column) % conditions for column in range(conditions)) for row in range(conditions)
-        ]
-    if order != "williams":
-        return [tuple(range(conditions))]
-    first = [0]
-    first += [(step + 1) // 2 if step % 2 else conditions - step // 2 for step in range(1, conditions)]
-    rows = [tuple((row + column) % conditions for column in first) for row in range(conditions)]
-    return rows if conditions == 1 or conditions % 2 == 0 else rows + [row[::-1] for row in rows]
-
-
-def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:
-    """Return an error message if `orders`, one a participant, are not balanced by `order`, else `""`."""
-    if order not in ("latin_square", "williams") or not orders:
-        return ""
-    conditions = sorted({name for row in orders for name in row})
-    positions = Counter((name, place) for row in orders for place, name in enumerate(row))
-    counts = {positions[name, place] for name in conditions for place in range(len(conditions))}
-    if len(counts) > 1:
-        name, place = min(
-            ((name, place) for name in conditions for place in range(len(conditions))),
-            key=positions.__getitem__,
-        )
-        return (
-            f"{name} comes {positions[name, place]} times at position {place + 1}, others {max(counts)} times"
-        )
-    followers = Counter(pair for row in orders for pair in itertools.pairwise(row))
-    pairs = [(one, other) for one in conditions for other in conditions if one != other]
-    if order == "williams" and len({followers[pair] for pair in pairs}) > 1:
-        one, other = min(pairs, key=followers.__getitem__)
-        max_followers = max(followers.values())
-        return f"{other} follows {one} {followers[one, other]} times, other pairs {max_followers} times"
-    return ""
-
-
-class Scale(Config):
-    """A questionnaire of items that are answered on one scale."""
-
-    name: str = Field(description="in answers.csv")
-    items: tuple[str, ...] = Field(min_length=1, description="statements or questions")
-    points: tuple[int, int] = Field(default=(1, 7), description="lowest and highest answer")
-    step: int = Field(default=1, ge=1, description="between answers")
-    ends: tuple[str, str] = Field(
-        default=("strongly disagree", "strongly agree"), description="meaning of the lowest and the highest"
-    )
-
-
-Questionnaire = str | Scale
-
-_FILE = resources.files("pointit.study") / "texts" / "questionnaires.yaml"
-NASA_TLX, SUS = (Scale.model_validate(each) for each in yaml.safe_load(_FILE.read_text(encoding="utf-8")))
-KNOWN = {scale.name: scale for scale in (NASA_TLX, SUS)}
-
-
-def scale_of(questionnaire: Questionnaire) -> Scale:
-    """Return the scale of a questionnaire, which may be named."""
-    return KNOWN[questionnaire] if isinstance(questionnaire, str) else questionnaire
-
-
-def check_questionnaire(questionnaire: Questionnaire) -> None:
-    """Check that a named questionnaire is known, and that a scale goes up. Raises: ValueError: If not."""
-    if isinstance(questionnaire, str):
-        if questionnaire not in KNOWN:
-            raise ValueError(f"use one of {', '.join(KNOWN)} or write items (got {questionnaire!r})")
-    elif questionnaire.points[0] >= questionnaire.points[1]:
-        raise ValueError(f"{questionnaire.name}: points must go up (got {list(questionnaire.points)})")
-
-
-MAX_BYTES = 16 * 1024 * 1024
-"""Maximum size of a picture."""
-KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"GIF8": "image/gif"}
-"""Media type by the first bytes of a file."""
-
-
-class StudyStep(Config):
-    """A text, which may have a picture. Written as a mapping, or as the text alone."""
-
-    text: str = ""
-    image: str = Field(default="", description="picture in the folder of the file: PNG, JPEG, GIF or WebP")
-    alt: str = Field(default="", description="description of the picture, for people who do not see it")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_text(cls, given: Any) -> Any:
-        text = written_text(given)
-        return {"text": text} if isinstance(text, str) else given
-
-
-class Picture(NamedTuple):
-    """A picture as it is served."""
-
-    content: bytes
-    media_type: str
-
-
-def read_pictures(steps: Iterable[StudyStep], folder: Path) -> dict[str, Picture]:
-    """Return the pictures of `steps` by `Step.image`; all are in `folder` or below.
-
-    Raises: ConfigError: If one is missing, elsewhere, too large or no picture.
-    """
-    return {step.image: _picture(step.image, folder) for step in steps if step.image}
-
-
-def _picture(name: str, folder: Path) -> Picture:
-    path = folder / name
-    try:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise ConfigError(f"image {name}: is not beside the study; copy it to {folder}")
-        is_small = path.stat().st_size <= MAX_BYTES
-        content = path.read_bytes() if path.is_file() and is_small else b""
-    except OSError as error:
-        raise ConfigError(f"image {name}: {path} cannot be read ({error.strerror or error})") from error
-    except (RuntimeError, ValueError) as error:  # links in a circle; a null character
-        raise ConfigError(f"image {name!r}: cannot be read ({error})") from error
-    kind = next((kind for first, kind in KINDS.items() if content.startswith(first)), "")
-    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
-        kind = "image/webp"
-    if not kind:
-        raise ConfigError(f"image {name}: use a PNG, JPEG, GIF or WebP of at most {MAX_BYTES >> 20} MiB")
-    return Picture(content, kind)
-
 
 Task = Annotated[
     TargetReach | Tapping | TargetPackages | TargetPlaces | Steer | Localize, Field(discriminator="kind")

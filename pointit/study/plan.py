@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pointit.errors import ConfigError
-from pointit.study.model import Study, scale_of, square
+from pointit.study.model import Study
+from pointit.study.order import square
+from pointit.study.questionnaire import scale_of
 from pointit.study.table_file import Row, done_trials, one_line
 from pointit.study.tasks import StudyTrial, Tapping
 

@@ -17,10 +17,13 @@ from pointit.geometry.vector import Vec3
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.lsl import LslOutlets
 from pointit.study.measure import Attempt, load_end_rule
-from pointit.study.model import Study, StudyStep, scale_of
+from pointit.study.model import Study
 from pointit.study.plan import Progress, condition_of, plan_of
+from pointit.study.questionnaire import scale_of
+from pointit.study.scenario import scenario_file, scenes_of
 from pointit.study.study_folder import StudyFolder, check_record
-from pointit.study.study_site import SiteOptions, StudySite, scenario_file, scenes_of
+from pointit.study.study_site import SiteOptions, StudySite
+from pointit.study.study_step import StudyStep
 from pointit.study.table_file import REPEATED, Row, utc
 from pointit.study.tasks import StudyScene, StudyTrial
 from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView

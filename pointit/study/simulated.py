@@ -6,11 +6,13 @@ from collections.abc import Callable
 import numpy as np
 
 import pointit
-from pointit.study.model import Scale, Study, StudyStep, Value
+from pointit.study.model import Study, Value
 from pointit.study.plan import Progress, plan_of
+from pointit.study.questionnaire import Scale
 from pointit.study.session import Session, check_simulated
 from pointit.study.study_folder import TRIALS, StudyFolder, read_trials
 from pointit.study.study_site import SiteOptions
+from pointit.study.study_step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}

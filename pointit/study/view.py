@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from pointit.study.model import Scale, StudyStep
+from pointit.study.questionnaire import Scale
+from pointit.study.study_step import StudyStep
 
 BREAK = "break, "
 """Start of the state of a break; the rest is the time that is left."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pointit.errors import ConfigError
-from pointit.study.model import NASA_TLX, SUS
+from pointit.study.questionnaire import NASA_TLX, SUS
 from pointit.study.table_file import NUMBER
 from pointit.study_report.reading import Trials
 

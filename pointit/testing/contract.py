@@ -18,7 +18,7 @@ from unittest import SkipTest
 from pydantic import ValidationError
 
 from pointit.plugins import Config, ConfigError
-from pointit.runtime.clock import VirtualTimeLoop
+from pointit.runtime.virtual_time import VirtualTimeLoop
 
 TIMEOUT_FACTORS = 6.0
 """A test that has not come to an end within this many times the contract's timeout hangs."""

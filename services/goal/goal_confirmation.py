@@ -6,18 +6,15 @@ by default, and a press only if the supervisor leaves presses to other services.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-from pointit.geometry import vector
-from pointit.geometry.floor_sigma import place_sigma_m
-from pointit.geometry.solids import is_level
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
-from pointit.schemas.selection import SIGNS, Cue
-from pointit.schemas.text import round_beyond
+from pointit.schemas.cues import SIGNS, Cue
 from pointit.services.goal.config import GoalConfig
+from pointit.services.goal.goal_checker import GoalChecker
+from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
 
 class CueFactory:
@@ -38,8 +35,6 @@ class CueFactory:
         return Feedback(stamp_ns=now_ns, seq=self._count, cue=cue, text=text, point_m=place_m, **sign)
 
 
-LEVEL_M = 0.3
-"""Height above or below the person's floor up to which a requested place is on it, m."""
 MAX_PRESS_S = 2.0
 """Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
 
@@ -48,197 +43,6 @@ def is_late(event: ButtonEvent, now_ns: int, max_age_s: float) -> bool:
     """Return True if a press is older than `max_age_s`, or from the future by as much."""
     age_s = (now_ns - event.stamp_ns) / NS_PER_S
     return not -max_age_s <= age_s <= max_age_s + (MAX_PRESS_S if event.source == "headset" else 0.0)
-
-
-class GoalChecker:
-    """Checks places by the level surfaces, people's positions and the person's interaction."""
-
-    def __init__(self, config: GoalConfig, user: str) -> None:
-        self._config = config
-        self._user = user
-        self._level: frozenset[str] = frozenset()
-        self._poses: dict[str, UserPose] = {}
-        self._interaction: Interaction | None = None
-        self.unsure_reason = ""
-        """Advice to a person whose direction is uncertain, or `""`."""
-
-    @property
-    def is_pointing(self) -> bool:
-        """Return True if the person's supervisor reports that they point."""
-        return self._interaction is not None and self._interaction.state == "pointing"
-
-    def on_map(self, environment: Environment) -> None:
-        """Update the level planes of the map."""
-        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
-
-    def on_pose(self, user: str, pose: UserPose) -> None:
-        """Update a person's pose, which is valid until the next one even if they leave."""
-        self._poses[user] = pose
-
-    def on_interaction(self, interaction: Interaction) -> None:
-        """Update the interaction state of the person."""
-        self._interaction = interaction
-        advice = "your direction has become uncertain: press twice, then point at a lamp once"
-        self.unsure_reason = advice if interaction.is_unsure else ""
-
-    def place(self, cursor: Cursor) -> Vec3 | None:
-        """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""
-        point, eyes = cursor.point_m, cursor.origin_m
-        if cursor.surface_id in self._config.surfaces:
-            return point
-        if cursor.solid != "plane" or cursor.surface_id not in self._level or point is None or eyes is None:
-            return None
-        return point if point[2] < eyes[2] else None
-
-    def goal(self, place_m: Vec3, cursor: Cursor, now_ns: int, **details: Any) -> Goal:
-        """Return the goal at a place for which there is no `rejection_reason`, with `details`."""
-        feet_m = self._poses[self._user].position_m
-        return Goal(
-            stamp_ns=cursor.stamp_ns,
-            position_m=place_m,
-            yaw_rad=math.atan2(place_m[1] - feet_m[1], place_m[0] - feet_m[0]),
-            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
-            position_sigma_m=self.sigma_m(place_m, cursor),
-            clearance_m=min(math.dist(place_m[:2], pose.position_m[:2]) for pose in self._poses.values()),
-            **details,
-        )
-
-    def sigma_m(self, place_m: Vec3, cursor: Cursor) -> float:
-        """Return 1 sigma of the place on the floor along its worse direction, infinite if unknown."""
-        pose = self._poses.get(self._user)
-        if pose is None or cursor.origin_m is None:
-            return math.inf
-        aim_rad = math.radians(self._config.aim_sigma_deg)
-        return place_sigma_m(place_m, pose.position_m, pose.covariance, cursor.origin_m, aim_rad)
-
-    def rejection_reason(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> str:
-        """Return the reason not to send a robot to a place, or `""` if there is none."""
-        config = self._config
-        if not self.is_pointing:
-            return "you are not pointing: press your button first"
-        age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
-        if age_s > config.max_age_s:
-            return f"the last data of your arm is {age_s:.1f} s old: look for a slow link"
-        if age_s < -config.max_age_s:
-            return f"your arm is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
-        if self._user not in self._poses:
-            return "your position is unknown: localize first"
-        if self.unsure_reason:
-            return self.unsure_reason
-        sigma_m = self.sigma_m(place_m, cursor)
-        if not sigma_m <= config.max_sigma_m:
-            how = (
-                f"sure to {round_beyond(sigma_m, config.max_sigma_m)} m only"
-                if math.isfinite(sigma_m)
-                else "not known well enough"
-            )
-            return f"the place is {how}: choose one nearer to you, or localize again"
-        for user, pose in self._poses.items():
-            gap_m = math.dist(place_m[:2], pose.position_m[:2])
-            if gap_m < config.keep_out_m:
-                whom = "you" if user == self._user else user
-                near_m, limit_m = round_beyond(gap_m, config.keep_out_m), config.keep_out_m
-                return f"the place is {near_m} m from {whom}: choose one {limit_m:g} m away"
-        return ""
-
-    def request_problem(self, place_m: Vec3, cursor: Cursor | None, now_ns: int) -> str:
-        """Return the reason not to send a robot to a place that was not pointed at twice, or `""`.
-
-        A person who speaks has to point meanwhile, as for any other goal; the place is on their floor.
-        """
-        if cursor is None:
-            return "nothing is known of your arm: point while you speak"
-        if reason := self.rejection_reason(place_m, cursor, now_ns):
-            return reason
-        above_m = place_m[2] - self._poses[self._user].position_m[2]
-        return (
-            ""
-            if abs(above_m) <= LEVEL_M
-            else f"the place is {above_m:.1f} m above the floor: choose one on it"
-        )
-
-
-GAP_NS = 300_000_000
-"""Time without cursors that ends a stay."""
-BACK_NS = NS_PER_S
-"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
-
-LEFT = 2.0
-"""Distance at which a place is left, in radii."""
-
-
-def cursor_order(before: Cursor | None, cursor: Cursor) -> Literal["late", "next", "gap"]:
-    """Return the order of `cursor`: late, next after the one before, or next after a gap."""
-    step_ns = 0 if before is None else cursor.stamp_ns - before.stamp_ns
-    if -BACK_NS <= step_ns < 0:
-        return "late"
-    return "next" if 0 <= step_ns <= GAP_NS else "gap"
-
-
-@dataclass
-class _Stay:
-    first_m: Vec3
-    surface_id: str
-    since_ns: int
-    total_m: Vec3 = (0.0, 0.0, 0.0)
-    count: int = 0
-
-    @property
-    def mean_m(self) -> Vec3:
-        return vector.scale(self.total_m, 1.0 / self.count)
-
-
-class StayDetector:
-    """Reports each stay of a cursor within a radius once. The next begins after that place was left."""
-
-    def __init__(self, radius_m: float, dwell_s: float) -> None:
-        """Detect stays of `dwell_s` within `radius_m` of the first cursor."""
-        self._radius_m = radius_m
-        self._dwell_ns = round(dwell_s * NS_PER_S)
-        self._stay: _Stay | None = None
-        self._over: tuple[str, Vec3] | None = None
-        """Surface and place of the last reported stay, until it is left."""
-
-    def interrupt(self) -> None:
-        """End the current stay, as cursors are missing."""
-        self._stay = None
-
-    def reset(self) -> None:
-        """Forget the current stay and the last one, so that the next may be anywhere."""
-        self._stay = self._over = None
-
-    def bar(self, surface_id: str, place_m: Vec3) -> None:
-        """Report no stay until the cursor has left `place_m`, {W}."""
-        self._stay, self._over = None, (surface_id, place_m)
-
-    def on_cursor(self, place_m: Vec3 | None, surface_id: str, stamp_ns: int) -> Vec3 | None:
-        """Return the mean place, {W}, of the stay that this cursor completes, None if it completes none.
-
-        Args:
-            place_m: an allowed place, or None.
-            surface_id: of the surface there.
-            stamp_ns: of the cursor.
-        """
-        if self._over is not None and self.is_away(place_m, surface_id, *self._over):
-            self.reset()
-        if place_m is None:
-            self._stay = None
-        if place_m is None or self._over is not None:
-            return None
-        stay = self._stay
-        if stay is None or stay.surface_id != surface_id or math.dist(stay.first_m, place_m) > self._radius_m:
-            stay = self._stay = _Stay(place_m, surface_id, stamp_ns)
-        stay.total_m = vector.add(stay.total_m, place_m)
-        stay.count += 1
-        if stamp_ns - stay.since_ns < self._dwell_ns:
-            return None
-        self.bar(surface_id, stay.mean_m)
-        return stay.mean_m
-
-    def is_away(self, here_m: Vec3 | None, here_id: str, surface_id: str, place_m: Vec3) -> bool:
-        """Return True if `here_m` on surface `here_id` is no longer at `place_m` on `surface_id`."""
-        is_on = here_m is not None and here_id == surface_id
-        return not is_on or math.dist(here_m or place_m, place_m) > LEFT * self._radius_m
 
 
 Output = Goal | Feedback

@@ -24,17 +24,12 @@ from pointit.schemas import (
     Steering,
     UserPose,
 )
-from pointit.schemas.selection import Cue
+from pointit.schemas.cues import Cue
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_confirmation import (
-    MAX_PRESS_S,
-    CueFactory,
-    GoalChecker,
-    StayDetector,
-    cursor_order,
-    is_late,
-)
+from pointit.services.goal.goal_checker import GoalChecker
+from pointit.services.goal.goal_confirmation import MAX_PRESS_S, CueFactory, is_late
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
+from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
 ANSWER_NS = 3 * NS_PER_S
 """Time within which a robot answers a request, or a goal."""

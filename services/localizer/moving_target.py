@@ -19,7 +19,7 @@ from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.schemas.base import Vec3
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import (
     SAME_PLACE_M,
@@ -97,7 +97,7 @@ class RayWindow:
 
     def believed(self, settings: SolverSettings) -> SolverSettings:
         """Return `settings` with the person's calibration; see `rays.believed`."""
-        return ray_math.believed(settings, self._rays)
+        return unfiltered_rays.believed(settings, self._rays)
 
     def pointings(self, track: "Track") -> Pointings:
         """Return the rays with the position of `track` at each one's time; rays without one are left out."""
@@ -116,7 +116,7 @@ class RayWindow:
         key = (self.newest_ns, len(self._rays))
         if self._made is None or self._made[0] != key:
             stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
-            arrays = (stamps, ray_math.origins(self._rays), ray_math.directions(self._rays))
+            arrays = (stamps, unfiltered_rays.origins(self._rays), unfiltered_rays.directions(self._rays))
             self._made = (key, arrays)
         return self._made[1]
 

@@ -8,8 +8,9 @@ import numpy as np
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
-from pointit.services.localizer.estimation.estimator import Mean, Solution
+from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.estimation.levenberg_marquardt import Array
+from pointit.services.localizer.estimation.unfiltered_rays import Mean
 
 
 @dataclass(frozen=True)

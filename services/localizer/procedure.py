@@ -18,7 +18,7 @@ import numpy as np
 
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.outputs import Output, Phase, finite_or_none
 
@@ -200,7 +200,7 @@ class Hold:
         span_s = (recent[-1].stamp_ns - recent[0].stamp_ns) / NS_PER_S
         if len(recent) < MIN_RAYS or span_s < 0.75 * STEADY_S:
             return False
-        directions = ray_math.directions(recent)
+        directions = unfiltered_rays.directions(recent)
         half = len(recent) // 2
         before, after = directions[:half].sum(axis=0), directions[-half:].sum(axis=0)
         angle_rad = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))

@@ -27,9 +27,10 @@ from pointit.schemas import (
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer import static_targets as lamp_choice
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
-from pointit.services.localizer.estimation.estimator import Mean, Refusal
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.estimation.unfiltered_rays import Mean
 from pointit.services.localizer.moving_target import ROBOT, MovingTarget
 from pointit.services.localizer.outputs import AnchorOutcome, Output, Phase
 from pointit.services.localizer.procedure import LampProcedure, Procedure
@@ -144,7 +145,7 @@ class Anchoring(LampProcedure):
         return self._target
 
     def _held(self, now_ns: int) -> list[Output]:
-        mean = ray_math.mean(self._hold.rays)
+        mean = unfiltered_rays.mean(self._hold.rays)
         if mean is None:
             return self._end(
                 now_ns, "refused", "the rays point in all directions; hold the arm still and try again"

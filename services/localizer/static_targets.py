@@ -18,7 +18,7 @@ import numpy as np
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Lamp, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.estimator import (
     SAME_PLACE_M,
     Pointings,
@@ -316,7 +316,7 @@ class StaticTargets(LampProcedure):
         observation_model = ObservationModel(
             ray_sigma_rad=settings.act_sigma_rad,
             elevation_sigma_rad=settings.elevation_sigma_rad,
-            bias_sigma_rad=ray_math.believed(settings, rays).bias_sigma_rad,
+            bias_sigma_rad=unfiltered_rays.believed(settings, rays).bias_sigma_rad,
             body_sigma_m=settings.body_sigma_m,
             eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )
@@ -359,14 +359,14 @@ class StaticTargets(LampProcedure):
         return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
 
     def _believed(self) -> SolverSettings:
-        return ray_math.believed(self._settings, self._rays)
+        return unfiltered_rays.believed(self._settings, self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays
         targets = [lamp.position_m for hold, lamp in self._holds for _ in hold.rays]
         stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
         positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
-        return Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
+        return Pointings(stamps, unfiltered_rays.origins(rays), unfiltered_rays.directions(rays), positions)
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):

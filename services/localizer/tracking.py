@@ -5,83 +5,26 @@ publish, anchors and metrics come out.
 """
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
-from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftPose, DriftSettings, Fix
+from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 from pointit.services.localizer.drift.state import bounded as bounded_covariance
 from pointit.services.localizer.drift.state import nearest_psd
-from pointit.services.localizer.estimation.estimator import Mean, mean, unfiltered
 from pointit.services.localizer.estimation.levenberg_marquardt import Array
+from pointit.services.localizer.estimation.unfiltered_rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output, anchor_message, covariance_of, followed
-
-SIGMA_RAD = math.radians(5.0)
-"""Standard deviation of a landing sideways (pointing.md §3)."""
-MOVING_RADPS, RESTING_RADPS = math.radians(20.0), math.radians(8.0)
-"""Speeds above which the arm reaches, and below which it has landed, rad/s."""
-WINDOW_NS = NS_PER_S // 10
-"""Time over which the speed is measured, and the landing is averaged, ns."""
-CORRECTION_NS = 5 * NS_PER_S // 2
-"""Maximum time between landings of one reach, ns: a name that is spoken again is understood after 2.3 s."""
-
-
-class LandingDetector:
-    """First landing of the present reach."""
-
-    def __init__(self) -> None:
-        self._recent: deque[tuple[int, Vec3, PointingRay]] = deque(maxlen=256)
-        """Stamp, unfiltered direction and ray: each is read from the ray once, which costs most of `add`."""
-        self._is_moving = False
-        self._landing_mean: Mean | None = None
-        self._landed_ns = 0
-
-    def add(self, ray: PointingRay) -> None:
-        """Process a ray."""
-        recent, stamp_ns, direction = self._recent, ray.stamp_ns, unfiltered(ray)
-        if recent and not 0 < stamp_ns - recent[-1][0] <= 3 * WINDOW_NS:
-            recent.clear()
-        recent.append((stamp_ns, direction, ray))
-        first_ns, first, _ = recent[0]
-        if (passed_ns := stamp_ns - first_ns) < WINDOW_NS:
-            return
-        speed_radps = vector.angle_between(first, direction) * NS_PER_S / passed_ns
-        is_landing = self._is_moving and speed_radps < RESTING_RADPS
-        if is_landing and (landing := mean([each for _, _, each in recent])) is not None:
-            if self._landing_mean is None or not 0 <= stamp_ns - self._landed_ns <= CORRECTION_NS:
-                self._landing_mean = replace(landing, sigma_rad=SIGMA_RAD)
-            self._landed_ns = stamp_ns
-        self._is_moving = speed_radps > MOVING_RADPS or (self._is_moving and speed_radps >= RESTING_RADPS)
-        while stamp_ns - recent[0][0] >= WINDOW_NS:
-            recent.popleft()
-
-    def take(self) -> Mean | None:
-        """Return the mean of the rays at the first landing of the reach, once. None if there is none."""
-        landing_mean, self._landing_mean = self._landing_mean, None
-        return landing_mean
-
+from pointit.services.localizer.pose_publish_timer import PosePublishTimer
 
 MAX_LANDINGS, MAX_ERROR_RAD = 8, math.radians(25.0)
 """Number of pointings over which a person's elevation is averaged, and the error that is no pointing."""
-
-SHORTEST_S = 0.2
-"""Shortest time between poses."""
-
-LONGEST_S = 2.0
-"""Longest time between poses."""
-
-NOTICEABLE_RAD = math.radians(0.1)
-NOTICEABLE_SHARE = 0.05
-"""Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
 
 FIGURES = (
     ("drift", "°/min"),
@@ -89,54 +32,6 @@ FIGURES = (
     ("position σ", "m"),  # noqa: RUF001 - sigma is meant
     ("yaw σ", "°"),  # noqa: RUF001 - sigma is meant
 )
-
-
-class PosePublishTimer:
-    """Stores the last published pose."""
-
-    def __init__(self) -> None:
-        self._last: UserPose | None = None
-        self._newest_ns = 0
-        """Stamp of the newest pose from any source."""
-
-    def heard(self, stamp_ns: int) -> None:
-        """Store the stamp of a pose from another source."""
-        self._newest_ns = max(self._newest_ns, stamp_ns)
-
-    def stamped(self, pose: UserPose, now_ns: int) -> UserPose:
-        """Return `pose` stamped newer than all before, because subscribers use the newest."""
-        if self._newest_ns > now_ns + MAX_AHEAD_NS:
-            self._newest_ns = 0
-        self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
-        self._last = pose.model_copy(update={"stamp_ns": self._newest_ns})
-        return self._last
-
-    def is_due(self, now: DriftPose) -> bool:
-        """Return True if the current pose is to be published."""
-        last = self._last
-        if last is None:
-            return True
-        passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
-        return passed_s >= LONGEST_S or (passed_s >= SHORTEST_S and _has_changed(last, now))
-
-    def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
-        """Return the time until the pose may be due, s; `at` returns the pose at a time."""
-        last = self._last
-        if last is not None:
-            for wait_s in (SHORTEST_S, 0.5, 1.0):
-                if _has_changed(last, at(now_ns + round(wait_s * NS_PER_S))):
-                    return wait_s
-        return LONGEST_S
-
-
-def _has_changed(last: UserPose, now: DriftPose) -> bool:
-    yaw_sigma, position_sigma = yaw_sigma_rad(last.covariance), position_sigma_m(last.covariance)
-    return (
-        abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
-        or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
-        or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
-    )
-
 
 GIVEN_SIGMA_M = 0.05
 GIVEN_SIGMA_RAD = math.radians(15.0)

@@ -1,8 +1,8 @@
-"""One person's cursor: pose, pointing state, where the ray meets the room, and its end (paper, §II-D)."""
+"""One person's cursor: pose, pointing state, and where the ray meets the room."""
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Hit
@@ -14,145 +14,16 @@ from pointit.schemas import (
     Interaction,
     Lamp,
     LampMiss,
-    Passed,
     PointingRay,
     SetWorkspace,
     UserPose,
 )
-from pointit.schemas.base import FARTHEST, unchecked
+from pointit.schemas.base import unchecked
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.schemas.selection import SIGNS
-from pointit.services.pui.surfaces import PLACES, Surface, Surfaces
+from pointit.services.pui.passing import Passing, is_in_range
+from pointit.services.pui.surfaces import PLACES, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceStart
-
-LOOK_NS = NS_PER_S // 10
-"""Minimum time between searches for the nearest thing, so that passing costs little more than a hit, ns."""
-
-TIMEOUT_NS = 3 * NS_PER_S // 2
-"""Time of continuous pointing past everything before the cue, ns. Sweeps from thing to thing are shorter."""
-
-AGAIN_NS = 6 * NS_PER_S
-"""Minimum time between two cues, ns."""
-
-HINT_NS = 60 * NS_PER_S
-"""Time of pointing past everything, without a hit in between, before the hint to localize again, ns."""
-
-REST_RAD = math.radians(-55.0)
-"""Elevation of the ray below which the arm rests. There is no cue then."""
-
-STEP_DEG = 5
-
-
-class Things(Protocol):
-    """Pointable things, such as `Surfaces`."""
-
-    def nearest(self, origin_m: Vec3, direction: Vec3, /) -> tuple[Surface, Hit] | None:
-        """Return the thing with the smallest angle to the ray, or None if the ray meets a hidden thing."""
-        ...
-
-
-class Passing:
-    """State of one person who points past everything."""
-
-    def __init__(self, things: Things) -> None:
-        self._things = things
-        self._passed: Passed | None = None
-        self._looked_ns = 0
-        self._since_ns: int | None = None
-        self._cued_ns: int | None = None
-        self._cues = self._missed_ns = 0
-        self.hint = ""
-        """Last message to a person who has missed everything for `HINT_NS`, else `""`."""
-
-    def end(self) -> None:
-        """Reset: the ray meets something, or the person stopped pointing."""
-        self._since_ns, self._missed_ns, self.hint = None, 0, ""
-
-    def miss(self, origin_m: Vec3, direction: Vec3, stamp_ns: int) -> Passed | None:
-        """Return the thing nearest to a ray that passes everything, or None while the arm rests."""
-        if vector.elevation(direction) < REST_RAD:
-            self._since_ns = None
-            return None
-        if self._since_ns is None or stamp_ns < self._since_ns:
-            self._since_ns, self._looked_ns = stamp_ns, stamp_ns - LOOK_NS
-        if not 0 <= stamp_ns - self._looked_ns < LOOK_NS:
-            self._looked_ns = stamp_ns
-            self._missed_ns += LOOK_NS
-            found = self._things.nearest(origin_m, direction)
-            is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
-            if found is None or not is_in_range(found[1].point_m):
-                self._passed = None
-            else:
-                self._passed = _passed(*found, origin_m, direction, is_long=is_long)
-                self.hint = self._passed.text if self._missed_ns > HINT_NS and is_long else self.hint
-        return self._passed
-
-    def cue(self, stamp_ns: int) -> Feedback | None:
-        """Return the cue with the direction to the nearest thing, if it is due."""
-        passed = self._passed
-        if self._since_ns is None or passed is None or not passed.text:
-            return None
-        if self._cued_ns is not None and 0 <= stamp_ns - self._cued_ns < AGAIN_NS:
-            return None
-        self._cued_ns = stamp_ns
-        self._cues += 1
-        sign = SIGNS["target"]._asdict()
-        sign |= {"color": None, "target_id": passed.surface_id}
-        turn_rad = (passed.right_rad, passed.up_rad)
-        return Feedback(
-            stamp_ns=stamp_ns, seq=self._cues, cue="target", text=passed.text, turn_rad=turn_rad, **sign
-        )
-
-
-def is_in_range(point_m: Vec3) -> bool:
-    """Return True if a message can hold the point."""
-    x, y, z = point_m
-    return -FARTHEST <= x <= FARTHEST and -FARTHEST <= y <= FARTHEST and -FARTHEST <= z <= FARTHEST
-
-
-def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_long: bool) -> Passed:
-    to = vector.subtract(hit.point_m, origin_m)
-    right_rad = vector.wrap(vector.azimuth(direction) - vector.azimuth(to))
-    up_rad = vector.elevation(to) - vector.elevation(direction)
-    kind, solid = PLACES[surface.kind]
-    name = f"{surface.kind} {surface.id}"
-    return Passed(
-        surface=kind,
-        solid=solid,
-        surface_id=surface.id,
-        point_m=hit.point_m,
-        position_m=hit.position_m,
-        right_rad=right_rad,
-        up_rad=up_rad,
-        text=words(name, right_rad, up_rad, vector.elevation(to)) if is_long else "",
-    )
-
-
-def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> str:
-    """Return a message with the direction in which to turn from the ray to the thing `name`.
-
-    Args:
-        name: name of the nearest thing.
-        right_rad: turn of azimuth to the right that meets it.
-        up_rad: turn of elevation upwards that meets it.
-        elevation_rad: elevation of the thing: the higher, the less a turn of azimuth moves the ray.
-    """
-    sideways_rad = right_rad * math.cos(elevation_rad)
-    there, here = ("right", "left") if right_rad > 0.0 else ("left", "right")
-    if abs(sideways_rad) > math.pi / 2.0:
-        return f"{name} is behind you: turn around by your {there}"
-    if abs(sideways_rad) > abs(up_rad):
-        return f"you point {_about(sideways_rad)} to the {here} of {name}: turn {there}"
-    if up_rad > 0.0:
-        return f"you point {_about(up_rad)} below {name}: raise your arm"
-    return f"you point {_about(up_rad)} above {name}: lower your arm"
-
-
-def _about(angle_rad: float) -> str:
-    """Return the size of an angle as text, in steps that a trembling hand does not change."""
-    return f"{max(STEP_DEG, STEP_DEG * round(abs(math.degrees(angle_rad)) / STEP_DEG))}°"
-
 
 STEEPEST_RAD = math.pi / 2.0
 

@@ -7,7 +7,7 @@ import tempfile
 import time
 from typing import ClassVar
 
-from pointit.recording.entries import make_head
+from pointit.recording.head import make_head
 from pointit.runtime.bus.contract import AnyTopic, Undecoded
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home

@@ -14,7 +14,8 @@ from typing import IO, Any, Literal, NamedTuple, Self, TypeVar, cast, get_args, 
 
 from pydantic import BaseModel
 
-from pointit.recording.entries import AnyRow, Entry, Head, entry, entry_of
+from pointit.recording.entries import AnyRow, Entry, entry, entry_of
+from pointit.recording.head import Head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.contract import Undecoded

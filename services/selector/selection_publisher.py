@@ -17,7 +17,8 @@ from pointit.schemas import (
     SelectionEvent,
 )
 from pointit.schemas.base import Count, Fraction, Ns
-from pointit.schemas.selection import REPEATED_REASON, SIGNS
+from pointit.schemas.cues import SIGNS
+from pointit.schemas.selection import REPEATED_REASON
 
 Event = Literal["selected", "deselected", "refused", "left"]
 

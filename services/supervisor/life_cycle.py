@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas.cues import MAX_FLASHES, SIGNS, Cue
 from pointit.schemas.pointing import PressEffect
-from pointit.schemas.selection import MAX_FLASHES, SIGNS, Cue, SelectionManner
+from pointit.schemas.selection import SelectionManner
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage

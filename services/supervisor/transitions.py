@@ -15,8 +15,9 @@ from datetime import UTC, datetime
 from typing import Literal, NamedTuple
 
 from pointit.schemas import NS_PER_S, Localization, PointingOffset
+from pointit.schemas.cues import Cue
 from pointit.schemas.pointing import PressEffect
-from pointit.schemas.selection import Cue, SelectionManner
+from pointit.schemas.selection import SelectionManner
 from pointit.schemas.text import round_beyond
 
 CANCELLED = "Localizing was cancelled."

@@ -13,9 +13,10 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.eyes import Kind
 from pointit.services.user_sim.goal import REST, PerceivedState, PersonGoal, on_object
-from pointit.services.user_sim.perceived_objects import PerceivedObjects, Sight
+from pointit.services.user_sim.perceived_objects import PerceivedObjects
 from pointit.services.user_sim.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.selecting import DecisionTimes, Selecting
+from pointit.services.user_sim.sight import Sight
 
 APART_M = 0.3
 """Gap between strips above which the next one is another reach, not the same movement, m."""

@@ -10,7 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.eyes import Kind
-from pointit.services.user_sim.perceived_objects import SeenObject, Sight
+from pointit.services.user_sim.sight import SeenObject, Sight
 
 State = Literal["idle", "asked", "pointing"]
 

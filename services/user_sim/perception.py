@@ -7,7 +7,8 @@ from pointit.schemas import NS_PER_S, Feedback
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.eyes import SeenCursor, Span
 from pointit.services.user_sim.goal import IN_AIR_M, LOOK_NS, PerceivedState, PersonGoal
-from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, Status
+from pointit.services.user_sim.sight import SeenObject, Sight
 
 ROUND = 4
 """Number of looks from one look at all things to the next. Others are at the goal only."""

@@ -9,13 +9,14 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
 from pointit.services.user_sim.behaviour import Behaviour, asked_goal, make_behaviour
-from pointit.services.user_sim.body import Arm, OpenLoopError, StandingPosition, Wristband
+from pointit.services.user_sim.body import Arm, OpenLoopError, StandingPosition
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.goal import REST, ButtonModel, PersonGoal
-from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.perception import Perception
 from pointit.services.user_sim.selecting import DecisionTimes
+from pointit.services.user_sim.sight import Sight
+from pointit.services.user_sim.wristband import Wristband
 from pointit.sim.aim import Aim, Stance
 
 RATE_STEP_NS = 10_000_000

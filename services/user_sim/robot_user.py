@@ -9,8 +9,8 @@ from typing import Literal
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotKind, RobotState
 from pointit.services.user_sim.goal import IN_AIR_M, REST, WAIT_S, Gesture, PersonGoal
-from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.selecting import DecisionTimes
+from pointit.services.user_sim.sight import Sight
 
 AIM_S = 2.4
 """Usual time from turning to a robot to the press: reaction, reach, and a moment of holding, s."""

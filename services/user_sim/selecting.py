@@ -9,7 +9,8 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.goal import LOOK_NS, REST, PersonGoal, on_object
-from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, Status
+from pointit.services.user_sim.sight import SeenObject, Sight
 
 FIND_SPREAD = 0.3
 """Log-normal spread of the times to find and choose, a share."""

@@ -48,16 +48,17 @@ DEVICES = {
         "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
         "selector": "selection_methods.py roles.py journal.py",
         "web": """
-            devices/devices.py pages/action.py pages/arm_actions.py pages/page_requests.py
-            pages/site_actions.py server/metrics_server.py server/app.py server/certificate.py
-            server/lan.py server/link_file.py pages/page_session.py model/history.py
-            model/people.py wrists/phone.py server/listener.py playback/file_past.py
-            playback/past_page.py model/map_editor.py scan/scan_server.py scan/session.py
-            scan/solver_process.py""",
+            devices/devices.py devices/run_command.py pages/action.py pages/arm_actions.py
+            pages/page_requests.py pages/site_actions.py server/metrics_server.py server/app.py
+            server/certificate.py server/lan.py server/link_file.py pages/page_session.py
+            model/history.py model/people.py wrists/phone.py server/listener.py playback/file_past.py
+            playback/past_page.py model/map_editor.py model/separability.py scan/scan_server.py
+            scan/session.py scan/solver_process.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py
-            routing/outbox.py parameters.py robot/driver.py robot/navigator.py routing/site.py
-            over_rclpy/backend.py over_rclpy/endpoints.py over_zenoh/backend.py""",
+            routing/outbox.py map_parameters.py node_parameters.py robot/driver.py robot/navigator.py
+            routing/site.py over_rclpy/backend.py over_rclpy/endpoints.py over_zenoh/backend.py
+            over_zenoh/endpoints.py""",
     }.items()
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
@@ -297,7 +298,7 @@ def finder(wanted: Iterable[str]) -> re.Pattern[str]:
 
 
 WATCHES = {
-    "pointit/cli/page.py": 1,  # opens the browser
+    "pointit/cli/browser_window.py": 1,  # opens the browser
     "pointit/launch/run/running_scenario.py": 2,  # starts and ends processes
     "pointit/testing/service.py": 1,  # waits for one service
 }

@@ -11,7 +11,7 @@ import pointit
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import ImuSource, Surroundings
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.sources import Item
 from pointit_lab.devices.wrists.wrist import SimulatedWrist

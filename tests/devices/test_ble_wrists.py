@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.geometry import rotation
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
 from pointit.services.imu_bridge.sources import Battery, RawReading, Reading

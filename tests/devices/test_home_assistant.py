@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from websockets.asyncio.server import ServerConnection, serve
 
 from pointit.bridges.home_assistant.connection import connected
-from pointit.cli.maps.exchange import HomeEntity, chosen_entities, entities_of, import_, with_things
+from pointit.cli.maps.exchange import import_
+from pointit.cli.maps.home_assistant import HomeEntity, chosen_entities, entities_of, with_things
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.schemas.topics import CONFIGURATION, HEALTH

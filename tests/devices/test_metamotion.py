@@ -10,7 +10,7 @@ import pytest
 from bleak.exc import BleakError
 
 from pointit.plugins import Quaternion
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble.ble_source import SHORT_S
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion

@@ -26,7 +26,7 @@ from pointit.bridges.home_assistant import hover_feedback
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
 from pointit.bridges.home_assistant.home_action import ServiceCall
-from pointit.cli.maps.exchange import entities_of
+from pointit.cli.maps.home_assistant import entities_of
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas.topics import HEALTH

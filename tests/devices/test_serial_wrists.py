@@ -14,7 +14,7 @@ import ximu3
 import pointit
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.serial.framers import Ximu3Framer
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 from pointit.testing.devices import FakeDevice, PtyDevice
 from pointit.testing.templates.imu_source.promises import SourcePromises
 from pointit_lab.devices.serial_formats import (

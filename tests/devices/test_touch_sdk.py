@@ -13,7 +13,7 @@ from bumble.att import ATT_Error
 
 from pointit.geometry import rotation
 from pointit.plugins import Surroundings
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.ble.ble_source import discover_ble

@@ -16,7 +16,7 @@ from examples.arm.pointed_arm.person import WISH, Wish
 from examples.arm.pointed_arm.service import ARM_STATE, PUT_BACK, Arm, ArmConfig, ArmState, PutBack
 from examples.arm.pointed_arm.simulated_arm import SimulatedArm, Vec3, joint_angles, link_ends
 from pointit.plugins import Context, Cursor, Speech, TrackedObjects, Word, topics
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, UserPose
 from pointit.testing import Bench, in_virtual_time, memory_bench, no_task_left
 from tests.architecture.sources import ROOT

@@ -21,7 +21,7 @@ from zenoh.handlers import Callback, FifoChannel
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.link.link import Link
-from pointit.runtime.router import SERVICE
+from pointit.runtime.router_health import SERVICE
 from pointit.runtime.zenoh.session import configuration
 from pointit.schemas import ButtonEvent, Claim, Cursor, Health, Message, encode
 from pointit.schemas.topics import (

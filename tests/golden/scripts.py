@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import pointit.schemas as models
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import START_NS, VirtualClock
 from pointit.runtime.errors import RequestError
+from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import topics
 
 ROOM = Path(__file__).with_name("room.yaml").read_text("utf-8")

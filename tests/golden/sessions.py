@@ -15,8 +15,8 @@ from unittest import mock
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S
 from tests.golden import scripts
 from tests.golden.bad_link import BadLink

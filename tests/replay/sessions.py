@@ -7,7 +7,7 @@ from pointit.recording.reader import Recording
 from pointit.replay.playing import Collector
 from pointit.replay.replayed_services import SERVICES, Split
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.clock import START_NS, VirtualClock
+from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request

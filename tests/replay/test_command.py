@@ -26,8 +26,8 @@ from pointit.recording.writer import RecordingWriter
 from pointit.replay.playing import Collector
 from pointit.replay.replayed_services import ReplayError
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.clock import START_NS, VirtualClock
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S, Configuration, Selection, SetPose, SetTolerance, UndoSelection
 from pointit.schemas.topics import (
     CURSOR,

@@ -5,7 +5,7 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
-from pointit.runtime.clock import is_virtual
+from pointit.runtime.virtual_time import is_virtual
 from pointit.testing import bench
 from pointit.testing.bench import START_NS, Bench, ManualClock, in_virtual_time, memory_bench
 from tests.support.pace import Patience, VirtualPatience

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Closable, Endpoint, Graph, RosType
-from pointit.bridges.ros2.parameters import FIELDS, GET, GET_SUFFIX, LIST, LIST_SUFFIX, MESSAGE, Value
+from pointit.bridges.ros2.node_parameters import FIELDS, GET, GET_SUFFIX, LIST, LIST_SUFFIX, MESSAGE, Value
 from pointit.bridges.ros2.types.types import Types
 
 NODE = "/pui"

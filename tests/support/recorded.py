@@ -13,10 +13,11 @@ from unittest import mock
 from pointit.conversion.recording_file import new_recording
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
-from pointit.recording.entries import Entry, entry, make_head
+from pointit.recording.entries import Entry, entry
+from pointit.recording.head import make_head
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import PRESENCES, TOPICS, Delivery, Presence, Topic
 

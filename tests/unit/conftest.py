@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from pointit.runtime.clock import VirtualTimeLoop
 from pointit.runtime.service import service
+from pointit.runtime.virtual_time import VirtualTimeLoop
 from tests.support.buses import bus  # noqa: F401 -- a fixture of the tests
 
 

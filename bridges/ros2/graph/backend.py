@@ -1,14 +1,11 @@
-"""Interface of a backend that joins a ROS 2 graph by any middleware, and the addresses of routers.
+"""Interface of a backend that joins a ROS 2 graph by any middleware.
 
 All handlers run in the event loop that opened the backend, one at a time.
 """
 
-import re
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
-
-from pointit.runtime.errors import ConfigError
 
 Server = Callable[[bytes], Awaitable[bytes]]
 """Takes a request's CDR, returns the response's. The text of a `RefusedError` goes to the caller where the
@@ -155,43 +152,3 @@ class Backend(Protocol):
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
-
-
-ENDPOINT = re.compile(r"(?P<protocol>\w+)/(?P<host>\[[^]]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#].*)?")
-"""Endpoints with a port. Others are never compared."""
-HERE = frozenset({"127.0.0.1", "[::1]", "localhost", "0.0.0.0", "[::]"})  # noqa: S104 - compared, not bound
-"""Hosts that are this machine, or include it."""
-STREAMS = frozenset({"tcp", "tls", "ws"})
-"""Protocols that share the ports of TCP."""
-
-Place = tuple[bool, str, int]
-"""True if the port is one of TCP's, host, port."""
-
-
-def place_of(endpoint: str) -> Place | None:
-    """Return the address of `endpoint`, unique for this machine's many names, or None without a port."""
-    found = ENDPOINT.fullmatch(endpoint)
-    if found is None:
-        return None
-    host = found["host"].lower()
-    return found["protocol"] in STREAMS, "" if host in HERE else host, int(found["port"])
-
-
-def check_apart(endpoint: str, ours: Iterable[str]) -> None:
-    """Check that ROS's router is not looked for at PointIt's own address.
-
-    Args:
-        endpoint: address of ROS's router.
-        ours: addresses where this process connects or listens for PointIt.
-
-    Raises:
-        ConfigError: If it is one of `ours`.
-    """
-    place = place_of(endpoint)
-    for own in ours:
-        if place is not None and place_of(own) == place:
-            raise ConfigError(
-                f"backend.endpoint {endpoint} is where this command has PointIt itself ({own}), and one port "
-                "is either ROS's router or PointIt's: say with --connect where PointIt is (a run with --ros2 "
-                "is at tcp/127.0.0.1:7448), or with backend.endpoint where ROS's router is"
-            )

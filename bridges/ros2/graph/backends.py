@@ -12,7 +12,8 @@ from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.graph.node_backend import BackendWarnings
 from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.bridges.ros2.over_zenoh.rmw_zenoh import BRIDGE, ENCLAVE, RmwZenoh
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import BRIDGE, RmwZenoh
+from pointit.bridges.ros2.over_zenoh.token import ENCLAVE
 from pointit.runtime.address_config import MAX_PORT, is_loopback, parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.foreign_zenoh import RawLink, open_raw_session

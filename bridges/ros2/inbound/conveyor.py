@@ -5,8 +5,8 @@ from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import lane_of
-from pointit.bridges.ros2.routing.names import MAX_NUMBER
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.schemas import (
     AddPackage,
     AddPackageReply,

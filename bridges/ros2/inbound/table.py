@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.inbound import conveyor
-from pointit.bridges.ros2.inbound.person import Button, Poses, Subscriptions, Wrist, people_in, ray
+from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
+from pointit.bridges.ros2.inbound.rays import Subscriptions, ray
 from pointit.bridges.ros2.routing.names import PERSON
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pointit.bridges.ros2.routing.names import Frames, Kinds, RosNames, Uids
+from pointit.bridges.ros2.routing.names import Frames, RosNames
+from pointit.bridges.ros2.routing.uids import Kinds, Uids
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline

@@ -9,15 +9,14 @@ from typing import Any
 from pointit.bridges.ros2.graph.backend import Closable, Graph
 from pointit.bridges.ros2.graph.node_backend import BackendWarnings
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.rate_limiter import RateLimiter, reclaim_delay_s
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
     ConversionWarning,
     InboundRoute,
-    RateLimiter,
     ServiceRoute,
     Taken,
-    reclaim_delay_s,
 )
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Publisher

@@ -5,7 +5,8 @@ import functools
 from collections.abc import Callable, Iterable
 
 from pointit.bridges.ros2.graph.backend import Graph, Writer
-from pointit.bridges.ros2.routing.route_types import OutboundRoute, RateLimiter, reclaim_delay_s
+from pointit.bridges.ros2.routing.rate_limiter import RateLimiter, reclaim_delay_s
+from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.clock import Timer
 from pointit.schemas import Message

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable
 
 from pointit.bridges.ros2.graph.backend import Graph
-from pointit.bridges.ros2.inbound.person import interaction
+from pointit.bridges.ros2.inbound.rays import interaction
 from pointit.bridges.ros2.routing.conversion_state import RosUser
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox

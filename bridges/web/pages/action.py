@@ -9,8 +9,9 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict
 
 from pointit.bridges.web.devices.devices import Devices
-from pointit.bridges.web.model.map_editor import FloorSeparability, MapEditor
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan

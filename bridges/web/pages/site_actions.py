@@ -7,7 +7,7 @@
 - `find_devices`, `connect_device`, `forget_device`, `show_device`, `check_mounting`: wrists and lights, see
   `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
-  fields of `Floor` in `model/map_editor.py`.
+  fields of `Floor` in `model/separability.py`.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
 

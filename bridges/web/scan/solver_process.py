@@ -37,7 +37,7 @@ def solve_survey(survey: Survey) -> "Scan":
 
 def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     """Return the solution for pages; `size`: of the views' images, image pixels."""
-    from pointit.scan.solver import next_view  # noqa: PLC0415
+    from pointit.scan.advice import next_view  # noqa: PLC0415
 
     lines = {name: (strip.count, strip.line_m) for name, strip in scan.strips.items()}
     points = {name: (1, (lamp.position_m,)) for name, lamp in scan.lamps.items()}

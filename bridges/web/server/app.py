@@ -19,7 +19,7 @@ from pointit.bridges.web.playback.recent import Recent, RecentPast
 from pointit.bridges.web.server.access import Access, RequestInfo, cookie, headers
 from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, refusal
 from pointit.bridges.web.wire import OWN_FAULT, Role
-from pointit.recording.entries import make_head
+from pointit.recording.head import make_head
 from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Delivery, Topic

@@ -27,8 +27,8 @@ from typing import Any
 
 from pointit.launch.plan.launches import Choices
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, STRIPS_FRAME, Topic
 from pointit_lab.loadtest.layout import load_launches

@@ -30,15 +30,9 @@ from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
 from pointit.scan.result import pointed_text
 from pointit.schemas import ButtonEvent, Environment, PointingRay, UseMap, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY, USE_MAP, check_name
-from pointit.services.localizer.estimation.estimator import (
-    Pointings,
-    Refusal,
-    Solution,
-    directions,
-    origins,
-    solve,
-)
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, solve
 from pointit.services.localizer.estimation.solution import SolverSettings
+from pointit.services.localizer.estimation.unfiltered_rays import directions, origins
 
 Point = tuple[float, float]
 

@@ -20,8 +20,9 @@ from pointit.maps.edit import write_new
 from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import EXIT_FAILED
+from pointit.scan.advice import next_view
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip, map_text
-from pointit.scan.solver import next_view, solve
+from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 from pointit.schemas.topics import check_name
 

@@ -12,7 +12,7 @@ from pointit.cli.common.panels import Finite
 from pointit.cli.parts import RUN_PARTS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
 from pointit.launch.plan.plan import FloorPose
-from pointit.runtime.config.config import check_environment
+from pointit.runtime.config.environment_variables import check_environment
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of

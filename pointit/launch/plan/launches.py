@@ -12,7 +12,8 @@ import numpy as np
 
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.plan import REALISTIC, FloorPose, Scenario, ScenarioPlace, body_of
-from pointit.runtime.config.config import Layers, environment_prefix
+from pointit.runtime.config.config import Layers
+from pointit.runtime.config.environment_variables import environment_prefix
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
 from pointit.runtime.config.yaml_file import read_yaml

@@ -21,8 +21,9 @@ from pointit.runtime.bus.contract import (
     SubscriptionStats,
 )
 from pointit.runtime.bus.timeliness import MAX_LEAD_NS, STREAMS, LateMessageFilter, OutOfOrderFilter
-from pointit.runtime.clock import Clock, is_virtual
+from pointit.runtime.clock import Clock
 from pointit.runtime.errors import BusClosedError
+from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas import NS_PER_S, Message, Quantiles, Query, Reply, ServedRequest
 from pointit.schemas.problems import INVALID, LATE, MAX_SUBJECT, Problem
 from pointit.schemas.system import DURATION_BOUNDS_S

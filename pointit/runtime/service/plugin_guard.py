@@ -18,10 +18,11 @@ from pydantic import BaseModel
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import Clock, WallClock, is_virtual
+from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, state_directory
+from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas.problems import EVENT_LOOP
 
 T = TypeVar("T", bound=BaseModel)

@@ -17,7 +17,8 @@ import click
 
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, WallClock
-from pointit.runtime.config.config import Config, Layers, check_spelling, environment_prefix
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.environment_variables import check_spelling, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError, first_cause

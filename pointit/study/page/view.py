@@ -10,8 +10,9 @@ from pydantic import Field, ValidationError
 
 from pointit.runtime.config.config import Config
 from pointit.schemas.text import describe_mistake
-from pointit.study.model import Picture, Scale, StudyStep
+from pointit.study.questionnaire import Scale
 from pointit.study.session import StoppedError
+from pointit.study.study_step import Picture, StudyStep
 from pointit.study.view import BREAK, StudyCommand, StudyStatus
 
 Page = Literal["participant", "experimenter"]

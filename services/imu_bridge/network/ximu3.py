@@ -15,7 +15,8 @@ from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
-from pointit.services.imu_bridge.serial.framers import FLASH_S, Ximu3Framer
+from pointit.services.imu_bridge.serial.framers import FLASH_S
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 from pointit.services.imu_bridge.sources import ImuSource, Item
 from pointit.services.imu_bridge.streams import ContentError, SensorChoice
 

@@ -10,15 +10,13 @@ from pydantic import Field, field_validator
 from pointit.geometry import vector
 from pointit.geometry.rotation import rotate
 from pointit.runtime.config.config import Config
-from pointit.services.imu_bridge.serial import framers
-from pointit.services.imu_bridge.serial.framers import (
-    Bno085Framer,
-    SerialFramer,
-    WitMotionFramer,
-    Ximu3Framer,
-)
+from pointit.services.imu_bridge.serial import bno085, witmotion
+from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
+from pointit.services.imu_bridge.serial.framers import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import validated_form
 from pointit.services.imu_bridge.serial.text_line import TextFramer
+from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 from pointit.services.imu_bridge.sources import Item, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.streams import Order, SensorChoice
 
@@ -104,23 +102,23 @@ FORMATS: Final[dict[Format, FormatRow]] = {
     "text": FormatRow(
         label="lines of text",
         make=lambda config, _baud, sensors: TextFramer(config.order, config.line, sensors),
-        bauds=framers.BAUDS,
+        bauds=witmotion.BAUDS,
         enough=1,
     ),
     "witmotion": FormatRow(
         label="WitMotion",
         make=lambda config, baud, _sensors: WitMotionFramer(configure=config.configure, baud=baud),
-        bauds=framers.BAUDS,
+        bauds=witmotion.BAUDS,
         enough=3,
     ),
     "bno085": FormatRow(
         label="BNO085 (UART-RVC)",
         make=lambda _config, _baud, _sensors: Bno085Framer(),
-        bauds=(framers.BAUD,),
+        bauds=(bno085.BAUD,),
         enough=3,
     ),
     "ximu3": FormatRow(
-        label="x-IMU3", make=lambda _config, _baud, _sensors: Ximu3Framer(), bauds=framers.BAUDS, enough=1
+        label="x-IMU3", make=lambda _config, _baud, _sensors: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1
     ),
 }
 

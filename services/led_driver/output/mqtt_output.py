@@ -28,13 +28,12 @@ from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output import light_protocol
+from pointit.services.led_driver.output.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.light_protocol import (
-    DARK,
     OFFLINE,
     ONLINE,
     WORDS,
     AnnouncedLight,
-    LampCommands,
     announced_lights,
     announcement_topics,
     is_online,

@@ -10,14 +10,10 @@ A filter lags behind the arm, and averages do not need it.
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from pointit.geometry import vector
-from pointit.geometry.vector import Vec3
-from pointit.schemas import FARTHEST, PointingRay
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.estimation.levenberg_marquardt import (
     Array,
@@ -272,91 +268,3 @@ def _is_one_view(rays: Rays) -> bool:
     turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
     spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
     return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD
-
-
-MIN_BIAS_SIGMA_RAD = math.radians(1.0)
-"""Lower bound of an elevation's standard deviation, whatever its calibration (pointing.md §3)."""
-
-
-def unfiltered(ray: PointingRay) -> Vec3:
-    """Return the direction of `ray` in {H}, corrected by the person's offset but not filtered."""
-    raw = ray.raw_direction
-    if raw is None:
-        return ray.direction
-    if ray.azimuth_correction_rad == 0.0 and ray.elevation_correction_rad == 0.0:
-        return raw
-    return vector.direction(
-        vector.azimuth(raw) + ray.azimuth_correction_rad, vector.elevation(raw) + ray.elevation_correction_rad
-    )
-
-
-def directions(rays: Sequence[PointingRay]) -> Array:
-    """Return the unfiltered directions of `rays` (n x 3)."""
-    return np.array([unfiltered(ray) for ray in rays], dtype=np.float64).reshape(-1, 3)
-
-
-def origins(rays: Sequence[PointingRay]) -> Array:
-    """Return the origins of `rays` (n x 3, {H})."""
-    return np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3)
-
-
-def believed(settings: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
-    """Return `settings` with the elevation uncertainty of the person's calibration, which leaves no bias.
-
-    Only if all rays are of a calibrated person; the largest sigma counts.
-    """
-    sigmas = [ray.elevation_sigma_rad for ray in rays]
-    known = [sigma for sigma in sigmas if sigma is not None]
-    if not known or len(known) < len(sigmas):
-        return settings
-    sigma_rad = max(MIN_BIAS_SIGMA_RAD, min(max(known), settings.bias_sigma_rad))
-    return replace(settings, bias_rad=0.0, bias_sigma_rad=sigma_rad)
-
-
-@dataclass(frozen=True, slots=True)
-class Mean:
-    """Mean of several rays."""
-
-    origin_m: Vec3
-    direction: Vec3
-    """Unfiltered, unit, {H}."""
-    raw_direction: Vec3
-    """Neither filtered nor corrected."""
-    spread_rad: float
-    """Rms angle of the rays about their mean."""
-    stamp_ns: int
-    """Middle of their time."""
-    samples: int
-    sigma_rad: float | None = None
-    """Standard deviation of the pointing sideways. None: that of pointing at a lamp."""
-
-
-def mean(rays: Sequence[PointingRay]) -> Mean | None:
-    """Return the mean of `rays`, in order of time, or None if there are none or they cancel each other."""
-    if not rays:
-        return None
-    all_directions = directions(rays)
-    middle = _unit(all_directions)
-    raw = _unit(np.array([ray.raw_direction or ray.direction for ray in rays]))
-    if middle is None or raw is None:
-        return None
-    across = np.linalg.norm(np.cross(all_directions, middle), axis=1)
-    angles = np.arctan2(across, all_directions @ middle)
-    return Mean(
-        origin_m=_vec3(np.clip(origins(rays).mean(axis=0), -FARTHEST, FARTHEST)),
-        direction=_vec3(middle),
-        raw_direction=_vec3(raw),
-        spread_rad=float(np.sqrt(np.mean(angles**2))),
-        stamp_ns=rays[0].stamp_ns + (rays[-1].stamp_ns - rays[0].stamp_ns) // 2,
-        samples=len(rays),
-    )
-
-
-def _unit(vectors: Array) -> Array | None:
-    total: Array = vectors.mean(axis=0)
-    length = float(np.linalg.norm(total))
-    return total / length if length > 1e-6 else None
-
-
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))

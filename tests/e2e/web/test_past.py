@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from playwright.async_api import Browser, Locator, expect
 
-from pointit.runtime.clock import START_NS
+from pointit.runtime.virtual_time import START_NS
 from pointit.schemas import NS_PER_S, SelectionEvent
 from tests.e2e.web.axe import violations
 from tests.e2e.web.conftest import page_is_built

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imread
 from playwright.async_api import Browser, expect
 
-from pointit.bridges.web.model.map_editor import floor
+from pointit.bridges.web.model.separability import floor
 from pointit.maps.file import load_map
 from tests.e2e.web.axe import violations as axe_violations
 from tests.e2e.web.site import SitePage

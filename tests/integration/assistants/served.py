@@ -11,7 +11,8 @@ from mcp.client.streamable_http import streamable_http_client
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile
-from pointit.assistants.server import HttpServer, make_server
+from pointit.assistants.http_server import HttpServer
+from pointit.assistants.server import make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Role, Tools
 from pointit.bridges.web.server.access import Access

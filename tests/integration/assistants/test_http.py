@@ -15,7 +15,8 @@ import pointit
 from pointit.access.site_folder import SiteFolder
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
-from pointit.assistants.server import MAX_BODY, MAX_SESSIONS, HttpServer, make_server
+from pointit.assistants.http_server import MAX_BODY, MAX_SESSIONS, HttpServer
+from pointit.assistants.server import make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import MAX_CALLS, Tools
 from pointit.bridges.web.server.access import Access

@@ -12,7 +12,7 @@ from pointit.replay.playing import plan_replay, play_live
 from pointit.replay.replayed_services import ReplayError
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import topics
 from pointit.schemas.catalogue.catalogue import example
 from tests.support.buses import site_of

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.parameters import FetchRequest, fetched
+from pointit.bridges.ros2.map_parameters import FetchRequest, fetched
 from pointit.bridges.ros2.types.types import Types
 from pointit.maps.file import load_map, map_path
 from pointit.runtime.config.yaml_file import parse_yaml

@@ -15,8 +15,8 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import Scenario, read_scenario
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import topics
 from pointit.services.user_sim import service as user_sim
 from pointit.services.user_sim.person import SimulatedPerson

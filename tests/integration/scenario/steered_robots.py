@@ -11,7 +11,7 @@ from pointit.launch.plan.plan import Scenario, read_scenario
 from pointit.launch.robots import RobotsScore, RobotWatcher
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Feedback, Goal, RobotState
 from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
 from pointit.services.user_sim.person import SimulatedPerson

@@ -16,7 +16,7 @@ from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import VirtualClock, run_virtually
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
 from tests.integration.scenario.play import Found, Outcome, play, running

@@ -23,8 +23,8 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, SelectionEvent, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, LOCALIZATION, MAP, POSE, PROFILE, SELECTION_EVENTS, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig

@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from pointit.bridges.web.devices import devices, search
+from pointit.bridges.web.devices import run_command, search
 from pointit.plugins import FoundDevice, device_search
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Done, Environment, ShowPixels, Strip, topics
@@ -30,7 +30,7 @@ FOUND = {
 LIGHT = {"kind": "light", "plugin": "ddp", "address": "kitchen.local", "name": "shelf"}
 WRIST = {"kind": "wrist", "plugin": "slimevr", "address": "02:00", "name": "anna"}
 AT = "tcp/127.0.0.1:1"
-BEGIN = devices.BEGIN
+BEGIN = run_command.BEGIN
 LIKE_A_DEVICE = """
 import json, pathlib, sys
 with pathlib.Path({file!r}).open("a") as file:
@@ -62,7 +62,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(search, "search", find)
     file = tmp_path / "started"
     file.touch()
-    monkeypatch.setattr(devices, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))
+    monkeypatch.setattr(run_command, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))
     return file
 
 
@@ -168,7 +168,7 @@ async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Pat
 
 async def test_device_whose_name_begins_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its command comes to the device, with a sentence, and not to the help or another option."""
-    monkeypatch.setattr(devices, "BEGIN", BEGIN)
+    monkeypatch.setattr(run_command, "BEGIN", BEGIN)
     stored = [
         {"kind": "light", "plugin": "--help", "name": "shelf", "label": "a"},
         {"kind": "wrist", "plugin": "udp", "name": "-anna", "label": "c"},
@@ -279,14 +279,14 @@ async def test_what_cannot_be_connected_is_refused_in_a_sentence(
 async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(devices, "BEGIN", f"import sys; sys.argv.append('broken'){devices.BEGIN}")
+    monkeypatch.setattr(run_command, "BEGIN", f"import sys; sys.argv.append('broken'){run_command.BEGIN}")
     async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
         health = bench.collect(topics.HEALTH, "web")
         await room(bench, page)
         assert not await refusal(page)
         await until(lambda: line(page, "light").get("problem") == "nothing answers")
         await until(lambda: any("Kitchen, 60 pixels: nothing answers" in each.warnings for each in health))
-        monkeypatch.setattr(devices, "BEGIN", devices.BEGIN.replace("'broken'", "'mended'"))
+        monkeypatch.setattr(run_command, "BEGIN", run_command.BEGIN.replace("'broken'", "'mended'"))
         monkeypatch.setitem(FOUND, "led-output", ())
         await page.ask(deed="find_devices")
         assert not await refusal(page), "it is connected already, so it is not searched"
@@ -309,10 +309,10 @@ STUBBORN = "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', 
 
 
 async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "BEGIN", STUBBORN)
-    monkeypatch.setattr(devices, "STOP_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(run_command, "BEGIN", STUBBORN)
+    monkeypatch.setattr(run_command, "STOP_TIMEOUT_S", 0.05)
     told: list[object] = []
-    running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))
+    running = asyncio.create_task(run_command.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
     running.cancel()
     done, _ = await asyncio.wait({running}, timeout=30.0)  # it would sleep for a minute
@@ -323,7 +323,7 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
 async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) -> None:
     others = {*psutil.Process().children()}
     for rounds in (0, 1, 2, 3, 5, 8, 40):
-        running = asyncio.create_task(devices.run_command(["wrist"], lambda _: None, lambda _: None))
+        running = asyncio.create_task(run_command.run_command(["wrist"], lambda _: None, lambda _: None))
         for _ in range(rounds):
             await asyncio.sleep(0)
         if rounds == 40:
@@ -340,10 +340,10 @@ async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As a loop that closes does while the process is slow to end."""
-    monkeypatch.setattr(devices, "BEGIN", STUBBORN)
+    monkeypatch.setattr(run_command, "BEGIN", STUBBORN)
     before, others = asyncio.all_tasks(), {*psutil.Process().children()}
     told: list[object] = []
-    running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))
+    running = asyncio.create_task(run_command.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
     running.cancel()
     for _ in range(5):

@@ -13,8 +13,8 @@ from typing import Any
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.map_parameters import FetchRequest, fetched
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
-from pointit.bridges.ros2.parameters import FetchRequest, fetched
 
 
 class Side:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pointit.bridges.ros2.parameters import tree_of
+from pointit.bridges.ros2.map_parameters import tree_of
 from pointit.maps.file import map_path
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

@@ -20,7 +20,7 @@ from bumble.link import LocalLink
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
 from pointit.geometry.rotation import Quaternion, normalized
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.touch_sdk import TOUCH_SDK
 from pointit.services.imu_bridge.ble.touch_sdk_messages import (
     OUTPUT,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit_lab.benchmarks import instructions
 
 pytestmark = pytest.mark.usefixtures("own_state")

@@ -9,8 +9,9 @@ from pointit.api import feed
 from pointit.api.site import Site
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock, WallClock, run_virtually
+from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import AccessDeniedError, BusClosedError, NoAnswerError, VersionError
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import Cursor, Done, KeyNameError, SelectionEvent, SetSpeed, TrackedObject
 from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, SET_SPEED, USER_ALIVE, Presence
 from tests.support.bench import until

@@ -15,7 +15,7 @@ from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.errors import BusClosedError, ConfigError, KeyNameError, NoMessageError, SchemaError
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ActResult, Environment, Selection, SelectionEvent, TrackedObject
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.selection import RESTORED

@@ -18,9 +18,9 @@ from pointit.assistants.server import make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Role, Tools
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     Cursor,
     Done,

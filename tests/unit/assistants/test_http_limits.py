@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, AsyncIterator
 
 import httpx
 
-from pointit.assistants.server import BODY_TIMEOUT_S, MAX_REQUESTS, MAX_SESSIONS, PATH, SESSION_IDLE_S
+from pointit.assistants.http_server import BODY_TIMEOUT_S, MAX_REQUESTS, MAX_SESSIONS, PATH, SESSION_IDLE_S
 from tests.integration.assistants.served import HEADERS, HELLO, OPERATOR, VIEWER, serving
 
 LISTING = {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}

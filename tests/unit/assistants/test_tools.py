@@ -16,7 +16,7 @@ from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import ns_of
 from pointit.errors import ConnectError, PointItError, SchemaError, WrongSiteError
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, FindReferents, Say, SendRobot, TrackedObject, TrackedObjects, topics
 from tests.support.bench import until
 from tests.unit.assistants.conftest import ROVER, Assistant, Played, assistant_of, text_of

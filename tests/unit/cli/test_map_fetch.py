@@ -10,11 +10,11 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 
-from pointit.bridges.ros2 import parameters as map_of_node
+from pointit.bridges.ros2 import map_parameters
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
-from pointit.cli.maps import exchange as map_fetch
+from pointit.cli.maps import fetch as fetch_module
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, NoAnswerError
 from tests.support.parameter_server import OneNode, ParameterServer, parameters_of
@@ -52,8 +52,8 @@ class Graph:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     made = Graph()
-    monkeypatch.setattr(map_of_node, "opened", made.opened)
-    monkeypatch.setattr(map_fetch, "quiet", lambda: None)
+    monkeypatch.setattr(map_parameters, "opened", made.opened)
+    monkeypatch.setattr(fetch_module, "quiet", lambda: None)
     return made
 
 
@@ -281,6 +281,6 @@ def test_without_the_extra_it_is_said_how_to_install_it(monkeypatch: pytest.Monk
     def has_extra(extra: str) -> bool:
         return extra != "ros2"
 
-    monkeypatch.setattr(map_fetch, "has_extra", has_extra)
+    monkeypatch.setattr(fetch_module, "has_extra", has_extra)
     assert sentence(fetch()) == "map fetch needs `scripts/setup ros2` in the folder of PointIt"
     assert CliRunner().invoke(command, ["map", "fetch", "--help"]).exit_code == 0

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.cli.maps.exchange import HomeEntity, with_things
+from pointit.cli.maps.home_assistant import HomeEntity, with_things
 from pointit.cli.maps.point import PointingSession, place_things
 from pointit.maps.checks.check import examined
 from pointit.maps.file import load_map, read_map_file

@@ -8,8 +8,8 @@ import pytest
 
 from pointit.cli.common import site_link
 from pointit.cli.common.site_link import CONNECT_TIMEOUT_S, REFUSED_TIMEOUT_S, join_site
-from pointit.runtime.clock import run_virtually
 from pointit.runtime.errors import ConnectError
+from pointit.runtime.virtual_time import run_virtually
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.support.buses import free_port
 

@@ -8,7 +8,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from pointit.bridges.web.server.link_file import keep_link
-from pointit.cli import page
+from pointit.cli import browser_window
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
@@ -25,7 +25,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(page, "SNAPS", tmp_path)
+    monkeypatch.setattr(browser_window, "SNAPS", tmp_path)
     return opened
 
 
@@ -48,8 +48,8 @@ async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus, *, has_snaps: bool
 ) -> None:
     if not has_snaps:
-        monkeypatch.setattr(page, "SNAPS", tmp_path / "none")
-    opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
+        monkeypatch.setattr(browser_window, "SNAPS", tmp_path / "none")
+    opening = browser_window.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
     there = bus.announce(SERVICE_ALIVE, "web")
@@ -70,16 +70,16 @@ async def test_run_that_ends_sooner_leaves_no_copy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus
 ) -> None:
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
-    opens = page.BrowserWindow._open
+    opens = browser_window.BrowserWindow._open
 
-    def open_late(opening: page.BrowserWindow) -> None:
+    def open_late(opening: browser_window.BrowserWindow) -> None:
         begun.set()
         assert ended.wait(PATIENCE_S)
         opens(opening)
         done.set()
 
-    monkeypatch.setattr(page.BrowserWindow, "_open", open_late)
-    opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
+    monkeypatch.setattr(browser_window.BrowserWindow, "_open", open_late)
+    opening = browser_window.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
     await until(begun.is_set, what="the thread")
     opening.close()
@@ -101,13 +101,13 @@ async def test_run_that_ends_sooner_leaves_no_copy(
     ],
 )
 def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
-    assert page.has_desktop(environment, platform) is desktop
+    assert browser_window.has_desktop(environment, platform) is desktop
 
 
 def test_the_page_is_opened_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def unknown() -> NoReturn:
         raise RuntimeError
 
-    monkeypatch.setattr(page, "SNAPS", tmp_path)
+    monkeypatch.setattr(browser_window, "SNAPS", tmp_path)
     monkeypatch.setattr(Path, "home", unknown)
-    assert page.BrowserWindow(tmp_path / "page.html")._copy is None
+    assert browser_window.BrowserWindow(tmp_path / "page.html")._copy is None

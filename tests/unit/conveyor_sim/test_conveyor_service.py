@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Context
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     AddPackage,
     Environment,

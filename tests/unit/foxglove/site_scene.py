@@ -1,6 +1,7 @@
 """Scene and log of a site that a test writes."""
 
-from pointit.bridges.foxglove.scene import EventLog, FoxgloveScene, LogLine
+from pointit.bridges.foxglove.event_log import EventLog, LogLine
+from pointit.bridges.foxglove.scene import FoxgloveScene
 from pointit.schemas import Message
 from pointit.schemas.topics import TOPICS
 from pointit.site.site_state import Change, SiteState

@@ -3,7 +3,7 @@
 import pytest
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.scene import HISTORY, LogLine
+from pointit.bridges.foxglove.event_log import HISTORY, LogLine
 from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import KeyHealth

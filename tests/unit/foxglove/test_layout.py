@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pointit.bridges import web
-from pointit.bridges.foxglove import entities
+from pointit.bridges.foxglove import objects, people, room
 from pointit.bridges.foxglove.scene import PARTS
 from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
@@ -82,16 +82,16 @@ def told(name: str) -> list[float]:
 
 
 def test_sizes_and_lengths_are_the_pages() -> None:
-    assert told("PACKAGE_WIDE") == list(entities.PACKAGE_WIDE)
-    assert told("PACKAGE_HIGH") == list(entities.PACKAGE_HIGH)
-    assert told("SEGMENT") == list(entities.SEGMENT)
-    assert told("USUAL_LENGTH_M") == [entities.USUAL_LENGTH_M]
-    assert told("ROBOT_M") == [entities.ROBOT_M]
-    assert told("FREE_RAY_M") == [entities.FREE_RAY_M]
+    assert told("PACKAGE_WIDE") == list(objects.PACKAGE_WIDE)
+    assert told("PACKAGE_HIGH") == list(objects.PACKAGE_HIGH)
+    assert told("SEGMENT") == list(objects.SEGMENT)
+    assert told("USUAL_LENGTH_M") == [objects.USUAL_LENGTH_M]
+    assert told("ROBOT_M") == [objects.ROBOT_M]
+    assert told("FREE_RAY_M") == [people.FREE_RAY_M]
 
 
 def test_fences_have_the_colours_of_the_dark_page() -> None:
-    for kind, rgb in entities.FENCES.items():
+    for kind, rgb in room.FENCES.items():
         assert f'{kind}: {{ dark: "#{bytes(rgb).hex()}"' in APPEARANCE
 
 

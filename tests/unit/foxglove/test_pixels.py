@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.foxglove.entities import Lines
-from pointit.bridges.foxglove.scene import FLOOR, FREE, Part, Pixels
+from pointit.bridges.foxglove.pixels import FLOOR, Pixels
+from pointit.bridges.foxglove.robots import FREE
+from pointit.bridges.foxglove.room import Lines
+from pointit.bridges.foxglove.scene import Part
 from pointit.schemas import Environment, Strip, StripsFrame, topics
 from pointit.schemas.environment import StripFrame
 from tests.integration.foxglove.protobuf import read

@@ -10,8 +10,9 @@ from foxglove.messages import FrameTransforms, SceneUpdate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.foxglove import entities as people
-from pointit.bridges.foxglove.entities import SHARPEST, DrawnPerson, Lines, ribbon, room
+from pointit.bridges.foxglove import people
+from pointit.bridges.foxglove.people import DrawnPerson
+from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
 from pointit.bridges.foxglove.scene import PARTS
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline

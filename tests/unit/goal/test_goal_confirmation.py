@@ -15,7 +15,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, Feedback, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_confirmation import GoalChecker
+from pointit.services.goal.goal_checker import GoalChecker
 from pointit.services.goal.service import Goals
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.goal.floor import POINTING, ROOM, START_NS, Anna, cursor

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.plugins import ConfigError, Surroundings
-from pointit.runtime.clock import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble import metamotion, radio, xsens_dot
 from pointit.services.imu_bridge.ble import witmotion_ble as witmotion

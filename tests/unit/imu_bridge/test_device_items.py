@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
-from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, Surroundings
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S, Feedback, Health, ImuSample
 from pointit.schemas.topics import FEEDBACK, HEALTH, IMU
 from pointit.services.imu_bridge.config import ImuBridgeConfig

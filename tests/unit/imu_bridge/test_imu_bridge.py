@@ -15,10 +15,11 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import VirtualClock, WallClock
+from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     WRIST_PATIENCE_S,

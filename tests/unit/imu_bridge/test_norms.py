@@ -15,8 +15,9 @@ from pointit.schemas.base import NORM_TOLERANCE
 from pointit.services.imu_bridge.ble import metamotion, xsens_dot
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
-from pointit.services.imu_bridge.serial.framers import FULL_SCALE, WitMotionFramer, Ximu3Framer
 from pointit.services.imu_bridge.serial.text_line import TextFramer
+from pointit.services.imu_bridge.serial.witmotion import FULL_SCALE, WitMotionFramer
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 from pointit.services.imu_bridge.sources import Item, Reading, fault
 from pointit.services.imu_bridge.streams import unit_rotation
 from pointit.sim.recordings import read_imu_csv

@@ -13,10 +13,9 @@ from pydantic import ValidationError
 
 from pointit.runtime.mqtt.broker import uncancelled
 from pointit.schemas.base import Rgb
+from pointit.services.led_driver.output.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.light_protocol import (
-    DARK,
     AnnouncedLight,
-    LampCommands,
     announced_lights,
     announcement_topics,
     command,

@@ -10,17 +10,9 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, Lamp, PointingRay, UserPose
-from pointit.services.localizer.estimation.estimator import (
-    Mean,
-    Pointings,
-    Refusal,
-    Solution,
-    SolverSettings,
-    believed,
-    mean,
-    unfiltered,
-)
-from pointit.services.localizer.pose_manager import HeadingWindow
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.unfiltered_rays import Mean, believed, mean, unfiltered
+from pointit.services.localizer.heading_window import HeadingWindow
 from pointit.services.localizer.procedure import Hold
 from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.verification import held, outlier_lamps, without_spikes

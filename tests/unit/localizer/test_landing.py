@@ -6,7 +6,7 @@ from typing import Any, Self
 import pytest
 
 from pointit.geometry import vector
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
@@ -21,10 +21,10 @@ from pointit.schemas import (
 from pointit.schemas import topics as at
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.landing_detector import LandingDetector
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
-from pointit.services.localizer.tracking import LandingDetector
 from tests.support.bench import in_virtual_time, memory_bench
 from tests.unit.localizer.person import EYES_M, USER
 

@@ -8,8 +8,9 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.runtime.bus.contract import Publisher
-from pointit.runtime.clock import Clock, VirtualClock, sleep
+from pointit.runtime.clock import Clock, sleep
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     ImuSample,

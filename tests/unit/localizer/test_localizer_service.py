@@ -8,8 +8,9 @@ import pytest
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import VirtualClock, sleep
+from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     Environment,

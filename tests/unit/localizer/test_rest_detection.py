@@ -12,7 +12,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
-from pointit.services.localizer.estimation.estimator import Mean, mean
+from pointit.services.localizer.estimation.unfiltered_rays import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedure_runner import Anchoring
 from pointit.services.localizer.tracking import PoseTracker

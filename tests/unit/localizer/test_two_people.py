@@ -6,7 +6,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
 
-from pointit.runtime.clock import VirtualClock, sleep
+from pointit.runtime.clock import sleep
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import LampColor, Localization, StartLocalization
 from pointit.schemas import topics as at
 from pointit.services.led_driver.config import LedDriverConfig

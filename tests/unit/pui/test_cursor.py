@@ -29,7 +29,8 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.topics import FEEDBACK
-from pointit.services.pui.cursor import AGAIN_NS, TIMEOUT_NS, NearbyLamps, Passing, PersonCursor
+from pointit.services.pui.cursor import NearbyLamps, PersonCursor
+from pointit.services.pui.passing import AGAIN_NS, TIMEOUT_NS, Passing
 from pointit.services.pui.surfaces import ALL_KINDS, Kind, Surface, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from tests.support import there

@@ -12,8 +12,8 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     SetTolerance,
     SetToleranceReply,

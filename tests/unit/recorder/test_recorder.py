@@ -17,7 +17,8 @@ import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.recording import container, writer
 from pointit.recording.container import Chunk, Opcode
-from pointit.recording.entries import Entry, body_kind, make_head
+from pointit.recording.entries import Entry, body_kind
+from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.contract import Sent

@@ -16,16 +16,8 @@ from zstandard import ZstdCompressor
 
 import pointit.schemas as models
 from pointit.recording import container, reader
-from pointit.recording.entries import (
-    METADATA,
-    Entry,
-    Exchange,
-    RecordingError,
-    body_kind,
-    entry,
-    entry_of,
-    make_head,
-)
+from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry, entry_of
+from pointit.recording.head import METADATA, make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, Cursor, ImuSample, Message, Query, encode, topics

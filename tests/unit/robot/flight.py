@@ -8,7 +8,7 @@ from typing import Any, Concatenate, ParamSpec
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Closable
-from pointit.runtime.clock import VirtualClock, run_virtually
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import (
     Cursor,
     Environment,

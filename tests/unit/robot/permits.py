@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import START_NS
+from pointit.runtime.virtual_time import START_NS
 from pointit.schemas import NS_PER_S, Goal, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Command, RobotReport

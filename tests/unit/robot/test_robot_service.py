@@ -11,10 +11,10 @@ import pytest
 
 from pointit.bridges.agv_tracker.service import AgvTracker
 from pointit.cli.robots import find_robots, rows, stop_robots
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch, check_launches
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import RobotPlan, RobotState, Steering
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import HEALTH, MAP, ROBOT_PLAN

@@ -16,8 +16,8 @@ from hypothesis.strategies import SearchStrategy
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.service.plugin_guard import NullHealth, Surroundings
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import RobotKind
 from pointit.services.robot.drivers.quadrotor import (
     STEP_S,

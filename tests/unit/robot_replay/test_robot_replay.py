@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.service import RobotReplay, RobotReplayConfig
 from pointit.services.robot_replay.trajectory import Trajectory

@@ -11,7 +11,6 @@ import pointit.schemas as models
 from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.outbound.person import pointing_ray
 from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosUser
-from pointit.bridges.ros2.routing.names import MAX_NUMBER
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -20,6 +19,7 @@ from pointit.bridges.ros2.routing.route_types import (
     ServiceRoute,
 )
 from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY, Topic

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.outbound.table import CLOCK_S
-from pointit.bridges.ros2.routing.route_types import RateLimiter
+from pointit.bridges.ros2.routing.rate_limiter import RateLimiter
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.runtime.bus.site_clock import SILENT_NS
 from pointit.schemas import NS_PER_S, ButtonEvent, ClockTick, Interaction, PointingRay, Selection, UserPose

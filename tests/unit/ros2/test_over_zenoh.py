@@ -8,20 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE, EndpointKind, Qos, RosType
-from pointit.bridges.ros2.over_zenoh.rmw_zenoh import (
-    BRIDGE,
+from pointit.bridges.ros2.over_zenoh.attachment import packed, unpacked
+from pointit.bridges.ros2.over_zenoh.qos_text import qos_of, qos_text
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import BRIDGE, RmwZenoh
+from pointit.bridges.ros2.over_zenoh.token import (
     EndpointToken,
     NodeToken,
-    RmwZenoh,
     data_key,
     dds_type,
     gid,
-    packed,
     parsed,
-    qos_of,
-    qos_text,
     resolved,
-    unpacked,
 )
 from tests.unit.ros2.values import golden
 

@@ -11,19 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.parameters import (
-    FIELDS,
-    GET,
-    LINES,
-    LIST,
-    MESSAGE,
-    PAGE,
-    SECTIONS,
-    NodeParameters,
-    of_maps,
-    tree_of,
-    value_of,
-)
+from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, tree_of
+from pointit.bridges.ros2.node_parameters import FIELDS, GET, LIST, MESSAGE, PAGE, NodeParameters, value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.solids import Vec2
 from pointit.geometry.vector import Vec3

@@ -11,8 +11,9 @@ from rosbags.typesys import get_types_from_msg
 
 from pointit.bridges.ros2.routing import names as ros_names
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
-from pointit.bridges.ros2.routing.names import MAX_NUMBER, Frames, Kinds, RosNames, Uids
+from pointit.bridges.ros2.routing.names import Frames, RosNames
 from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER, Kinds, Uids
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import Request, Topic

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
-from pointit.bridges.ros2.graph.backend import check_apart, place_of
-from pointit.bridges.ros2.inbound.person import interaction
+from pointit.bridges.ros2.graph.router_address import check_apart, place_of
+from pointit.bridges.ros2.inbound.rays import interaction
 from pointit.bridges.ros2.routing import ros_users
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types

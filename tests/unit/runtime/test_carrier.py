@@ -8,9 +8,9 @@ from typing import Literal
 import pytest
 
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier, check_carrier
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, ActResult, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES

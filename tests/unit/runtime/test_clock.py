@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.site_clock import SiteClock, publish_time
-from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, run_virtually, ticks
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, ticks
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import AfterValidator, Field
 
-from pointit.runtime.config.config import Config, Layers, check_environment, environment_prefix
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.environment_variables import check_environment, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from pointit.runtime import router
-from pointit.runtime.router import TIME_BYTES, Router, _read
+from pointit.runtime import router, router_log
+from pointit.runtime.router import Router
+from pointit.runtime.router_log import TIME_BYTES, _read
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
@@ -77,8 +78,8 @@ def read(lines: list[bytes]) -> Lines:
 
     thread = threading.Thread(target=_read, args=(source, take, (MARK,)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(router, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
-        patch.setattr(router, "MAX_LINES", LIMIT)
+        patch.setattr(router_log, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
+        patch.setattr(router_log, "MAX_LINES", LIMIT)
         thread.start()
         with os.fdopen(sink, "wb") as pipe:
             pipe.write(b"".join(line + b"\n" for line in lines))

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router import cut, peer, release_udp_ports
+from pointit.runtime.router_sockets import cut, peer, release_udp_ports
 from pointit.runtime.zenoh.session import (
     LINGER,
     close_session,

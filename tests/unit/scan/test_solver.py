@@ -16,8 +16,9 @@ from pointit.cli.maps.exchange import import_
 from pointit.cli.maps.scan import command
 from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
+from pointit.scan.advice import next_view
 from pointit.scan.result import Scan, ScanError, map_text
-from pointit.scan.solver import next_view, solve
+from pointit.scan.solver import solve
 from pointit.scan.views import (
     CameraView,
     KnownLength,

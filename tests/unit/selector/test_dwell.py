@@ -76,7 +76,7 @@ def as_the_docstring_says(stream: Cursors, share: float, release: int) -> tuple[
 
 @settings(max_examples=400)
 @given(methods, releases, cursors)
-@example(("hold", 1.0), 5, every(10, 700) + [(710, None), (890, None), (1000, "a"), (1190, "a")])
+@example(("hold", 1.0), 5, [*every(10, 700), (710, None), (890, None), (1000, "a"), (1190, "a")])
 def test_any_cursors_toggle_as_the_docstring_says(method, release: int, stream: Cursors) -> None:  # noqa: ANN001
     dwell = Dwell(method[0], fraction=method[1], release_s=release / 10)
     found = toggles(dwell, stream)
@@ -89,8 +89,8 @@ def test_any_cursors_toggle_as_the_docstring_says(method, release: int, stream: 
         (every(10, 2000), [800]),
         (every(10, 401) + every(10, 2000, start_ms=600), [800]),  # a silence within the longest gap is held
         (every(10, 401) + every(10, 2000, start_ms=800), [1600]),  # a longer one restarts
-        (every(10, 450) + [(450, "a"), (700, "a")] + every(10, 2000, start_ms=800), [800]),
-        (every(10, 449) + [(449, "a"), (700, "a")] + every(10, 2000, start_ms=800), [1500]),
+        ([*every(10, 450), (450, "a"), (700, "a"), *every(10, 2000, start_ms=800)], [800]),
+        ([*every(10, 449), (449, "a"), (700, "a"), *every(10, 2000, start_ms=800)], [1500]),
         (every(200, 4000, start_ms=100), [900]),  # a slow wrist
         (every(10, 700) + every(10, 900, None, 710) + every(10, 1200, start_ms=1000), []),
     ],

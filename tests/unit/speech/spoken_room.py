@@ -4,8 +4,8 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 from pointit.cli.things.listen import own_verbs
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     Bay,

@@ -11,8 +11,8 @@ from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.check import check_folder
 from pointit.study.model import Study, read_study
+from pointit.study.scenario import check_ready
 from pointit.study.study_folder import StudyFolder, read_table
-from pointit.study.study_site import check_ready
 
 COLUMNS = ("trial", "reason")
 

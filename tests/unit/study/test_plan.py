@@ -16,7 +16,8 @@ from pointit.cli.study import check
 from pointit.errors import PointItError
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
-from pointit.study.model import Study, imbalance, read_study, square
+from pointit.study.model import Study, read_study
+from pointit.study.order import imbalance, square
 from pointit.study.plan import check_sequences, plan_of
 from pointit.study.session import Session
 from pointit.study.simulated import SimulatedView

@@ -15,12 +15,14 @@ from pointit.cli.study import command as run
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study import simulated
 from pointit.study.check import check_folder
-from pointit.study.model import Picture, Study, read_study
+from pointit.study.model import Study, read_study
 from pointit.study.plan import plan_of
+from pointit.study.scenario import check_ready
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.study_folder import StudyFolder
-from pointit.study.study_site import SiteOptions, check_ready
+from pointit.study.study_site import SiteOptions
+from pointit.study.study_step import Picture
 from pointit.study.table_file import columns_of
 from pointit.study.view import StudyCommand, StudyStatus
 from tests.unit.study.studies import SMALL, read_rows, simulate_all, small

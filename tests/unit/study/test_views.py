@@ -12,10 +12,11 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
 from pointit.cli.study import TerminalView
-from pointit.study.model import SUS, Picture, Scale, StudyStep
 from pointit.study.page.server import served
 from pointit.study.page.view import MAX_REASON, Page, PageView
+from pointit.study.questionnaire import SUS, Scale
 from pointit.study.session import StoppedError
+from pointit.study.study_step import Picture, StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 STATUS = StudyStatus(

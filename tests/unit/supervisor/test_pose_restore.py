@@ -6,9 +6,9 @@ from typing import Literal
 import pytest
 
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import (
     ButtonEvent,
     Done,

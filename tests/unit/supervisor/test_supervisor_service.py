@@ -11,10 +11,10 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     Done,
     Health,

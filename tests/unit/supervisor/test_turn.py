@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from pointit.schemas import Feedback
-from pointit.schemas.selection import SIGNS
+from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.life_cycle import InteractionPublisher, Output
 from tests.unit.supervisor.played import (

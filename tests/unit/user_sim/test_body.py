@@ -9,13 +9,14 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotState
-from pointit.schemas.selection import SIGNS, Cue
-from pointit.services.user_sim.body import Arm, PosturalNoise, StandingPosition, Wristband
+from pointit.schemas.cues import SIGNS, Cue
+from pointit.services.user_sim.body import Arm, PosturalNoise, StandingPosition
 from pointit.services.user_sim.config import ArmConfig, UserSimConfig, WristbandConfig
 from pointit.services.user_sim.goal import REST, PersonGoal
-from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.selecting import DecisionTimes
+from pointit.services.user_sim.sight import Sight
+from pointit.services.user_sim.wristband import Wristband
 from pointit.sim.aim import Aim
 from tests.unit.user_sim.life import ROOM, living
 

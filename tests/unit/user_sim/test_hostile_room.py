@@ -21,8 +21,8 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.person import SimulatedPerson
+from pointit.services.user_sim.sight import Sight
 from tests.unit.schemas.strategies import messages
 
 S = 1_000_000_000

@@ -28,8 +28,9 @@ from pointit.services.user_sim.config import AimConfig, UserSimConfig
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.eyes import ObservedAppearance
 from pointit.services.user_sim.goal import ButtonModel, PerceivedState, PersonGoal, State
-from pointit.services.user_sim.perceived_objects import PerceivedObjects, Sight, Status
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, Status
 from pointit.services.user_sim.perception import Perception
+from pointit.services.user_sim.sight import Sight
 from pointit.sim.aim import Stance
 from tests.support import there
 from tests.unit.user_sim.life import PRECISE, Cue, Life

@@ -10,7 +10,7 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import VirtualClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     WRIST_PATIENCE_S,
@@ -28,9 +28,9 @@ from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
 from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
 from pointit.services.user_sim.goal import REST, ButtonModel, PerceivedState, PersonGoal, on_object
-from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.service import UserSim
+from pointit.services.user_sim.sight import Sight
 from pointit.sim.aim import Stance
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, living, thing

@@ -21,7 +21,7 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.config import DecisionConfig, UserSimConfig
-from pointit.services.user_sim.perceived_objects import SeenObject, Sight
+from pointit.services.user_sim.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, living, thing
 
 GREEN, PINK = (0, 158, 115), (204, 121, 167)

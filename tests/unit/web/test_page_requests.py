@@ -45,10 +45,10 @@ from pointit.bridges.web.wire import Ask, Role
 from pointit.cli.page import command
 from pointit.maps.edit import edited
 from pointit.recording.reader import Recording
-from pointit.runtime.clock import run_virtually
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.host.store import acquire_lock
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.registry import SHOWN
 from tests.support import there

@@ -16,7 +16,7 @@ from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.playback.recent import Lanes, Past, Recent, moment
 from pointit.recording.entries import Body, Entry, entry
 from pointit.recording.reader import Recording
-from pointit.runtime.clock import START_NS, run_virtually
+from pointit.runtime.virtual_time import START_NS, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     Deployment,

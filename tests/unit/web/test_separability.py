@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from pointit.bridges.web.model import map_editor
-from pointit.bridges.web.model.map_editor import Floor, FloorSeparability
+from pointit.bridges.web.model import separability
+from pointit.bridges.web.model.separability import Floor, FloorSeparability
 from pointit.maps.checks.things import TESTED
 from pointit.maps.checks.things import separability as share_of
 from pointit.maps.file import load_map
@@ -23,7 +23,7 @@ SHELF = load_map("shelf", 0)
 def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
     figure = map_figure(SHELF, {}, "shelf", separability=share_of(SHELF.things))
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
-    floor, count = map_editor.floor(SHELF), len(SHELF.things)
+    floor, count = separability.floor(SHELF), len(SHELF.things)
     x_m, y_m = np.asarray(mesh.get_coordinates(), dtype=np.float64).transpose(2, 0, 1)
     np.testing.assert_allclose(x_m[0], floor["x_m"])
     np.testing.assert_allclose(y_m[:, 0], floor["y_m"])
@@ -42,7 +42,7 @@ async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
         computed.append((room.name, threading.current_thread() is threading.main_thread()))
         return Floor(x_m=[], y_m=[], things=[room.name], told_apart=[], confused=[])
 
-    monkeypatch.setattr(map_editor, "floor", floor)
+    monkeypatch.setattr(separability, "floor", floor)
     asked = FloorSeparability()
     asked.set_room(SHELF)
     both = await asyncio.gather(asked.answer(), asked.answer())

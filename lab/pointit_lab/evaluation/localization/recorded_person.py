@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPose
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit.services.localizer.procedure import Hold
 from pointit.services.localizer.static_targets import MIN_LAMPS
@@ -124,7 +124,7 @@ class PersonInSession:
         """Add a ray if the person is being localized."""
         target = self._target[0]
         if target in self.follows:
-            self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *ray_math.unfiltered(ray)))
+            self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *unfiltered_rays.unfiltered(ray)))
         elif target:
             self._sessions[self._since_ns][-1][0].add(ray)
 
@@ -163,7 +163,10 @@ class PersonInSession:
         if not np.isfinite(heads).all():
             return
         pointings = Pointings(
-            (times_ns - times_ns[0]) / NS_PER_S, ray_math.origins(rays), ray_math.directions(rays), places
+            (times_ns - times_ns[0]) / NS_PER_S,
+            unfiltered_rays.origins(rays),
+            unfiltered_rays.directions(rays),
+            places,
         )
         yield LocalizationTrial(
             set=SET,

@@ -10,8 +10,10 @@ import pytest
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.serial import framers
-from pointit.services.imu_bridge.serial.framers import LONGEST, Bno085Framer, WitMotionFramer, Ximu3Framer
+from pointit.services.imu_bridge.serial import witmotion
+from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
+from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
+from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, Signal
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
@@ -295,11 +297,11 @@ def test_independent_encoder_writes_the_same_commands() -> None:
     quaternions = 1 << protocol.QuaternionMessage.code - 0x50
     angles = 1 << protocol.AngleMessage.code - 0x50
     for command, number, value in (
-        (framers.SIX_AXES, register.alg, 1),
-        (framers.SEND_BOTH, register.rsw, quaternions | angles),
-        (framers.SEND_QUATERNIONS, register.rsw, quaternions),
-        (framers.SEND_ANGLES, register.rsw, angles),
-        (framers.RATE_100_HZ, register.rate, protocol.ReturnRateSelect.rate_100hz.value),
-        (framers.RATE_50_HZ, register.rate, protocol.ReturnRateSelect.rate_50hz.value),
+        (witmotion.SIX_AXES, register.alg, 1),
+        (witmotion.SEND_BOTH, register.rsw, quaternions | angles),
+        (witmotion.SEND_QUATERNIONS, register.rsw, quaternions),
+        (witmotion.SEND_ANGLES, register.rsw, angles),
+        (witmotion.RATE_100_HZ, register.rate, protocol.ReturnRateSelect.rate_100hz.value),
+        (witmotion.RATE_50_HZ, register.rate, protocol.ReturnRateSelect.rate_50hz.value),
     ):
         assert protocol.ConfigCommand(number, value).serialize() == command

@@ -9,18 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation
+from pointit.services.imu_bridge.serial.bno085 import BNO085_LENGTH, Bno085Framer
 from pointit.services.imu_bridge.serial.detection import Detection, Format, SerialConfig
-from pointit.services.imu_bridge.serial.framers import (
-    BNO085_LENGTH,
-    LONGEST,
-    Bno085Framer,
-    SerialFramer,
-    WitMotionFramer,
-    Ximu3Framer,
-)
-from pointit.services.imu_bridge.serial.framers import LENGTH as WITMOTION_LENGTH
+from pointit.services.imu_bridge.serial.framers import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer
+from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
+from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
+from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
 from pointit.services.imu_bridge.sources import Item, Reading, Reconnected
 from pointit_lab.devices.contracts import imu
 from pointit_lab.devices.serial_formats import (

@@ -1,4 +1,4 @@
-/** Things that pointing alone tells apart, by the person's place on the floor: `Floor` of `model/map_editor.py`. */
+/** Things that pointing alone tells apart, by the person's place on the floor: `Floor` of `model/separability.py`. */
 
 export interface Separability {
   /** Edges of the squares, m in {W}, ascending. */

@@ -1,6 +1,5 @@
-"""`pointit export` and `pointit import`: conversion of recordings to tables and from other sources."""
+"""`pointit import`: a recording from a table of another program or a bag of ROS 2."""
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -11,73 +10,6 @@ from pointit.cli.common.completions import maps
 from pointit.cli.common.output import interruptible, progress
 from pointit.cli.common.panels import PanelCommand
 from pointit.runtime.errors import ConfigError
-
-TASK = "pointing"
-
-
-@click.command("export")
-@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
-@click.option(
-    "--to",
-    "folder",
-    required=True,
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="folder for the tables, or a BIDS dataset; created if it does not exist",
-)
-@click.option("--overwrite", is_flag=True, help="replace tables that are in the folder")
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["csv", "motion-bids"]),
-    default="csv",
-    show_default=True,
-    help="tables, or the Brain Imaging Data Structure for motion",
-)
-@click.option("--task", default=TASK, show_default=True, help="task of motion-bids")
-@click.option("--session", default="", help="session label of motion-bids; if empty, there is one session")
-def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: str, session: str) -> int:
-    """Write the recording FILE as tidy CSV tables, or as a dataset of Motion-BIDS.
-
-    The tables have units in the names of columns. selections.csv has a row for each selection, acts.csv one
-    for each pointing act, the others (cursors, rays, poses, imu, objects and more) one for each message.
-    columns.csv describes every column.
-
-    Motion-BIDS has motion, channels and events of each person. More recordings join the same dataset.
-
-    Exit code 1: FILE is damaged, and unreadable messages are left out.
-
-    Example: pointit export session.mcap --to tables
-    """
-    if form == "csv" and (session or task != TASK):
-        raise click.UsageError("--task and --session are of --format motion-bids: leave them out, or add it")
-    from pointit.conversion.export_bids import export_bids  # noqa: PLC0415 - only what is needed is loaded
-    from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - as above
-    from pointit.recording.reader import Recording  # noqa: PLC0415 - needs an extra
-
-    with Recording.open(recording) as opened:
-        if opened.problem:
-            click.echo(f"note: {opened.problem}", err=True)
-        with interruptible(), progress(sum(opened.counts.values())) as tell:
-            tick = functools.partial(tell, "messages")
-            if form == "csv":
-                exported = export_csv(
-                    opened.entries(), opened.began_ns, folder, overwrite=overwrite, tick=tick
-                )
-            else:
-                exported = export_bids(
-                    opened.entries(), folder, task=task, session=session, overwrite=overwrite, tick=tick
-                )
-        if opened.invalid:
-            click.echo(f"note: {opened.invalid} messages are left out; {opened.first_error}", err=True)
-        lost = opened.lost
-    for name, rows in exported.rows.items():
-        click.echo(f"{folder / name}: {rows} rows")
-    if exported.left_out:
-        names = ", ".join(f"{count} of {key}" for key, count in exported.left_out.items())
-        click.echo(f"Messages without a table: {names}.")
-    return 1 if lost else 0
-
 
 SITE = "imported"
 TABLES = (".csv", ".tsv", ".txt")

@@ -1,0 +1,160 @@
+"""Log lines of what happens at a site."""
+
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove.messages import Log, LogLevel
+
+from pointit.bridges.foxglove import shapes
+from pointit.plugins import Change, SiteState
+from pointit.schemas import (
+    Feedback,
+    Health,
+    Interaction,
+    Localization,
+    Message,
+    RobotState,
+    SelectionEvent,
+    topics,
+)
+
+HISTORY = 200
+"""Lines kept for viewers that join late."""
+MAX_STATES = 1000
+"""Maximum number of states that are remembered; the oldest go first."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One log line with its time and source."""
+
+    at_ns: int
+    level: LogLevel
+    source: str
+    text: str
+
+    def log(self) -> Log:
+        """Return it as a Foxglove message."""
+        at = shapes.timestamp(self.at_ns)
+        return Log(timestamp=at, level=self.level, message=self.text, name=self.source)
+
+
+class EventLog:
+    """Turns changes of a site into log lines."""
+
+    def __init__(self, site: SiteState) -> None:
+        self.history: deque[LogLine] = deque(maxlen=HISTORY)
+        self._site = site
+        self._states: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
+        """Last states by type and name. They outlive their services, with which they return unchanged."""
+        self._writers: dict[type[Message], Callable[[Any, Any], Iterator[tuple[LogLevel, str]]]] = {
+            Health: self._health,
+            SelectionEvent: self._selection,
+            Feedback: self._feedback,
+            Localization: self._localization,
+            Interaction: self._interaction,
+            RobotState: self._robot,
+        }
+
+    def take(self, change: Change, now_ns: int) -> list[LogLine]:
+        """Return the new lines from a change."""
+        message = change.message
+        writer = None if message is None else self._writers.get(type(message))
+        if writer is None:
+            return []
+        previous = change.previous
+        if isinstance(message, Localization | Interaction | RobotState):
+            key = type(message), change.name
+            previous = self._states.pop(key, None)
+            self._states[key] = message
+            if len(self._states) > MAX_STATES:
+                self._states.popitem(last=False)
+        return self._lines_of(writer(message, previous), change.name or "selection", now_ns)
+
+    def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
+        """Return the line that says that a service has started or ended."""
+        sentences = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
+        return self._lines_of(iter([sentences]), instance, now_ns)
+
+    def active_warnings(self, now_ns: int) -> list[LogLine]:
+        """Return the warnings that are active now."""
+        return [
+            LogLine(now_ns, LogLevel.Warning, instance, sentence)
+            for instance, health in self._site.all(topics.HEALTH).items()
+            for sentence in _warnings(health).values()
+        ]
+
+    def _lines_of(self, sentences: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[LogLine]:
+        lines = [LogLine(now_ns, level, source, text) for level, text in sentences]
+        self.history += lines
+        return lines
+
+    def _health(self, health: Health, previous: Health | None) -> Iterator[tuple[LogLevel, str]]:
+        now, before = _warnings(health), _warnings(previous)
+        for identity, sentence in now.items():
+            if identity not in before:
+                yield LogLevel.Warning, sentence
+        for identity, sentence in before.items():
+            if identity not in now:
+                yield LogLevel.Info, f"no longer: {sentence}"
+        for level, text, name in (
+            (LogLevel.Error, "handlers failed; see its log", "errors"),
+            (LogLevel.Warning, "events were lost on their way to it", "lost"),
+            (LogLevel.Warning, "messages to it could not be read", "invalid"),
+        ):
+            if (new := _count(health, name) - _count(previous, name)) > 0:
+                yield level, f"{new} {text}"
+
+    def _selection(self, event: SelectionEvent, _previous: None) -> Iterator[tuple[LogLevel, str]]:
+        words = [event.user, event.event, event.kind, event.object_id]
+        words += [f"to bay {event.bay}"] if event.bay else []
+        text = " ".join(word for word in words if word)
+        level = LogLevel.Warning if event.event == "refused" else LogLevel.Info
+        yield level, f"{text}: {event.reason}" if event.reason else text
+
+    def _feedback(self, cue: Feedback, _previous: None) -> Iterator[tuple[LogLevel, str]]:
+        yield LogLevel.Info, f"cue {cue.cue}: {cue.text}" if cue.text else f"cue {cue.cue}"
+
+    def _localization(
+        self, message: Localization, previous: Localization | None
+    ) -> Iterator[tuple[LogLevel, str]]:
+        phase = (message.phase, message.target_id)
+        if previous is None:
+            is_same = message.phase == "idle"
+        else:
+            is_same = phase == (previous.phase, previous.target_id)
+        if is_same:
+            return
+        level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
+        target = f" {message.target_id}" if message.target_id else ""
+        yield (
+            level,
+            f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else ""),
+        )
+
+    def _interaction(
+        self, message: Interaction, previous: Interaction | None
+    ) -> Iterator[tuple[LogLevel, str]]:
+        if previous is None or previous.state != message.state:
+            yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
+
+    def _robot(self, message: RobotState, previous: RobotState | None) -> Iterator[tuple[LogLevel, str]]:
+        if message.user != (previous.user if previous else ""):
+            yield LogLevel.Info, f"{message.user or 'nobody'} steers it"
+        if message.has_new_reason(previous):
+            yield LogLevel.Warning, f"{message.phase.replace('_', ' ')}: {message.reason}"
+
+
+def _warnings(health: Health | None) -> dict[tuple[str, ...], str]:
+    """Return the sentences of the warnings in a report by the identity of the problem."""
+    problems = () if health is None else health.all_problems
+    return {each.identity: each.sentence for each in problems if each.severity == "warning"}
+
+
+def _count(health: Health | None, name: str) -> int:
+    """Return the errors of a report, or what its keys have counted."""
+    if health is None:
+        return 0
+    return health.errors if name == "errors" else sum(getattr(key, name) for key in health.keys)

@@ -1,0 +1,164 @@
+"""Entities of moving objects on the lines of a map, with their owners."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from foxglove.messages import CubePrimitive, LinePrimitive, TextPrimitive
+
+from pointit.bridges.foxglove import shapes
+from pointit.bridges.foxglove.people import LIFETIME_S
+from pointit.bridges.foxglove.room import Lines
+from pointit.bridges.foxglove.shapes import NamedEntity
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.plugins import rotation
+from pointit.schemas import Hover, Selection, TrackedObject
+from pointit.schemas.base import Rgb
+from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
+
+# As in `web/client/src/geometry/appearance.ts`: messages have lengths only.
+PACKAGE_WIDE = (0.75, 0.1, 0.34)
+"""Width of a package: share of its length, minimum and maximum, m."""
+PACKAGE_HIGH = (0.6, 0.1, 0.26)
+"""Height of a package: share of its length, minimum and maximum, m."""
+SEGMENT = (0.07, 0.06)
+"""Width and height of a segment of a strip, m."""
+USUAL_LENGTH_M = 0.12
+"""Length of an object on a line without a length of its own."""
+ROBOT_M = 0.3
+"""Diameter of an object that is on no line and has no length."""
+
+SELECTED_PIXELS, HOVERED_PIXELS, RESERVED_PIXELS = 4.0, 2.0, 1.0
+MOVES_MPS = 0.05
+
+
+@dataclass(slots=True)
+class ObjectOwnership:
+    """Owners, reservers and hovering users by object id."""
+
+    owners: dict[str, str] = field(default_factory=dict[str, str])
+    reservers: dict[str, str] = field(default_factory=dict[str, str])
+    hovers: dict[str, list[tuple[str, Hover]]] = field(default_factory=dict[str, list[tuple[str, Hover]]])
+
+    @classmethod
+    def of(cls, selection: Selection | None, hovers: Mapping[str, Hover]) -> "ObjectOwnership":
+        """Return the claims in `selection` and in what each user hovers."""
+        ownership = cls()
+        if selection is not None:
+            ownership.owners = {each.id: each.user for each in selection.objects}
+            ownership.reservers = {each.id: each.user for each in selection.reserved}
+        for user in sorted(hovers):
+            if hovers[user].object_id:
+                ownership.hovers.setdefault(hovers[user].object_id, []).append((user, hovers[user]))
+        return ownership
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    center_m: Vec3
+    size_m: Vec3
+    turned: rotation.Quaternion
+
+    @property
+    def above_m(self) -> Vec3:
+        return vector.add(self.center_m, (0.0, 0.0, self.size_m[2] / 2.0 + 0.12))
+
+
+class ObjectRenderer:
+    """Draws objects on the lines of a map."""
+
+    def __init__(self, lines: Lines) -> None:
+        self._lines = lines
+
+    def entities(
+        self,
+        tracker: str,
+        objects: Iterable[TrackedObject],
+        ownership: ObjectOwnership,
+        colors: Mapping[str, Rgb],
+        now_ns: int,
+    ) -> list[NamedEntity]:
+        """Return an entity for each of the `objects` of `tracker`; `colors` are those of people."""
+        return [self._entity(f"{tracker} {item.id}", item, ownership, colors, now_ns) for item in objects]
+
+    def _entity(
+        self,
+        name: str,
+        item: TrackedObject,
+        ownership: ObjectOwnership,
+        colors: Mapping[str, Rgb],
+        now_ns: int,
+    ) -> NamedEntity:
+        rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
+        facts = {"id": item.id, "kind": item.kind}
+        if item.bay:
+            facts["bay"] = item.bay
+        line, size_m = self._box(item)
+        if line is None:
+            center, turned = item.position_m, rotation.IDENTITY
+        else:
+            ahead = line.tangent_at(item.surface_position_m)
+            turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
+            rise_m = size_m[2] / 2.0 if item.surface == "belt" else 0.0
+            center = vector.add(item.position_m, (0.0, 0.0, rise_m))
+        box = _Box(center, size_m, turned)
+        lines, texts = self._claimed(item, ownership, colors, box, facts)
+        drawn: dict[str, Any] = {"lines": lines, "texts": texts}
+        if line is not None:
+            color = shapes.color(rgb, 1.0 if item.id in ownership.owners else 0.85)
+            pose, size = shapes.pose(center, turned), shapes.size(*size_m)
+            drawn["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
+        else:
+            drawn["spheres"] = [shapes.sphere(center, size_m[0], rgb)]
+            drawn["texts"] = texts or [shapes.label(item.id, box.above_m)]
+            if vector.norm(item.velocity_mps) > MOVES_MPS:
+                drawn["arrows"] = [shapes.arrow(center, item.velocity_mps, rgb)]
+        return shapes.entity(name, now_ns, lifetime_s=LIFETIME_S, facts=facts, **drawn)
+
+    def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
+        """Return the object's line, or None if it is on none, and its length, width and height."""
+        length_m = item.length_m or USUAL_LENGTH_M
+        if item.surface == "belt" and item.surface_id in self._lines.belts:
+            width_m, height_m = (
+                min(max(share * length_m, least_m), most_m)
+                for share, least_m, most_m in (PACKAGE_WIDE, PACKAGE_HIGH)
+            )
+            return self._lines.belts[item.surface_id][0], (length_m, width_m, height_m)
+        if item.surface == "strip" and item.surface_id in self._lines.strips:
+            return self._lines.strips[item.surface_id][0], (length_m, *SEGMENT)
+        diameter_m = item.length_m or ROBOT_M
+        return None, (diameter_m, diameter_m, diameter_m)
+
+    def _claimed(
+        self,
+        item: TrackedObject,
+        ownership: ObjectOwnership,
+        colors: Mapping[str, Rgb],
+        box: _Box,
+        facts: dict[str, str],
+    ) -> tuple[list[LinePrimitive], list[TextPrimitive]]:
+        """Return outlines and labels of owners, the owner's outline the thickest. Adds them to `facts`."""
+        outlines: list[tuple[Rgb, float]] = []
+        words: list[str] = []
+        owner, reserver = ownership.owners.get(item.id), ownership.reservers.get(item.id)
+        if owner is not None:
+            outlines.append((colors.get(owner, shapes.WHITE), SELECTED_PIXELS))
+            words.append(owner)
+            facts["selected by"] = owner
+        elif reserver is not None:
+            outlines.append((colors.get(reserver, shapes.WHITE), RESERVED_PIXELS))
+            facts["reserved by"] = reserver
+        for user, hover in ownership.hovers.get(item.id, ()):
+            outlines.append((colors.get(user, shapes.WHITE), HOVERED_PIXELS))
+            facts[f"hovered by {user}"] = f"{hover.progress:.0%} {hover.action}".rstrip()
+            if hover.progress > 0.0:
+                words.append(f"{user} {hover.progress:.0%}")
+        lines: list[LinePrimitive] = []
+        for number, (rgb, pixels) in enumerate(outlines):
+            grown_m = 0.02 + 0.03 * number  # one around the other
+            around = vector.add(box.size_m, (grown_m, grown_m, grown_m))
+            edges = shapes.box_edges(box.center_m, around, box.turned)
+            lines.append(shapes.line(edges, rgb, kind="list", pixels=pixels))
+        return lines, [shapes.label("\n".join(words), box.above_m)] if words else []

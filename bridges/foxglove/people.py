@@ -1,0 +1,145 @@
+"""Entities of people: body, ray, cursor and goal, and the uncertainty of the position."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove.messages import FrameTransform, Quaternion
+
+from pointit.bridges.foxglove import shapes
+from pointit.bridges.foxglove.shapes import NamedEntity, Places
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.plugins import rotation
+from pointit.schemas import Cursor, Goal, UserPose, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.schemas.topics import POSE
+from pointit.sim.aim import Stance
+
+LIFETIME_S = 2.0
+"""Lifetime of an entity, s, for viewers that missed its deletion."""
+NO_PROFILE = UserProfile(stamp_ns=0)
+"""Profile of a person who has not published one."""
+
+SIGMAS = 2.0
+"""Size of the position's ellipse, in standard deviations."""
+SMALLEST_M = 5e-3
+"""An ellipse with a shorter major half-axis is not drawn: the position is known."""
+FREE_RAY_M = 4.0
+"""Drawn length of a ray that meets nothing, as in the page (`appearance.ts`)."""
+CURSOR_M = 0.08
+GOAL_M = 0.5
+"""Length of the arrow at a goal."""
+GOAL_ABOVE_M = 0.03
+"""Height of the arrow above the floor, to be visible."""
+TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+
+
+@dataclass(slots=True)
+class DrawnPerson:
+    """Last messages of one person."""
+
+    profile: UserProfile = NO_PROFILE
+    pose: UserPose | None = None
+    cursor: Cursor | None = None
+    goal: Goal | None = None
+    """Last goal that the person sent a robot to."""
+
+    @property
+    def color(self) -> Rgb:
+        """Return the person's colour."""
+        return self.profile.cursor_color
+
+
+def frame_of(user: str) -> str:
+    """Return the name of the person's frame {H}, beside the key of their pose."""
+    return POSE.at(user).rpartition("/")[0] + "/feet"
+
+
+def transform(user: str, pose: UserPose, now_ns: int) -> FrameTransform:
+    """Return {H} of `user` in {W}."""
+    x, y, z, w = rotation.from_yaw(pose.yaw_rad)
+    return FrameTransform(
+        timestamp=shapes.timestamp(now_ns),
+        parent_frame_id=shapes.WORLD,
+        child_frame_id=frame_of(user),
+        translation=shapes.size(*pose.position_m),
+        rotation=Quaternion(x=x, y=y, z=z, w=w),
+    )
+
+
+def ellipse(pose: UserPose) -> Places | None:
+    """Return the points of the `SIGMAS` ellipse around the position, or None if it is too small to see."""
+    spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
+    variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
+    halves_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    if halves_m[1] < SMALLEST_M:
+        return None
+    around = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)]) * halves_m @ axes.T
+    rim: Places = np.column_stack([around, np.full(len(around), 0.01)]) + np.array(pose.position_m)
+    return rim
+
+
+def entities(user: str, person: DrawnPerson, now_ns: int) -> list[NamedEntity]:
+    """Return the body of `user` if the position is known, ray and cursor while pointing, and the goal."""
+    entities: list[NamedEntity] = []
+    if person.pose is not None:
+        entities.append(_body(user, person, person.pose, now_ns))
+    if person.cursor is not None:
+        entities += _pointing(user, person.cursor, person.color, now_ns)
+    if person.goal is not None:
+        entities.append(_goal(user, person.goal, person.color, now_ns))
+    return entities
+
+
+def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedEntity:
+    profile, rgb = person.profile, person.color
+    stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
+    neck_m = profile.body.footprint_to_neck_m
+    limbs = [shapes.cylinder(pose.position_m, neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)]
+    cursor = person.cursor
+    if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
+        met = vector.add(cursor.origin_m, vector.scale(cursor.direction, cursor.range_m or FREE_RAY_M))
+        azimuth, elevation = stance.aim_at(met)
+        arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
+        shoulder = stance.shoulder_m(azimuth)
+        limbs.append(shapes.cylinder_between(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
+    rim = ellipse(pose)
+    return shapes.entity(
+        f"person {user}",
+        now_ns,
+        facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
+        cylinders=limbs,
+        spheres=[shapes.sphere(stance.eyes_m, HEAD_M, rgb)],
+        lines=[] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")],
+        texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
+    )
+
+
+def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEntity]:
+    entities: list[NamedEntity] = []
+    point_m: Vec3 | None = cursor.point_m
+    if cursor.origin_m is not None and cursor.direction is not None:
+        way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
+        alpha = 0.3 if point_m is None else 0.8
+        ray = shapes.arrow(cursor.origin_m, way, rgb, width_m=RAY_M, alpha=alpha)
+        facts = {"user": user}
+        entities.append(
+            shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray])
+        )
+    if point_m is not None:
+        on = cursor.solid or cursor.surface
+        facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
+        ball = shapes.sphere(point_m, CURSOR_M, rgb)
+        entities.append(
+            shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
+        )
+    return entities
+
+
+def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
+    foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
+    arrow = shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
+    label = shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)
+    facts = {"user": user, "on": goal.surface_id, "sigma_m": f"{goal.position_sigma_m:.3f}"}
+    return shapes.entity(f"goal {user}", now_ns, facts=facts, arrows=[arrow], texts=[label])

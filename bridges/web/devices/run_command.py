@@ -1,0 +1,135 @@
+"""A command of `pointit` as a child process: what it prints, and its end."""
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+from pointit.runtime.host.state_file import VARIABLE, state_directory
+
+BEGIN = (
+    "from pointit.runtime.service.process import exit_with_parent; exit_with_parent(); "
+    "from pointit.__main__ import begin; begin()"
+)
+"""Program of the process. It ends when its standard input closes, so no child survives a killed parent."""
+STOP_TIMEOUT_S = 3.0
+"""Time after which a process that does not end is killed, s."""
+MAX_LINE_BYTES = 64 * 1024
+ERROR = "Error: "
+"""Beginning of the line with the reason for which a command ended."""
+
+JsonObject = dict[str, Any]
+
+
+async def run_command(
+    arguments: Sequence[str], on_log_line: Callable[[str], None], on_object: Callable[[JsonObject], None]
+) -> str:
+    """Run `pointit` until it ends or this task is cancelled, which ends it. Returns when it has ended.
+
+    Args:
+        arguments: its command line, without `pointit`.
+        on_log_line: called with each line of its log.
+        on_object: called with each JSON object that it prints.
+
+    Returns:
+        `""` if it succeeded, else the reason in one sentence.
+    """
+    running = asyncio.create_task(_run_child(arguments, on_log_line, on_object))
+    try:
+        return await asyncio.shield(running)
+    finally:
+        running.cancel()  # once: a second time, it would leave the process behind
+        while not running.done():
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait([running])
+
+
+async def _run_child(
+    arguments: Sequence[str], on_log_line: Callable[[str], None], on_object: Callable[[JsonObject], None]
+) -> str:
+    try:
+        child = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-c", BEGIN, *arguments),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=MAX_LINE_BYTES,
+            env={**os.environ, VARIABLE: str(state_directory())},
+            process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
+        )
+    except OSError as error:
+        return f"no process could be started: {error.strerror or error}"
+    last = ""
+
+    def on_log(line: str) -> None:
+        nonlocal last
+        sentence = _sentence(line)
+        if line.startswith(ERROR) or not last.startswith(ERROR):
+            last = line if line.startswith(ERROR) else sentence
+        on_log_line(sentence)
+
+    try:
+        await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_object))
+        code = await child.wait()
+    finally:
+        await _end(child)
+    if not code:
+        return ""
+    return last.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
+
+
+def _sentence(line: str) -> str:
+    """Return the message of a line of a log, which may be a JSON object, as logs on pipes are."""
+    try:
+        message = json.loads(line)["message"]
+    except (ValueError, LookupError, TypeError):
+        message = line.removeprefix(ERROR)
+    return str(message)
+
+
+async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
+    while stream is not None and not stream.at_eof():
+        with contextlib.suppress(ValueError):  # longer than `MAX_LINE_BYTES`, and dropped
+            if text := (await stream.readline()).decode(errors="replace").strip():
+                on_line(text)
+
+
+async def _objects(stream: asyncio.StreamReader | None, on_object: Callable[[JsonObject], None]) -> None:
+    """Pass on each JSON object, which may have several lines."""
+    parts: list[str] = []
+
+    def on_line(line: str) -> None:
+        parts.append(line)
+        with contextlib.suppress(ValueError):
+            value = json.loads("\n".join(parts))
+            parts.clear()
+            if isinstance(value, dict):
+                on_object(cast("JsonObject", value))
+
+    await _lines(stream, on_line)
+
+
+async def _end(child: asyncio.subprocess.Process) -> None:
+    """End the process and close its pipes, even if this task is cancelled meanwhile: a loop closes."""
+    if child.returncode is None:
+        child.terminate()
+        with contextlib.suppress(TimeoutError, asyncio.CancelledError):
+            async with asyncio.timeout(STOP_TIMEOUT_S):
+                await child.wait()
+    while child.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            child.kill()
+        with contextlib.suppress(asyncio.CancelledError):
+            await child.wait()
+    if child.stdin is not None:
+        child.stdin.close()  # left to the garbage collector, it may outlive the loop, which it needs
+        with contextlib.suppress(OSError):
+            await child.stdin.wait_closed()
+    with contextlib.suppress(TimeoutError):  # a grandchild may hold the pipes
+        async with asyncio.timeout(STOP_TIMEOUT_S):
+            for stream in filter(None, (child.stdout, child.stderr)):
+                while await stream.read(MAX_LINE_BYTES):
+                    pass

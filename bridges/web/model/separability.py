@@ -1,0 +1,84 @@
+"""Separability of things by pointing, for each square of the floor."""
+
+import asyncio
+import functools
+from itertools import chain, pairwise
+from typing import TypedDict
+
+import numpy as np
+
+from pointit.maps.checks.things import TESTED, confusions
+from pointit.maps.floor import extent, floor_edges
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import Environment
+
+MAX_PAIRS = 3
+"""Maximum number of confused pairs that are named for a square of the floor."""
+
+
+class Floor(TypedDict):
+    """Squares of the floor, by row from low to high y, then by column."""
+
+    x_m: list[float]
+    """Edges of the squares, as `y_m`."""
+    y_m: list[float]
+    things: list[str]
+    """Names."""
+    told_apart: list[list[int]]
+    """Number of things that a person there tells apart."""
+    confused: list[list[list[tuple[int, int]]]]
+    """Pairs of indices of things that they do not, at most `MAX_PAIRS` a square."""
+
+
+class FloorSeparability:
+    """Computes it in a thread when a page first asks, and keeps it until the map changes."""
+
+    def __init__(self) -> None:
+        self._room: Environment | None = None
+        self._floor_task: asyncio.Task[Floor] | None = None
+
+    def set_room(self, room: Environment) -> None:
+        """Use `room` from now on."""
+        if self._room is None or room.model_copy(update=_stamps(self._room)) != self._room:
+            self._room, self._floor_task = room, None
+
+    async def answer(self) -> Floor:
+        """Return the squares of the floor, see `Floor`.
+
+        Raises:
+            RefusedError: If the map has no things, or more than can be computed in a few seconds.
+        """
+        room = self._room
+        things = () if room is None else room.fixed_things
+        if room is None or not things:
+            raise RefusedError("the map has no things that could be told apart; add a section `things`")
+        if (count := len(things)) > TESTED:
+            raise RefusedError(
+                f"the map has {count} things, limit {TESTED} for colouring the floor of the page; "
+                "use `pointit map plot --told-apart`"
+            )
+        if self._floor_task is None:
+            work = in_daemon_thread(functools.partial(floor, room), "told apart")
+            self._floor_task = asyncio.get_running_loop().create_task(work, name="told apart")
+        return await asyncio.shield(self._floor_task)  # others may wait for it, too
+
+
+def _stamps(room: Environment) -> dict[str, int]:
+    return {"stamp_ns": room.stamp_ns, "seq": room.seq}
+
+
+def floor(room: Environment) -> Floor:
+    """Return the squares of the floor as `pointit map plot --told-apart` colours them."""
+    clouds = {cloud.id: np.array([cloud.low_m, cloud.high_m]) for cloud in room.clouds}
+    x_m, y_m = floor_edges(*extent(room, clouds, None))
+    things = room.fixed_things
+    pairs = confusions(things)
+    found = [[pairs((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
+    return {
+        "x_m": x_m,
+        "y_m": y_m,
+        "things": [thing.label or thing.id for thing in things],
+        "told_apart": [[len(things) - len(set(chain(*each))) for each in row] for row in found],
+        "confused": [[each[:MAX_PAIRS] for each in row] for row in found],
+    }

@@ -1,0 +1,175 @@
+"""Entities of Home Assistant as things of a map."""
+
+import asyncio
+import os
+import unicodedata
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected, is_list
+from pointit.cli.common.output import OutputSection, print_file, say, show
+from pointit.maps.edit import Add, edited, write_new
+from pointit.maps.file import parse_map_file
+from pointit.maps.light_files.strip_fit import free_name
+from pointit.maps.model import MAX_LABEL
+from pointit.runtime.config.config import Layers
+from pointit.runtime.config.environment_variables import environment_prefix
+from pointit.runtime.config.nearest_name import nearest
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.state_file import read_limited, replaced_file
+
+SOURCE = "home-assistant"
+DOMAINS = ("light", "switch", "cover", "fan", "media_player", "scene", "script", "input_boolean")
+"""Domains of entities that people point at."""
+NEEDED_FEATURES = {"cover": 1 | 2, "media_player": 128 | 256}
+"""Bits of `supported_features` of entities that can be switched on and off, such as opened and closed."""
+MAX_MAP_BYTES = 16 * 2**20
+
+
+class HomeEntity(NamedTuple):
+    """An entity of Home Assistant as its user knows it."""
+
+    area: str
+    entity: str
+    name: str
+    state: str
+
+
+def import_entities(
+    *,
+    url: str,
+    token_file: str,
+    patterns: Sequence[str],
+    areas: Sequence[str],
+    into: Path | None,
+    output: Path | None,
+) -> None:
+    """List the entities by area, or write those that `patterns` and `areas` choose as things.
+
+    Raises:
+        ConfigError: If there is no Home Assistant, a pattern fits no entity, or a file cannot be used.
+    """
+    layers = Layers()
+    layers.add_environment(os.environ, environment_prefix(SOURCE))
+    for option, name, value in (("--url", "url", url), ("--token-file", "token_file", token_file)):
+        if value:
+            layers.add({name: value}, option)
+    config = layers.build(HomeAssistantConfig)
+    entities = asyncio.run(_read(config))
+    if not patterns and not areas:
+        rows = tuple(each._asdict() for each in entities)
+        show([OutputSection(name="entities", about=f"of {config.url}", rows=rows)], as_json=False)
+        say("choose some with --entity or --area, and a map with --into or -o", err=True)
+        return
+    chosen = chosen_entities(entities, patterns, areas)
+    content, path = (
+        (b"", output or Path("things.yaml")) if into is None else (read_limited(into, MAX_MAP_BYTES), into)
+    )
+    text, names = with_things(content, path, chosen)
+    if into is not None:
+        with replaced_file(into) as part:
+            part.write_bytes(text)
+    elif output is not None:
+        write_new(output, text)
+    else:
+        print_file(text.decode())
+    say(f"things without a position: {', '.join(names) or 'no new ones'}", err=True)
+    if names:
+        say(f"place them: pointit map point USER {' '.join(names)} --into {path}", err=True)
+
+
+async def _read(config: HomeAssistantConfig) -> list[HomeEntity]:
+    async with connected(config) as connection:
+        reading = asyncio.create_task(connection.read())
+        try:
+            return await entities_of(connection)
+        except (TimeoutError, asyncio.CancelledError):
+            raise ConfigError(f"{config.url} does not answer: restart Home Assistant") from None
+        finally:
+            reading.cancel()
+            await asyncio.gather(reading, return_exceptions=True)
+
+
+async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
+    """Return the entities that people can point at, by area and name, without hidden and technical ones."""
+    states = await connection.states()
+    registry: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for kind, key in (("area", "area_id"), ("device", "id"), ("entity", "entity_id")):
+        try:
+            listed: object = await connection.request(f"config/{kind}_registry/list")
+        except RefusedError:  # not for users without rights of an administrator
+            listed = []
+        entries = [
+            cast("Mapping[str, Any]", each)
+            for each in (listed if is_list(listed) else ())
+            if isinstance(each, dict)
+        ]
+        registry[kind] = {str(each.get(key)): each for each in entries}
+    entities: list[HomeEntity] = []
+    for entity, state in states.items():
+        entry = registry["entity"].get(entity, {})
+        if entity.partition(".")[0] not in DOMAINS or entry.get("hidden_by") or entry.get("entity_category"):
+            continue
+        needed = NEEDED_FEATURES.get(entity.partition(".")[0], 0)
+        features = state.get("attributes", {}).get("supported_features")
+        if isinstance(features, int) and features & needed != needed:
+            continue
+        device = registry["device"].get(entry.get("device_id") or "", {})
+        area = registry["area"].get(entry.get("area_id") or device.get("area_id") or "", {})
+        name = state.get("attributes", {}).get("friendly_name") or entity
+        entities.append(HomeEntity(area.get("name") or "", entity, str(name), str(state.get("state"))))
+    return sorted(entities, key=lambda each: (each.area == "", each.area.casefold(), each.entity))
+
+
+def _folded(area: str) -> str:
+    """Return a name as it is compared: letters with accents come composed or, from macOS, decomposed."""
+    return unicodedata.normalize("NFC", area).casefold()
+
+
+def chosen_entities(
+    entities: Sequence[HomeEntity], patterns: Sequence[str], areas: Sequence[str]
+) -> list[HomeEntity]:
+    """Return the entities that one of `patterns` fits, such as `light.*`, and those in `areas`.
+
+    Raises:
+        ConfigError: If one fits none.
+    """
+    chosen: dict[str, HomeEntity] = {}
+    for pattern in patterns:
+        fitting = {each.entity: each for each in entities if fnmatchcase(each.entity, pattern)}
+        if not fitting:
+            raise ConfigError(
+                f"--entity {pattern}: fits no entity; {nearest(pattern, [each.entity for each in entities])}"
+            )
+        chosen |= fitting
+    for area in areas:
+        fitting = {each.entity: each for each in entities if _folded(each.area) == _folded(area)}
+        if not fitting:
+            known = {each.area for each in entities if each.area}
+            raise ConfigError(f"--area {area}: has no entities; {nearest(area, known)}")
+        chosen |= fitting
+    return list(chosen.values())
+
+
+def with_things(content: bytes, path: Path, entities: Sequence[HomeEntity]) -> tuple[bytes, list[str]]:
+    """Return a map with a thing for each entity that it has not yet, and the names of these things.
+
+    Raises:
+        ConfigError: If `content` is no map.
+        RefusedError: If its form does not allow to add them.
+    """
+    things = parse_map_file(content, path).things if content else {}
+    known = {each.home_assistant for each in things.values()}
+    adds: list[Add] = []
+    for each in entities:
+        if each.entity in known:
+            continue
+        name = free_name(each.entity.partition(".")[2][:64], things, [add.name for add in adds])
+        value: dict[str, Any] = {"home_assistant": each.entity}
+        if each.name.isprintable() and each.name != name and len(each.name) <= MAX_LABEL:
+            value["label"] = each.name
+        adds.append(Add(section="things", name=name, value=value))
+    return edited(content, adds, path), [add.name for add in adds]

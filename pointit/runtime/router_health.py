@@ -1,0 +1,61 @@
+"""Health of a router for `pointit doctor` and the page."""
+
+import os
+import re
+import socket
+import time
+from collections.abc import Sequence
+
+import zenoh
+
+from pointit.runtime.zenoh.declarations import encoding_of
+from pointit.schemas import Figure, Health, encode
+from pointit.schemas.problems import Problem
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
+
+SERVICE = "router"
+NO_NAME = re.compile(r"[^A-Za-z0-9_-]")
+LONGEST_HOST = 48
+
+
+class RouterHealthPublisher:
+    """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
+
+    def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
+        """Be present at `site` while `session` is open.
+
+        `joins_another`: the site has several routers, which get the names of their machines.
+        """
+        host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
+        self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
+        self._session = session
+        self._root = f"pointit/{site}"
+        self._began_s = time.monotonic()
+        self._seq = 0
+        self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
+
+    def report(self, problems: Sequence[Problem], refused: int, sessions: int) -> None:
+        """Publish the problems, the number of refused attempts, and the number of connections."""
+        self._seq += 1
+        health = Health(
+            stamp_ns=time.time_ns(),
+            seq=self._seq,
+            service=SERVICE,
+            instance=self._instance,
+            pid=os.getpid(),
+            host=socket.gethostname(),
+            uptime_s=time.monotonic() - self._began_s,
+            status="degraded" if problems else "ok",
+            warnings=tuple(each.without_secrets().sentence for each in problems),
+            problems=tuple(each.without_secrets() for each in problems),
+            figures=(
+                Figure(name="refused", value=float(refused)),
+                Figure(name="sessions", value=float(sessions)),
+            ),
+        )
+        self._session.put(
+            f"{self._root}/{HEALTH.at(self._instance)}",
+            encode(health),
+            encoding=encoding_of(Health),
+            congestion_control=zenoh.CongestionControl.DROP,
+        )

@@ -12,23 +12,6 @@ from typing import Annotated, ClassVar, ParamSpec, TypeVar, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, WithJsonSchema
 
-
-class PointItError(Exception):
-    """Root of everything PointIt raises on purpose."""
-
-
-class SchemaError(PointItError, ValueError):
-    """Root of everything raised by `pointit.schemas`."""
-
-
-class DecodeError(SchemaError):
-    """Bytes do not decode, or are not valid as the message of their key."""
-
-
-class KeyNameError(SchemaError):
-    """A user, lamp or service name contains characters that a key cannot hold."""
-
-
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -39,33 +22,6 @@ NORM_TOLERANCE = 0.05
 """Largest deviation of a quaternion's norm from 1 at which it is normalized, for all sources. Two decimals
 deviate by up to 0.01, 8-bit integers by 0.008, a mean of two orientations 45° apart by 0.02. Zeros, angles
 and shifted columns exceed it."""
-
-
-def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
-    norm = math.hypot(*values)
-    if abs(norm - 1.0) > UNIT_TOLERANCE:
-        raise ValueError(f"must have norm 1, has {norm:.6g}")
-    return values
-
-
-def unit_quaternion(values: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Return the quaternion `values`, in any order, with norm 1.
-
-    Raises:
-        ValueError: If its norm is beyond `NORM_TOLERANCE`, or a value is not finite.
-    """
-    norm = math.hypot(*values)
-    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
-        limits = f"{1 - NORM_TOLERANCE:g} to {1 + NORM_TOLERANCE:g}"
-        raise ValueError(f"a quaternion of norm {norm:.7g}, not 1 ({limits} is normalized): scale it to 1")
-    a, b, c, d = values
-    return (a / norm, b / norm, c / norm, d / norm)
-
-
-def _rotation(values: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Return `unit_quaternion`. Norms of float32 stay as they are, so that a message keeps its bytes."""
-    return values if abs(math.hypot(*values) - 1.0) <= UNIT_TOLERANCE else unit_quaternion(values)
-
 
 NS_PER_S = 1_000_000_000
 
@@ -96,16 +52,6 @@ Distance = Annotated[float, Field(ge=0.0, le=FARTHEST_ALONG)]
 Vec3 = tuple[Real, Real, Real]
 """x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
 
-UnitVec3 = Annotated[
-    tuple[float, float, float], AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})
-]
-"""A direction: x, y, z with norm 1."""
-
-QuaternionXyzw = Annotated[
-    tuple[float, float, float, float], AfterValidator(_rotation), Field(json_schema_extra={"x-norm": 1})
-]
-"""A rotation, scalar last: x, y, z, w with norm 1."""
-
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")]
 """A name that may stand in a key: letters, digits, `_`, `-`, `.`; at most 64 of them."""
 
@@ -126,9 +72,61 @@ Rgb = tuple[
 ]
 """Red, green, blue, 0 to 255 each."""
 
-
 Many = Annotated[tuple[T, ...], FailFast()]
 """Any number of items. Only the first invalid one is reported: a million errors would take seconds."""
+
+
+class PointItError(Exception):
+    """Root of everything PointIt raises on purpose."""
+
+
+class SchemaError(PointItError, ValueError):
+    """Root of everything raised by `pointit.schemas`."""
+
+
+class DecodeError(SchemaError):
+    """Bytes do not decode, or are not valid as the message of their key."""
+
+
+class KeyNameError(SchemaError):
+    """A user, lamp or service name contains characters that a key cannot hold."""
+
+
+def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
+    norm = math.hypot(*values)
+    if abs(norm - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(f"must have norm 1, has {norm:.6g}")
+    return values
+
+
+def unit_quaternion(values: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return the quaternion `values`, in any order, with norm 1.
+
+    Raises:
+        ValueError: If its norm is beyond `NORM_TOLERANCE`, or a value is not finite.
+    """
+    norm = math.hypot(*values)
+    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
+        limits = f"{1 - NORM_TOLERANCE:g} to {1 + NORM_TOLERANCE:g}"
+        raise ValueError(f"a quaternion of norm {norm:.7g}, not 1 ({limits} is normalized): scale it to 1")
+    a, b, c, d = values
+    return (a / norm, b / norm, c / norm, d / norm)
+
+
+def _rotation(values: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return `unit_quaternion`. Norms of float32 stay as they are, so that a message keeps its bytes."""
+    return values if abs(math.hypot(*values) - 1.0) <= UNIT_TOLERANCE else unit_quaternion(values)
+
+
+UnitVec3 = Annotated[
+    tuple[float, float, float], AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})
+]
+"""A direction: x, y, z with norm 1."""
+
+QuaternionXyzw = Annotated[
+    tuple[float, float, float, float], AfterValidator(_rotation), Field(json_schema_extra={"x-norm": 1})
+]
+"""A rotation, scalar last: x, y, z, w with norm 1."""
 
 
 class SchemaModel(BaseModel):

@@ -29,6 +29,32 @@ Line = Annotated[Many[Vec3], Field(min_length=2)]
 BESIDE_BELT_M = 0.1
 """Strip pixels up to this distance beside a belt's edge show objects on the belt."""
 
+Size = Annotated[float, Field(gt=0, le=FARTHEST)]
+
+ThingMode = Literal["claim", "button", "switch"]
+"""Effect of selecting an object. `claim`: it is the person's, until they deselect it. `button`: something
+happens each time, for anybody. `switch`: it is on until anybody switches it off."""
+
+DwellS = Annotated[
+    float | None, Field(gt=0, le=10, description="time on it that selects it, s; the method's if empty")
+]
+
+KIND_COLORS: dict[str, Rgb] = {
+    "red": (255, 30, 0),
+    "green": (0, 158, 80),
+    "blue": (0, 80, 220),
+    "yellow": (240, 200, 20),
+    "orange": (230, 120, 0),
+    "purple": (190, 80, 170),
+}
+"""Colours of the kinds of objects, on strips and in viewers, unless configured otherwise.
+
+Near Okabe and Ito's colours, distinguishable by colour-blind people. More saturated, as LEDs wash out.
+"""
+
+OTHER_COLOR: Rgb = (200, 200, 200)
+"""Colour of any other kind."""
+
 
 class Lamp(SchemaModel):
     """A single light at a known place; target of localizations."""
@@ -70,9 +96,6 @@ class Bay(SchemaModel):
 
     id: Name
     belt: Id
-
-
-Size = Annotated[float, Field(gt=0, le=FARTHEST)]
 
 
 class Box(SchemaModel):
@@ -133,15 +156,6 @@ class Fence(SchemaModel):
     ]
     low_m: Annotated[Real | None, Field(description="least height in {W}, None if unbounded")] = None
     high_m: Annotated[Real | None, Field(description="greatest height in {W}, None if unbounded")] = None
-
-
-ThingMode = Literal["claim", "button", "switch"]
-"""Effect of selecting an object. `claim`: it is the person's, until they deselect it. `button`: something
-happens each time, for anybody. `switch`: it is on until anybody switches it off."""
-
-DwellS = Annotated[
-    float | None, Field(gt=0, le=10, description="time on it that selects it, s; the method's if empty")
-]
 
 
 class Thing(Box):
@@ -209,23 +223,6 @@ class Environment(Message):
     def fixed_things(self) -> tuple[Thing, ...]:
         """Things that have a place in the room: all but tracked objects."""
         return tuple(thing for thing in self.things if not thing.is_tracked)
-
-
-KIND_COLORS: dict[str, Rgb] = {
-    "red": (255, 30, 0),
-    "green": (0, 158, 80),
-    "blue": (0, 80, 220),
-    "yellow": (240, 200, 20),
-    "orange": (230, 120, 0),
-    "purple": (190, 80, 170),
-}
-"""Colours of the kinds of objects, on strips and in viewers, unless configured otherwise.
-
-Near Okabe and Ito's colours, distinguishable by colour-blind people. More saturated, as LEDs wash out.
-"""
-
-OTHER_COLOR: Rgb = (200, 200, 200)
-"""Colour of any other kind."""
 
 
 class TrackedObject(SchemaModel):

@@ -34,6 +34,9 @@ ReferentKind = Literal["thing", "robot", "object", "person", "place", "direction
 Deictic = Literal["", "this", "that", "here", "there", "these"]
 """Word that refers by pointing, or `""` for any: `these` to all that is swept over."""
 
+Terms = tuple[Real, Real, Real, Real, Real, Real]
+"""Coefficients of 1, a, e, a², a·e, e² with a, e of `PointingOffset`; rad."""
+
 
 class ImuSample(Message):
     """Orientation of the arm: rotates vectors of the arm frame (x along the arm to the finger) into {H}.
@@ -124,10 +127,6 @@ class BodyMeasures(SchemaModel):
     neck_to_shoulder_m: Annotated[float, Field(ge=0, lt=1)] = 0.0
     shoulder_to_wrist_m: Annotated[float, Field(gt=0, lt=2)] = 0.55
     wrist_to_finger_m: Annotated[float, Field(ge=0, lt=1)] = 0.18
-
-
-Terms = tuple[Real, Real, Real, Real, Real, Real]
-"""Coefficients of 1, a, e, a², a·e, e² with a, e of `PointingOffset`; rad."""
 
 
 class PointingOffset(SchemaModel):

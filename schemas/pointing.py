@@ -39,6 +39,8 @@ LINES: tuple[SurfaceKind, ...] = ("strip", "belt")
 Solid = Literal["", "box", "plane", "cylinder", "sphere"]
 """Solid under a cursor, or `""` if the cursor is on none."""
 
+PressEffect = Literal["", "start", "cancel", "stop", "confirm"]
+
 
 class PointingRay(Message):
     """The pointing ray in {H}: from the eyes through the fingertip (paper, §II-A)."""
@@ -248,9 +250,6 @@ class Announced(Message):
     began_ns: Annotated[
         Ns, Field(description="when the name began; a later one for the same object: it is spoken again")
     ] = 0
-
-
-PressEffect = Literal["", "start", "cancel", "stop", "confirm"]
 
 
 class Interaction(Message):

@@ -13,6 +13,24 @@ REPORTED = "as its target has it"
 NOT_DONE = "not done: "
 """Beginning of the reason of an event that takes back an act that failed."""
 
+SelectsBy = Literal["stay", "press"]
+"""What selects the object that a person points at: staying on it, or a press."""
+
+MAX_PRESSED = 4
+"""Maximum number of named objects that want a press: more are told by their number."""
+
+REPEATED_REASON = "told again after a restart of the selector"
+"""Reason of an event that subscribers may have received before: same object, event, stamp and number."""
+
+MAX_ACT_S = 3600.0
+"""Maximum limit of an act, s."""
+TargetState = Literal["", "on", "off", "unknown", "unavailable"]
+ResultKind = Literal["done", "failed", "started"]
+"""`started`: it runs for long, and `done` or `failed` follows."""
+FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
+"""Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
+once; a newer act replaced it; a fault."""
+
 
 class SelectedObject(SchemaModel):
     """One selected object."""
@@ -53,13 +71,6 @@ class Selection(Message):
     ] = None
 
 
-SelectsBy = Literal["stay", "press"]
-"""What selects the object that a person points at: staying on it, or a press."""
-
-MAX_PRESSED = 4
-"""Maximum number of named objects that want a press: more are told by their number."""
-
-
 class SelectionManner(Message):
     """How people select here, for those who tell them: each person's supervisor, and pages."""
 
@@ -71,10 +82,6 @@ class SelectionManner(Message):
     names_by: Annotated[
         SelectsBy | None, Field(description="for people who hear names of objects; None if nobody does")
     ] = None
-
-
-REPEATED_REASON = "told again after a restart of the selector"
-"""Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 
 
 class SelectionEvent(Message):
@@ -136,16 +143,6 @@ class Claim(Message):
     ] = None
     cause: Annotated[Literal["dwell", "button"], Field(description="action of the person")] = "dwell"
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
-
-
-MAX_ACT_S = 3600.0
-"""Maximum limit of an act, s."""
-TargetState = Literal["", "on", "off", "unknown", "unavailable"]
-ResultKind = Literal["done", "failed", "started"]
-"""`started`: it runs for long, and `done` or `failed` follows."""
-FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
-"""Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
-once; a newer act replaced it; a fault."""
 
 
 class ActResult(Message):

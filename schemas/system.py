@@ -18,6 +18,12 @@ SHARDED = frozenset({"pui", "selector"})
 SERVICE_USERS = frozenset({"conveyor-sim", "home-assistant", "mqtt", "reactions"})
 """Names under which services change things. The acts of a person of that name would count as theirs."""
 
+DURATION_BOUNDS_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Upper bounds of the buckets of durations, s. 50 ms is the limit of `pointit load` from wrist to light."""
+
+BODY = "body "
+"""Prefix of the figure of a rigid body of motion capture: 1 if it is used, 0 if not."""
+
 
 def check_user(name: str) -> str:
     """Return `name` if a person may be called so.
@@ -67,10 +73,6 @@ class KeyHealth(SchemaModel):
     invalid: Annotated[int, Field(ge=0, description="did not decode or validate, since the start")] = 0
 
 
-DURATION_BOUNDS_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Upper bounds of the buckets of durations, s. 50 ms is the limit of `pointit load` from wrist to light."""
-
-
 class Quantiles(SchemaModel):
     """Median and 99th percentile, seconds, over the last second, and how the values are distributed."""
 
@@ -85,10 +87,6 @@ class Quantiles(SchemaModel):
         ),
     ] = ()
     sum_s: Annotated[float, Field(description="sum of the counted values")] = 0.0
-
-
-BODY = "body "
-"""Prefix of the figure of a rigid body of motion capture: 1 if it is used, 0 if not."""
 
 
 class Figure(SchemaModel):

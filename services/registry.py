@@ -30,6 +30,15 @@ SHOWN: tuple[topics.Topic[Any], ...] = (
 )  # fmt: skip
 """Everything but raw IMU samples and rays."""
 
+IMU_BRIDGE = "imu-bridge"
+"""The process of a person's own device, or of a page's mouse or phone."""
+
+RECORDER = "recorder"
+"""The process that records a site. Only an identity that may read everything records everything."""
+
+GROUP = "pointit.services"
+"""Group of the entry points of services of other packages."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Process:
@@ -93,12 +102,6 @@ class Process:
                 raise  # not a missing extra but a bug of ours
             raise ConfigError(f"{self.name} needs {remedy(self.extra)}") from error
 
-
-IMU_BRIDGE = "imu-bridge"
-"""The process of a person's own device, or of a page's mouse or phone."""
-
-RECORDER = "recorder"
-"""The process that records a site. Only an identity that may read everything records everything."""
 
 # tables: each row takes as few lines as it needs
 # fmt: off
@@ -301,9 +304,6 @@ PROCESSES: list[Process] = [
 ]
 """All rows: ours, and those of other packages that were added."""
 # fmt: on
-
-GROUP = "pointit.services"
-"""Group of the entry points of services of other packages."""
 
 
 def person_of(instance: str) -> str:

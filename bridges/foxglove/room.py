@@ -31,6 +31,11 @@ FENCES: dict[str, Rgb] = {"keep_in": (71, 209, 168), "keep_out": (255, 144, 136)
 FENCE_M = 2.0
 """Drawn height of a fence without an upper end."""
 
+LAMP_M = 0.09
+OFF = 45
+"""Minimum grey of a lamp that is off."""
+ABOVE_M = 0.2
+
 
 class Lines:
     """Drawable belts and strips by name."""
@@ -174,12 +179,6 @@ def _fence(fence: Fence) -> dict[str, object]:
         return {"lines": lines}
     triangles = [i for a, b in sides for i in (a, b, b + count, a, b + count, a + count)]
     return {"lines": lines, "triangles": [shapes.surface(places, triangles, rgb, 0.25)]}
-
-
-LAMP_M = 0.09
-OFF = 45
-"""Minimum grey of a lamp that is off."""
-ABOVE_M = 0.2
 
 
 def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[NamedEntity]:

@@ -44,6 +44,21 @@ MAX_NAMES = 100
 MAX_REFUSALS = 16
 """Maximum number of different refusals in the log."""
 
+BACKLOG = 256
+"""Messages queued for a slow viewer; the oldest are dropped. About one second, and more than all channels
+send to a new viewer at once."""
+
+LOG = "/log"
+
+HandOver = Callable[[Callable[[], None]], None]
+"""Calls a function in the event loop, thread-safe."""
+
+SubscriptionCallback = Callable[[str, bool], None]
+"""Called with a channel's topic, and True if a viewer subscribes, False if it unsubscribes."""
+
+PictureChannel = Any
+"""Channel for scenes of one part; each accepts messages of its own type."""
+
 
 class SubprotocolRelay:
     """Passes connections on to a server of this machine, and exchanges names in their handshake."""
@@ -159,24 +174,6 @@ def _fields(head: bytes) -> list[tuple[str, str]]:
     """Return name and value of each line but the first."""
     parts = [line.decode("latin-1").partition(":") for line in head.split(b"\r\n")[1:]]
     return [(name.strip().lower(), value) for name, _, value in parts]
-
-
-BACKLOG = 256
-"""Messages queued for a slow viewer; the oldest are dropped. About one second, and more than all channels
-send to a new viewer at once."""
-
-LOG = "/log"
-
-HandOver = Callable[[Callable[[], None]], None]
-"""Calls a function in the event loop, thread-safe."""
-
-
-SubscriptionCallback = Callable[[str, bool], None]
-"""Called with a channel's topic, and True if a viewer subscribes, False if it unsubscribes."""
-
-
-PictureChannel = Any
-"""Channel for scenes of one part; each accepts messages of its own type."""
 
 
 class Viewers(ServerListener):

@@ -46,6 +46,8 @@ _LINES = {
 _Z_TO_X = rotation.from_axis_angle((0.0, 1.0, 0.0), np.pi / 2.0)
 _HEAD_M, _HEAD_WIDTH_M = 0.14, 0.06
 
+_EDGES = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
+
 
 class NamedEntity(NamedTuple):
     """An entity and its name, since Foxglove's own types cannot be read back."""
@@ -191,9 +193,6 @@ def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) ->
         for z in (-0.5, 0.5)
     ]
     return [corners[end] for edge in _EDGES for end in edge]
-
-
-_EDGES = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
 
 
 def _towards(way: Vec3) -> rotation.Quaternion:

@@ -20,6 +20,34 @@ MAX_COORDINATE = 1e6
 ARRIVAL_SIGMA_S = 0.02
 """1 sigma of the time of exposure if the server states no times of a known clock, s."""
 
+MAX_BODY_AGE_NS = NS_PER_S // 5
+"""Time for which an unseen body keeps its position and speed, ns."""
+UNSEEN_NS = 2 * NS_PER_S
+"""Time after which it is reported."""
+REPORT_NS = 10 * NS_PER_S
+"""Time for which a jump is reported."""
+MAX_SPEED_MPS, JUMP_M = 10.0, 0.1
+MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
+"""A body that moves or turns by more than the speed allows, and this much, has jumped."""
+MIN_ALIKE = math.cos(JUMP_RAD / 2.0)
+"""Scalar product of two quaternions below which the turn between them is larger than `JUMP_RAD`."""
+JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
+"""Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
+MIN_MEASURED = 3
+"""Least number of markers that cameras see, below which Motive computes the others by the model."""
+MIN_SIGMA_M, MAX_SIGMA_M = 0.001, 1.0
+"""Limits of 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
+MAX_DISTANCE_M = 100.0
+"""Largest distance from the origin of the stream, m."""
+MIN_HEIGHT_M = -0.5
+"""Least height above the floor of a body, m."""
+HEAD_HEIGHTS_M = (0.8, 2.3)
+"""Limits of the height of a head above the floor when it is first used, m."""
+MAX_NAMES = 10
+"""Number of names in a sentence."""
+VELOCITY_NS = NS_PER_S // 10
+"""Time over which a velocity is taken, ns."""
+
 
 class BodySample(NamedTuple):
     """A rigid body in a frame."""
@@ -72,35 +100,6 @@ def body_sample(
     turn = (qx / length, qy / length, qz / length, qw / length)
     error_m = error_m if math.isfinite(error_m) else 0.0
     return BodySample(number, (x, y, z), turn, error_m, is_tracked, measured=None)
-
-
-MAX_BODY_AGE_NS = NS_PER_S // 5
-"""Time for which an unseen body keeps its position and speed, ns."""
-UNSEEN_NS = 2 * NS_PER_S
-"""Time after which it is reported."""
-REPORT_NS = 10 * NS_PER_S
-"""Time for which a jump is reported."""
-MAX_SPEED_MPS, JUMP_M = 10.0, 0.1
-MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
-"""A body that moves or turns by more than the speed allows, and this much, has jumped."""
-MIN_ALIKE = math.cos(JUMP_RAD / 2.0)
-"""Scalar product of two quaternions below which the turn between them is larger than `JUMP_RAD`."""
-JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
-"""Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
-MIN_MEASURED = 3
-"""Least number of markers that cameras see, below which Motive computes the others by the model."""
-MIN_SIGMA_M, MAX_SIGMA_M = 0.001, 1.0
-"""Limits of 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
-MAX_DISTANCE_M = 100.0
-"""Largest distance from the origin of the stream, m."""
-MIN_HEIGHT_M = -0.5
-"""Least height above the floor of a body, m."""
-HEAD_HEIGHTS_M = (0.8, 2.3)
-"""Limits of the height of a head above the floor when it is first used, m."""
-MAX_NAMES = 10
-"""Number of names in a sentence."""
-VELOCITY_NS = NS_PER_S // 10
-"""Time over which a velocity is taken, ns."""
 
 
 class BodyPose(NamedTuple):

@@ -12,6 +12,16 @@ from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.plugins.device_search import ShippedDevices
 from pointit.runtime.config.plugins import DevicePlugin
 
+NATNET = DevicePlugin(
+    summary="OptiTrack Motive", config=MocapConfig, argument="server", discover=natnet.find_servers
+)
+QTM = DevicePlugin(
+    summary="Qualisys Track Manager", config=MocapConfig, argument="server", discover=qtm.find_servers
+)
+MOCAP_SYSTEMS = ShippedDevices(
+    "mocap_systems", "motion capture system", natnet=f"{__name__}:NATNET", qtm=f"{__name__}:QTM"
+)
+
 
 def check_system(config: MocapConfig) -> None:
     """Check that the packages that a system needs are installed. Raises: ConfigError: If they are not."""
@@ -42,14 +52,3 @@ def open_system(
     natnet_session = NatNetSession(config.server, on_frame)
     port = config.port or COMMAND_PORT
     return natnet_session, natnet.NatNetClient(natnet_session, now_ns, warn, port=port, interface=interface)
-
-
-NATNET = DevicePlugin(
-    summary="OptiTrack Motive", config=MocapConfig, argument="server", discover=natnet.find_servers
-)
-QTM = DevicePlugin(
-    summary="Qualisys Track Manager", config=MocapConfig, argument="server", discover=qtm.find_servers
-)
-MOCAP_SYSTEMS = ShippedDevices(
-    "mocap_systems", "motion capture system", natnet=f"{__name__}:NATNET", qtm=f"{__name__}:QTM"
-)

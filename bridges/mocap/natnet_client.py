@@ -23,6 +23,27 @@ MAX_ECHOES = 20
 DRIFT = 50e-6
 """Assumed largest rate between two clocks. Quartz crystals differ by less."""
 
+REQUEST_PERIOD_NS = NS_PER_S // 2
+"""Period of echoes and keep-alives, and of a request that was not answered."""
+SERVER_TIMEOUT_NS = 5 * NS_PER_S
+"""Time without any packet after which the connection is restarted."""
+SILENCE_NS = 3 * NS_PER_S
+"""Time without frames or an answer after which that is reported."""
+REPORT_NS = 10 * NS_PER_S
+"""Time for which a fault is reported after it was last seen."""
+MAX_FRAME_AGE_S = 2.0
+"""Age at which a frame is none of now: Motive plays a recording."""
+MAX_FUTURE_S = 0.5
+"""Time by which a frame may seem to be of the future, s."""
+USB_LATENCY_SIGMA_S = 0.005
+"""1 sigma of the time of exposure if the server states only the time of sending, s."""
+
+RETRY_S = 2.0
+"""Wait after an error of the network, s."""
+DEFAULT_INTERFACE = "0.0.0.0"  # noqa: S104 - multicast that this machine sends comes by it
+_MULTICAST_ALL = 49
+"""Linux: deliver multicast of groups that other programs have joined. Python has no name for it."""
+
 
 class _Echo(NamedTuple):
     offset_ns: float
@@ -66,22 +87,6 @@ class ServerClock:
 
     def _best(self, now_ns: int) -> _Echo | None:
         return min(self._echoes, key=lambda echo: echo.sigma_ns(now_ns), default=None)
-
-
-REQUEST_PERIOD_NS = NS_PER_S // 2
-"""Period of echoes and keep-alives, and of a request that was not answered."""
-SERVER_TIMEOUT_NS = 5 * NS_PER_S
-"""Time without any packet after which the connection is restarted."""
-SILENCE_NS = 3 * NS_PER_S
-"""Time without frames or an answer after which that is reported."""
-REPORT_NS = 10 * NS_PER_S
-"""Time for which a fault is reported after it was last seen."""
-MAX_FRAME_AGE_S = 2.0
-"""Age at which a frame is none of now: Motive plays a recording."""
-MAX_FUTURE_S = 0.5
-"""Time by which a frame may seem to be of the future, s."""
-USB_LATENCY_SIGMA_S = 0.005
-"""1 sigma of the time of exposure if the server states only the time of sending, s."""
 
 
 class NatNetSession:
@@ -255,13 +260,6 @@ def _is_repeated(frame: MocapFrame, last: MocapFrame) -> bool:
     if frame.exposure_ticks or last.exposure_ticks:
         return frame.exposure_ticks == last.exposure_ticks
     return frame.number == last.number
-
-
-RETRY_S = 2.0
-"""Wait after an error of the network, s."""
-DEFAULT_INTERFACE = "0.0.0.0"  # noqa: S104 - multicast that this machine sends comes by it
-_MULTICAST_ALL = 49
-"""Linux: deliver multicast of groups that other programs have joined. Python has no name for it."""
 
 
 class NatNetClient(asyncio.DatagramProtocol):

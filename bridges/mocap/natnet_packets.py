@@ -39,6 +39,9 @@ _INFO = struct.Struct("<256s4B4B")
 _CONNECTION = struct.Struct("<QHB4s")
 _TICKS = struct.Struct("<3Q")
 
+_MARKER_SET, _RIGID_BODY, _SKELETON, _PLATE, _DEVICE, _CAMERA = range(6)
+"""Kinds of models."""
+
 
 class MalformedPacketError(ValueError):
     """A packet that is damaged, or of no known layout."""
@@ -254,10 +257,6 @@ def _body(reader: PacketReader, version: Version) -> BodySample:
         is_tracked = bool(struct.unpack_from("<H", reader.data, reader.at)[0] & 1)
         reader.skip(2)
     return body_sample(number, values[:3], values[3:], error_m, is_tracked=is_tracked)
-
-
-_MARKER_SET, _RIGID_BODY, _SKELETON, _PLATE, _DEVICE, _CAMERA = range(6)
-"""Kinds of models."""
 
 
 def read_models(payload: bytes, version: Version) -> dict[int, tuple[str, ...]]:

@@ -42,6 +42,29 @@ SETTINGS_CHANGED = frozenset({1, 3, 8, 11})
 Body6D = tuple[Sequence[float], Sequence[float], float]
 """Position in mm, rotation matrix by columns, and residual in mm."""
 
+PORT, DISCOVERY_PORT = 22223, 22226
+VERSION = "1.8"
+"""Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
+RETRY_S = 2.0
+"""Wait before the next connection, s."""
+TIMEOUT_S = 5.0
+"""Timeout of a connection or an answer, s."""
+POLL_S = 1.0
+"""Period at which settings that have changed are asked for, s."""
+PROBE_S = 5.0
+"""Time without packets after which the server is asked whether it is there, s."""
+MAX_PACKET = 1 << 20
+"""Limit of the size of a packet. Settings have some hundred kilobytes."""
+MAX_COMPONENTS = 32
+"""Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
+MAX_ROUND_PACKETS = 256
+"""Number of packets that are used before others get their turn, at most one frame among them."""
+RATE = "frequency:100"
+"""Frames that are asked for. Cameras with a higher rate would only cost time."""
+_HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
+_BODY, _BODIES_AT = struct.Struct("<13f"), 8
+_ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
+
 
 class QtmSession:
     """Understands the frames and settings of one server."""
@@ -188,30 +211,6 @@ def _quaternion(matrix: Sequence[float]) -> Quaternion:
     scale = 0.5 / math.sqrt(square)
     x, y, z, w = row
     return (scale * x, scale * y, scale * z, scale * w)
-
-
-PORT, DISCOVERY_PORT = 22223, 22226
-VERSION = "1.8"
-"""Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
-RETRY_S = 2.0
-"""Wait before the next connection, s."""
-TIMEOUT_S = 5.0
-"""Timeout of a connection or an answer, s."""
-POLL_S = 1.0
-"""Period at which settings that have changed are asked for, s."""
-PROBE_S = 5.0
-"""Time without packets after which the server is asked whether it is there, s."""
-MAX_PACKET = 1 << 20
-"""Limit of the size of a packet. Settings have some hundred kilobytes."""
-MAX_COMPONENTS = 32
-"""Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
-MAX_ROUND_PACKETS = 256
-"""Number of packets that are used before others get their turn, at most one frame among them."""
-RATE = "frequency:100"
-"""Frames that are asked for. Cameras with a higher rate would only cost time."""
-_HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
-_BODY, _BODIES_AT = struct.Struct("<13f"), 8
-_ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
 
 
 def check_qtm_rt() -> None:

@@ -31,6 +31,12 @@ SINGLE: tuple[SourceType, ...] = (
 )
 """Types of which a topic is about one object."""
 
+MAX_ROS_USERS = 100
+"""Maximum number of ROS-only users; each has a ray, and a check four times a second."""
+
+MAX_TRACKERS = 100
+"""Maximum number of trackers, as the site has room for."""
+
 
 class PoseSource(Config):
     """A topic or a tf frame with the position of an object."""
@@ -86,13 +92,6 @@ class TrackerConfig(PoseSource):
     latency_sigma_s: float | None = Field(
         default=None, ge=0, le=10, description="1 sigma of that latency; unknown if empty, s"
     )
-
-
-MAX_ROS_USERS = 100
-"""Maximum number of ROS-only users; each has a ray, and a check four times a second."""
-
-MAX_TRACKERS = 100
-"""Maximum number of trackers, as the site has room for."""
 
 
 class BackendConfig(Config):

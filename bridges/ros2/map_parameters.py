@@ -54,6 +54,22 @@ NESTED, PART = ("light", "at"), frozenset(("strip", "belt", "from", "to"))
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Number of a link."""
 
+APPEARS_S = 2.0
+"""Time (s) within which a present node is seen through a router. Discovery is slow on DDS."""
+CONNECT_TIMEOUT_S = 2.0
+"""Time (s) to look for a ROS router."""
+MAX_PATH = 1000
+"""Maximum characters of a path to look for here, and of a foreign word in a message."""
+SUFFIXES = (".yaml", ".yml")
+"""Extensions of files that are read because a foreign node names them: others are no maps, and some never
+end."""
+
+Say = Callable[[str], None]
+"""Prints a message for the user."""
+
+ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
+"""Wraps a wait that the message describes, to print it if the wait gets long."""
+
 
 def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
     """Return those of `names` that belong to a map below `prefix` (`site.map`).
@@ -113,24 +129,6 @@ def _points(name: str, value: Value, coordinates: str) -> Value:
             f"{('two', 'three')[size - 2]} for each"
         )
     return [value[index : index + size] for index in range(0, len(value), size)]
-
-
-APPEARS_S = 2.0
-"""Time (s) within which a present node is seen through a router. Discovery is slow on DDS."""
-CONNECT_TIMEOUT_S = 2.0
-"""Time (s) to look for a ROS router."""
-MAX_PATH = 1000
-"""Maximum characters of a path to look for here, and of a foreign word in a message."""
-SUFFIXES = (".yaml", ".yml")
-"""Extensions of files that are read because a foreign node names them: others are no maps, and some never
-end."""
-
-
-Say = Callable[[str], None]
-"""Prints a message for the user."""
-
-ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
-"""Wraps a wait that the message describes, to print it if the wait gets long."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,16 @@ FIELDS: Mapping[int, str] = {
 }
 """Field of the value by `rcl_interfaces/msg/ParameterType`; all other fields are unused."""
 
+LIST = "rcl_interfaces/srv/ListParameters"
+GET = "rcl_interfaces/srv/GetParameters"
+LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
+"""Service names after the node's name."""
+
+PAGE = 16
+"""Number of parameters per request: a line of a map may have a thousand points."""
+MAX_SHOWN = 20
+"""Maximum number of names in a message."""
+
 
 def value_of(message: Any) -> Value | None:
     """Return the value of a decoded message, or None if the parameter has none.
@@ -44,17 +54,6 @@ def value_of(message: Any) -> Value | None:
     if isinstance(value, bool | int | float | str):
         return value
     return cast("list[Any]", value.tolist() if hasattr(value, "tolist") else list(value))
-
-
-LIST = "rcl_interfaces/srv/ListParameters"
-GET = "rcl_interfaces/srv/GetParameters"
-LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
-"""Service names after the node's name."""
-
-PAGE = 16
-"""Number of parameters per request: a line of a map may have a thousand points."""
-MAX_SHOWN = 20
-"""Maximum number of names in a message."""
 
 
 class NodeParameters:

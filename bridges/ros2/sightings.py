@@ -24,6 +24,13 @@ MAX_TRANSFORMS = 1000
 MAX_CHAIN = 32
 """Maximum number of transforms between a frame and the room."""
 
+PACKAGES = "conveyor_msgs/PackageList"
+MAX_ID = 64
+UNMEASURED = 1e3
+"""A variance from which drivers mean that they do not measure the coordinate, m² or (m/s)²."""
+UNKNOWN = -1.0
+"""First number of a covariance that is unknown; PX4 has NaN there."""
+
 
 class Pose(NamedTuple):
     """Pose of a frame or an object in another frame."""
@@ -153,14 +160,6 @@ def yaw(turned: Quaternion) -> float:
     if math.hypot(ahead[0], ahead[1]) > 1e-3:
         return vector.azimuth(ahead)
     return vector.wrap(vector.azimuth(rotation.rotate(turned, (0.0, 1.0, 0.0))) - math.pi / 2.0)
-
-
-PACKAGES = "conveyor_msgs/PackageList"
-MAX_ID = 64
-UNMEASURED = 1e3
-"""A variance from which drivers mean that they do not measure the coordinate, m² or (m/s)²."""
-UNKNOWN = -1.0
-"""First number of a covariance that is unknown; PX4 has NaN there."""
 
 
 class Sighting(NamedTuple):

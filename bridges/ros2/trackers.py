@@ -45,6 +45,13 @@ LONGEST_S = 0.5
 
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
+MAX_BYTES = 64 * 1024
+"""Some 600 transforms or packages, or 100 detections; decoding them blocks the loop for 6 ms."""
+TF_BYTES_HZ = 1e6
+"""A tenth of the loop's time."""
+RATE_HZ = 25.0
+"""Rate of objects on our bus."""
+
 
 class Tracker:
     """Objects of one topic, or of one frame of tf."""
@@ -263,14 +270,6 @@ class Motion:
     def keep(self, names: Container[str]) -> None:
         """Forget all other objects."""
         self._last = {name: last for name, last in self._last.items() if name in names}
-
-
-MAX_BYTES = 64 * 1024
-"""Some 600 transforms or packages, or 100 detections; decoding them blocks the loop for 6 ms."""
-TF_BYTES_HZ = 1e6
-"""A tenth of the loop's time."""
-RATE_HZ = 25.0
-"""Rate of objects on our bus."""
 
 
 def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, ...]:

@@ -35,6 +35,29 @@ KNOWN_KEYS = frozenset(topic.key for topic in TOPICS)
 
 BUCKETS = (*map(str, DURATION_BOUNDS_S), "+Inf")
 
+READS = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, OUTCOMES, DEPLOYMENT)
+"""Topics that metrics are made from."""
+
+MAX_USERS = 1024
+"""Maximum number of people with metrics of their own."""
+
+MAX_DEPLOYMENTS = 1024
+
+ROUTER = "router"
+"""Kind of routers. One of several is the instance `router-MACHINE`."""
+
+KINDS = frozenset({ROUTER, *names()})
+"""Services with a label of their own: those that are installed here."""
+
+BATTERIES = ("battery", "battery of the phone")
+"""Figures of imu-bridge with the charge of a wrist, %."""
+
+RESULTS = ("solved", "refused", "cancelled")
+"""Phases in which a localization ends."""
+
+Rows = Iterable[tuple[Sequence[str], float]]
+"""Values of the labels, and the value, of each series of a family."""
+
 
 class Labels(NamedTuple):
     """Labels of one total. Those that a counter does not have are `""`."""
@@ -130,30 +153,6 @@ class Durations:
             buckets = list(zip(BUCKETS, map(float, accumulate(counts)), strict=True))
             family.add_metric((service,), buckets, self._sums_s[service])
         return family
-
-
-READS = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, OUTCOMES, DEPLOYMENT)
-"""Topics that metrics are made from."""
-
-MAX_USERS = 1024
-"""Maximum number of people with metrics of their own."""
-
-MAX_DEPLOYMENTS = 1024
-
-ROUTER = "router"
-"""Kind of routers. One of several is the instance `router-MACHINE`."""
-
-KINDS = frozenset({ROUTER, *names()})
-"""Services with a label of their own: those that are installed here."""
-
-BATTERIES = ("battery", "battery of the phone")
-"""Figures of imu-bridge with the charge of a wrist, %."""
-
-RESULTS = ("solved", "refused", "cancelled")
-"""Phases in which a localization ends."""
-
-Rows = Iterable[tuple[Sequence[str], float]]
-"""Values of the labels, and the value, of each series of a family."""
 
 
 class SiteMetrics:

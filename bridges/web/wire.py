@@ -76,6 +76,10 @@ LATEST_MS = 9e12
 
 Id = Annotated[int, Field(ge=0, le=2**53)]
 
+LaneKind = Literal["interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"]
+"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `wrong`:
+selections of objects that are not wanted; `misses`: wanted objects that left without being selected."""
+
 
 class WireModel(BaseModel):
     """Base of messages to and from pages."""
@@ -197,11 +201,6 @@ class Cue(WireModel):
     announced: Annotated[str, Field(description="name of a thing to speak now; empty if there is none")] = ""
     has_names: Annotated[bool, Field(description="names of things are spoken to the person")] = False
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
-
-
-LaneKind = Literal["interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"]
-"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `wrong`:
-selections of objects that are not wanted; `misses`: wanted objects that left without being selected."""
 
 
 class Lane(WireModel):

@@ -41,6 +41,8 @@ SEEK = """(at_s) => {
   slider.dispatchEvent(new Event("input"));
 }"""
 
+CONVEYOR, ROBOTS = (0.05, 0.0, 0.92), (0.12, 0.17, 0.54)
+
 
 @dataclass(frozen=True)
 class Take:
@@ -54,7 +56,6 @@ class Take:
     """Left, top and width of what is seen, as shares of the scene's width."""
 
 
-CONVEYOR, ROBOTS = (0.05, 0.0, 0.92), (0.12, 0.17, 0.54)
 TAKES = (
     Take("scenario_4", ("anna", "ben"), 4.25, 8.25, CONVEYOR),
     Take("scenario_4", ("anna", "ben"), 23.0, 26.5, CONVEYOR),

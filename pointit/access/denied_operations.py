@@ -58,82 +58,9 @@ REASONS = {
 }
 """Reasons by Zenoh's text on a password."""
 
-
-class RejectedConnections:
-    """Counts rejected connections by reason."""
-
-    def __init__(self) -> None:
-        self._reasons: Counter[str] = Counter()
-        self._connection_attempts: dict[str, str] = {}
-        """By thread: address of its last unknown peer."""
-
-    def take(self, line: str, where: str) -> bool:
-        """Process a line without colours of the thread `where`. Return True if it reports a rejection."""
-        if knock := CONNECTION_ATTEMPTS.match(line):
-            self._connection_attempts[where] = knock[1]
-            return False
-        reason = self._reason(line, where)
-        if reason and (reason in self._reasons or len(self._reasons) < MAX_REASONS):
-            self._reasons[reason] += 1
-        return bool(reason)
-
-    def pop_summary(self) -> str:
-        """Return and reset the summary of the rejections since the last call, `""` if there were none."""
-        if not self._reasons:
-            return ""
-        shown = [
-            reason + (f" ({count} times)" if count > 1 else "")
-            for reason, count in self._reasons.most_common()
-        ]
-        self._reasons.clear()
-        return f"somebody was not let in: {first_of(shown, MAX_SHOWN)}"
-
-    def _reason(self, line: str, where: str) -> str:
-        if found := PASSWORD.match(line):
-            address = self._connection_attempts.pop(where, "")
-            reason = REASONS.get(found[1], found[1])
-            return f"{reason} from {address}" if address else reason
-        if found := NO_ZENOH.match(line):
-            return f"came by TLS and spoke no Zenoh from {found[1]}"
-        if SILENT.match(line):
-            return "came by TLS and said nothing"
-        if found := HANDSHAKE.match(line):
-            return WITHOUT if found[1].startswith(PLAIN_TCP) else found[1]
-        return ""
-
-
 RECENT_S = 20.0
 """Time for which a message is shown after it was last true, s."""
 MAX_MESSAGES = 20
-
-
-class RecentDenials:
-    """Keeps the newest message of each identity and kind."""
-
-    def __init__(self) -> None:
-        self._messages: dict[tuple[str, str], tuple[str, float]] = {}
-        """By identity (`SITE/NAME`) and kind, the oldest first: message, and time at which it was true, s."""
-
-    def add(self, sentences: Mapping[str, str], now_s: float, kind: str = DENIED) -> None:
-        """Add messages by identity and forget old ones.
-
-        Each replaces the earlier one of the same identity and kind: a repeated message, such as that an
-        identity is cut off, does not hide others. `now_s`: on any monotonic clock.
-        """
-        for name, sentence in sentences.items():
-            self._messages.pop((name, kind), None)
-            self._messages[name, kind] = (sentence, now_s)
-        self._messages = {key: entry for key, entry in self._messages.items() if now_s - entry[1] <= RECENT_S}
-
-    def of(self, site: str) -> tuple[Problem, ...]:
-        """Return the problems for `site`, the newest first: those of its identities and of unknown ones."""
-        there = [
-            Problem(code=kind, sentence=sentence, subject=name.rpartition("/")[2])
-            for (name, kind), (sentence, _) in reversed(self._messages.items())
-            if name.startswith(f"{site}/") or "/" not in name
-        ]
-        return tuple(there[:MAX_MESSAGES])
-
 
 KINDS = 9
 """Number of kinds of messages, each a line after `caching permissions`."""
@@ -212,6 +139,77 @@ FILTER = (
     f",{REJECTION_FILTER}"
 )
 """Log filter that Zenoh needs for this."""
+
+
+class RejectedConnections:
+    """Counts rejected connections by reason."""
+
+    def __init__(self) -> None:
+        self._reasons: Counter[str] = Counter()
+        self._connection_attempts: dict[str, str] = {}
+        """By thread: address of its last unknown peer."""
+
+    def take(self, line: str, where: str) -> bool:
+        """Process a line without colours of the thread `where`. Return True if it reports a rejection."""
+        if knock := CONNECTION_ATTEMPTS.match(line):
+            self._connection_attempts[where] = knock[1]
+            return False
+        reason = self._reason(line, where)
+        if reason and (reason in self._reasons or len(self._reasons) < MAX_REASONS):
+            self._reasons[reason] += 1
+        return bool(reason)
+
+    def pop_summary(self) -> str:
+        """Return and reset the summary of the rejections since the last call, `""` if there were none."""
+        if not self._reasons:
+            return ""
+        shown = [
+            reason + (f" ({count} times)" if count > 1 else "")
+            for reason, count in self._reasons.most_common()
+        ]
+        self._reasons.clear()
+        return f"somebody was not let in: {first_of(shown, MAX_SHOWN)}"
+
+    def _reason(self, line: str, where: str) -> str:
+        if found := PASSWORD.match(line):
+            address = self._connection_attempts.pop(where, "")
+            reason = REASONS.get(found[1], found[1])
+            return f"{reason} from {address}" if address else reason
+        if found := NO_ZENOH.match(line):
+            return f"came by TLS and spoke no Zenoh from {found[1]}"
+        if SILENT.match(line):
+            return "came by TLS and said nothing"
+        if found := HANDSHAKE.match(line):
+            return WITHOUT if found[1].startswith(PLAIN_TCP) else found[1]
+        return ""
+
+
+class RecentDenials:
+    """Keeps the newest message of each identity and kind."""
+
+    def __init__(self) -> None:
+        self._messages: dict[tuple[str, str], tuple[str, float]] = {}
+        """By identity (`SITE/NAME`) and kind, the oldest first: message, and time at which it was true, s."""
+
+    def add(self, sentences: Mapping[str, str], now_s: float, kind: str = DENIED) -> None:
+        """Add messages by identity and forget old ones.
+
+        Each replaces the earlier one of the same identity and kind: a repeated message, such as that an
+        identity is cut off, does not hide others. `now_s`: on any monotonic clock.
+        """
+        for name, sentence in sentences.items():
+            self._messages.pop((name, kind), None)
+            self._messages[name, kind] = (sentence, now_s)
+        self._messages = {key: entry for key, entry in self._messages.items() if now_s - entry[1] <= RECENT_S}
+
+    def of(self, site: str) -> tuple[Problem, ...]:
+        """Return the problems for `site`, the newest first: those of its identities and of unknown ones."""
+        there = [
+            Problem(code=kind, sentence=sentence, subject=name.rpartition("/")[2])
+            for (name, kind), (sentence, _) in reversed(self._messages.items())
+            if name.startswith(f"{site}/") or "/" not in name
+        ]
+        return tuple(there[:MAX_MESSAGES])
 
 
 class DeniedOperations:

@@ -73,6 +73,31 @@ START_LOAD = 3500.0
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
 
+Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
+"""Role of an identity: a person's services; the shared services; one shared service with the identity's name;
+the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
+
+ROLES: tuple[Role, ...] = get_args(Role)
+INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
+"""Topics for operators of the site."""
+PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
+"""Topics that viewers and other people never get: a person's movements and words."""
+WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
+"""Shared services that may do more than the others, such as read movements, write poses or switch things. On
+a secured site each of them needs an identity of its own: `pointit site service add NAME`."""
+OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
+"""Requests of the person and operators only: what a person means by a word. No bridge offers them."""
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
+"""Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
+OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
+"""Topics that only the service of that name and operators write: a false state blocks a thing, a false result
+lies about it."""
+FOR_ALL = (STOP_ROBOT,)
+"""Requests of all roles: who sees a robot may stop it."""
+FOR_MEMBERS = (READ_HISTORY, *FOR_ALL)
+"""Requests of all roles but viewers: an answer costs much more than its question."""
+ALL = "**"
+
 
 @dataclass(frozen=True, kw_only=True)
 class LimitedConnection:
@@ -195,32 +220,6 @@ def _stays(identity: str) -> str:
 
 def _short(identity: str) -> str:
     return identity.rpartition("/")[2]
-
-
-Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
-"""Role of an identity: a person's services; the shared services; one shared service with the identity's name;
-the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
-
-ROLES: tuple[Role, ...] = get_args(Role)
-INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
-"""Topics for operators of the site."""
-PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
-"""Topics that viewers and other people never get: a person's movements and words."""
-WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
-"""Shared services that may do more than the others, such as read movements, write poses or switch things. On
-a secured site each of them needs an identity of its own: `pointit site service add NAME`."""
-OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
-"""Requests of the person and operators only: what a person means by a word. No bridge offers them."""
-OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
-"""Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
-OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
-"""Topics that only the service of that name and operators write: a false state blocks a thing, a false result
-lies about it."""
-FOR_ALL = (STOP_ROBOT,)
-"""Requests of all roles: who sees a robot may stop it."""
-FOR_MEMBERS = (READ_HISTORY, *FOR_ALL)
-"""Requests of all roles but viewers: an answer costs much more than its question."""
-ALL = "**"
 
 
 def viewer_topics() -> list[Topic[Any]]:

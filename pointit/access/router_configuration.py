@@ -39,6 +39,31 @@ MESSAGES = (
     "declare_liveliness_subscriber",
 )
 
+MAX_BYTES = 1024 * 1024
+"""Upper limit of the messages of a site."""
+MAX_TRAVELLING_BYTES = 16 * MAX_BYTES
+"""Limit above which fragments are not even reassembled, without any report. Shorter messages are dropped
+where the router knows the sender, and reports it."""
+ONE_STREAM = "?multistream=0"
+"""Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
+its key, and the router drops it silently."""
+UNSLOWED = (IMU, RAY)
+"""Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
+(200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
+MAX_HISTORY_HZ = 10.0
+"""Maximum rate of questions for past events, of each connection: half of what a selector answers."""
+MAX_SESSIONS = 1000
+ACCEPT_MS = 3000
+MAX_UNKNOWN_CONNECTIONS = 500
+"""Limit of clients without certificate that may be silent during TLS for `ACCEPT_MS` before others have to
+wait. Zenoh's default is 100 for 10 s. This is about half of the usual limit of open files of a process.
+`pointit router` raises that limit for `MAX_SESSIONS` in addition."""
+
+HEADER = """\
+// Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which
+// has to be started in this folder: the files are named as seen from here.
+"""
+
 
 def namespace(site: str) -> str:
     """Return the first part of every key of `site`."""
@@ -125,32 +150,6 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
         for what, messages, flow, keys in grants
         if keys
     ]
-
-
-MAX_BYTES = 1024 * 1024
-"""Upper limit of the messages of a site."""
-MAX_TRAVELLING_BYTES = 16 * MAX_BYTES
-"""Limit above which fragments are not even reassembled, without any report. Shorter messages are dropped
-where the router knows the sender, and reports it."""
-ONE_STREAM = "?multistream=0"
-"""Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
-its key, and the router drops it silently."""
-UNSLOWED = (IMU, RAY)
-"""Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
-(200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
-MAX_HISTORY_HZ = 10.0
-"""Maximum rate of questions for past events, of each connection: half of what a selector answers."""
-MAX_SESSIONS = 1000
-ACCEPT_MS = 3000
-MAX_UNKNOWN_CONNECTIONS = 500
-"""Limit of clients without certificate that may be silent during TLS for `ACCEPT_MS` before others have to
-wait. Zenoh's default is 100 for 10 s. This is about half of the usual limit of open files of a process.
-`pointit router` raises that limit for `MAX_SESSIONS` in addition."""
-
-HEADER = """\
-// Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which
-// has to be started in this folder: the files are named as seen from here.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)

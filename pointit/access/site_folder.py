@@ -40,6 +40,18 @@ if TYPE_CHECKING:
 MAX_FORMER = 20
 """Limit of an identity's former certificates that are named if still in use."""
 
+LOCK = ".lock"
+STATE = "site.json"
+UNTRACKED = ".gitignore"
+ROUTER = "router"
+CONFIGURATION = "router.json5"
+USERS = "users.txt"
+SECRET_BYTES = 24
+
+_read = functools.partial(read_limited, max_bytes=16 * 1024 * 1024)
+_save = functools.partial(write_atomically, durable=True)
+"""Durable, as a certificate that was handed out must not be unknown after a power cut."""
+
 
 class Identity(Config):
     """A client that may connect, and its certificate."""
@@ -131,19 +143,6 @@ class SiteFolderState(Config):
                 for generation in range(max(newest - MAX_FORMER, 0) + 1, newest + 1)
             ]
         return found
-
-
-LOCK = ".lock"
-STATE = "site.json"
-UNTRACKED = ".gitignore"
-ROUTER = "router"
-CONFIGURATION = "router.json5"
-USERS = "users.txt"
-SECRET_BYTES = 24
-
-_read = functools.partial(read_limited, max_bytes=16 * 1024 * 1024)
-_save = functools.partial(write_atomically, durable=True)
-"""Durable, as a certificate that was handed out must not be unknown after a power cut."""
 
 
 @contextlib.contextmanager

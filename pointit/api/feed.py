@@ -33,6 +33,18 @@ UNREADABLE_TIMEOUT_S = 1.0
 MAX_INVALID_MESSAGES = 3
 """Number of unreadable messages that are tolerated before an error is raised."""
 
+M = TypeVar("M", bound=Message)
+
+TIMEOUT_S = 2.0
+"""Time to wait for the first message, s."""
+
+Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
+"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
+F = TypeVar("F", bound=Reaction)
+
+MAX_AT_ONCE = 8
+"""Limit of calls of one function that run at once. Further events are left out, and named."""
+
 
 class ReceiveBuffer(Generic[U]):
     """Holds what came, by name, until it is taken. Use in the event loop only."""
@@ -187,12 +199,6 @@ class Feed(AsyncIterator[T], Generic[T]):
         return self._pick(await self._buffer.take())
 
 
-M = TypeVar("M", bound=Message)
-
-TIMEOUT_S = 2.0
-"""Time to wait for the first message, s."""
-
-
 class Newest(Mapping[str, M], Generic[M]):
     """The newest message of each person, tracker, service or lamp that is there, from the first use on.
 
@@ -307,14 +313,6 @@ class Latest:
         """The room."""
         self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open, state)
         """The state of the conveyor."""
-
-
-Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
-"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
-F = TypeVar("F", bound=Reaction)
-
-MAX_AT_ONCE = 8
-"""Limit of calls of one function that run at once. Further events are left out, and named."""
 
 
 def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:

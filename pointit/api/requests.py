@@ -33,6 +33,8 @@ HEX = re.compile(r"#[0-9a-fA-F]{6}")
 SendQuery = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 
+F = TypeVar("F")
+
 
 def query_of(request: Request[Any, Any], fields: dict[str, Any]) -> Query:
     """Return the query of `request` with `fields`.
@@ -313,9 +315,6 @@ class FeedbackRequests(_Requests[D]):
         With `stays` there is no chime: it is their next step while they point, until another one.
         """
         return self._do(topics.SAY, user, text=text, stays=stays)
-
-
-F = TypeVar("F")
 
 
 class Lamp(Generic[D, F]):

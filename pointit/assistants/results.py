@@ -22,6 +22,11 @@ MAX_SENTENCE = 300
 MAX_ITEMS = 300
 """Limit of things in a result."""
 
+LAMP_REACH_M = 1.0
+"""Distance up to which a lamp stands for a thing that has no light of its own, m."""
+OWN_TRACKERS = ("things", "robot.")
+"""Beginnings of trackers that list things of the map and robots."""
+
 
 def plain(text: str, limit: int = MAX_NAME) -> str:
     """Return `text` on one line, without control and format characters, cut to `limit` characters.
@@ -113,12 +118,6 @@ class ActionResult(_Result):
     """Something was done."""
 
     message: str
-
-
-LAMP_REACH_M = 1.0
-"""Distance up to which a lamp stands for a thing that has no light of its own, m."""
-OWN_TRACKERS = ("things", "robot.")
-"""Beginnings of trackers that list things of the map and robots."""
 
 
 async def current(feed: Feed[frozenset[str]]) -> frozenset[str]:

@@ -51,6 +51,27 @@ SURE = 0.6
 ITEMS = ("thing", "robot", "object", "person")
 """Kinds of referents that have a name of their own."""
 
+Role = Literal["operator", "viewer"]
+"""Role of a caller, by the token of its request, or over stdio by the command's option."""
+Ctx = Context[Any, Any]
+
+SCOPE_KEY = "pointit.role"
+"""Key of an HTTP request's scope that holds the role of its token."""
+MAX_WAIT_S = 120.0
+MAX_CALLS = 16
+"""Limit of simultaneous calls of one tool by one role. Those that wait ask the listener 5 times a second."""
+SET_OFF_S = 4.0
+"""Time within which a robot that was sent sets off, s."""
+OLD_S = 1.0
+"""Time after which the reason of a robot that obeys the person is no earlier one, s."""
+NEAR_M = 0.3
+"""Distance within which a robot's target is the place where it was sent, m."""
+
+User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
+Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
+Seconds = Annotated[float, Field(ge=0, le=MAX_WAIT_S)]
+Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
 
 async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> PossibleReferents:
     """Return the candidates for what `user` pointed at, at `at_ns` of the site's time, or now.
@@ -121,28 +142,6 @@ def _sure_of(seen: PossibleReferents, names: Collection[str]) -> str:
         is_wanted = best.name in names if names else best.kind in ITEMS
         return best.name if is_wanted and best.probability >= SURE else ""
     return ""
-
-
-Role = Literal["operator", "viewer"]
-"""Role of a caller, by the token of its request, or over stdio by the command's option."""
-Ctx = Context[Any, Any]
-
-SCOPE_KEY = "pointit.role"
-"""Key of an HTTP request's scope that holds the role of its token."""
-MAX_WAIT_S = 120.0
-MAX_CALLS = 16
-"""Limit of simultaneous calls of one tool by one role. Those that wait ask the listener 5 times a second."""
-SET_OFF_S = 4.0
-"""Time within which a robot that was sent sets off, s."""
-OLD_S = 1.0
-"""Time after which the reason of a robot that obeys the person is no earlier one, s."""
-NEAR_M = 0.3
-"""Distance within which a robot's target is the place where it was sent, m."""
-
-User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
-Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
-Seconds = Annotated[float, Field(ge=0, le=MAX_WAIT_S)]
-Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 
 
 class Tools:

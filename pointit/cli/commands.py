@@ -2,13 +2,6 @@
 
 from pointit.cli.common.lazy import LAB, LABORATORY, LazyEntry, command, noun, of_package
 
-
-def ours(name: str, about: str, place: str) -> LazyEntry:
-    """Return a command of this package; `place` is its module, and `:attribute` unless that is `command`."""
-    module, _, attribute = place.partition(":")
-    return command(name, about, f"pointit.cli.{module}:{attribute or 'command'}")
-
-
 TOPIC = """See the messages of a running site, their rates, and what each topic carries.
 
 Example: pointit topic list && pointit topic hz --all
@@ -96,6 +89,13 @@ A study is a YAML file. Its data are a folder of tables.
 
 Example: pointit study run my_study.yaml --simulated 12
 """
+
+
+def ours(name: str, about: str, place: str) -> LazyEntry:
+    """Return a command of this package; `place` is its module, and `:attribute` unless that is `command`."""
+    module, _, attribute = place.partition(":")
+    return command(name, about, f"pointit.cli.{module}:{attribute or 'command'}")
+
 
 _ROUTER = ours("router", "run a router that joins several machines", "router")
 

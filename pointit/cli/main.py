@@ -35,6 +35,12 @@ EXAMPLES = (
 ERROR = "Error: "
 """Prefix of error messages."""
 
+PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry in part if not entry.package)]
+"""Words of every command and group of this package, a group before its commands."""
+
+GROUPS = {path[:-1] for path in PATHS}
+"""Words of the groups, () among them."""
+
 
 class RootGroup(LazyGroup):
     """The top-level help: commands by heading, three examples, first steps."""
@@ -114,14 +120,6 @@ class RootGroup(LazyGroup):
         for sentence in self._installed.refused.values():
             formatter.write_paragraph()
             formatter.write_text(sentence)
-
-
-PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry in part if not entry.package)]
-"""Words of every command and group of this package, a group before its commands."""
-
-
-GROUPS = {path[:-1] for path in PATHS}
-"""Words of the groups, () among them."""
 
 
 def wrap_message(text: str, width: int | None = None) -> str:

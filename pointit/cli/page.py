@@ -61,17 +61,20 @@ NEW_LINK = (
     "open page reconnects after a restart at the same port]"
 )
 
+browser_option = click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+
+SPEAKING = ("page", "phone")
+"""Values of `--announce` for which the page speaks names."""
+
+LINK = "recording"
+"""Folder of the link's file, beside those of sites."""
+
 
 def port_option(name: str, metavar: str | None = None) -> Callable[[F], F]:
     """Return the option for the page's port."""
     text = f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]"
     return click.option(name, type=click.IntRange(0, 65535), metavar=metavar, help=text)
 
-
-browser_option = click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
-
-SPEAKING = ("page", "phone")
-"""Values of `--announce` for which the page speaks names."""
 
 OPTIONS: dict[str, Callable[[Any], Any]] = {
     "no_web": click.option("--no-web", is_flag=True, help="no page for browsers"),
@@ -197,10 +200,6 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ru
 
 
 PAGE_PART = RunPart(heading="Page", names=tuple(OPTIONS), options=_options, add=_add)
-
-
-LINK = "recording"
-"""Folder of the link's file, beside those of sites."""
 
 
 @click.command("page")

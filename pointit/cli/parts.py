@@ -11,6 +11,29 @@ if TYPE_CHECKING:  # the listings need none of them
     from pointit.launch.plan.launches import Choices
     from pointit.launch.plan.plan import Beside, MakeWatcher, Scenario
 
+PersonCheck: TypeAlias = Callable[[str], None]
+"""Checks whether a command may start the services of a person; raises ConfigError."""
+
+_NAMES_ROOMS = ("pointit.bridges.speaker", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
+
+LIVE_VIEWS: tuple[OptionalPart["LiveView"], ...] = (
+    OptionalPart("pointit.cli.view:on_screen", ("pointit.cli.common.keyboard",)),
+)
+"""The view of a run in the terminal. Without one, a run logs."""
+
+DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
+    OptionalPart("pointit.cli.robots:ROBOTS_DISPLAY", ("pointit.launch.robots", "pointit.services.user_sim")),
+    OptionalPart("pointit.cli.inspect.pose_errors:TRUTH_DISPLAY"),
+    OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY", ("pointit.diagnosis",)),
+    OptionalPart("pointit.cli.things.run_things:NAMES_DISPLAY", _NAMES_ROOMS),
+)
+"""Parts of the view and the summary of a run, in their order."""
+
+PERSON_CHECKS: tuple[OptionalPart[PersonCheck], ...] = (
+    OptionalPart("pointit.cli.site:check_person", ("pointit.access",)),
+)
+"""Checks before a person joins a site."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunAddition:
@@ -46,11 +69,6 @@ class RunPart:
     """Checks the values of the options of `run`; raises PointItError. Returns what they put beside it."""
 
 
-PersonCheck: TypeAlias = Callable[[str], None]
-"""Checks whether a command may start the services of a person; raises ConfigError."""
-
-_NAMES_ROOMS = ("pointit.bridges.speaker", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
-
 RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (
     OptionalPart("pointit.cli.page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
     OptionalPart("pointit.cli.recordings.run_recorder:RECORDER_PART", ("pointit.services.recorder",)),
@@ -60,21 +78,3 @@ RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (
     OptionalPart("pointit.cli.things.run_things:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
-
-LIVE_VIEWS: tuple[OptionalPart["LiveView"], ...] = (
-    OptionalPart("pointit.cli.view:on_screen", ("pointit.cli.common.keyboard",)),
-)
-"""The view of a run in the terminal. Without one, a run logs."""
-
-DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
-    OptionalPart("pointit.cli.robots:ROBOTS_DISPLAY", ("pointit.launch.robots", "pointit.services.user_sim")),
-    OptionalPart("pointit.cli.inspect.pose_errors:TRUTH_DISPLAY"),
-    OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY", ("pointit.diagnosis",)),
-    OptionalPart("pointit.cli.things.run_things:NAMES_DISPLAY", _NAMES_ROOMS),
-)
-"""Parts of the view and the summary of a run, in their order."""
-
-PERSON_CHECKS: tuple[OptionalPart[PersonCheck], ...] = (
-    OptionalPart("pointit.cli.site:check_person", ("pointit.access",)),
-)
-"""Checks before a person joins a site."""

@@ -23,6 +23,16 @@ from pointit.schemas import RobotPlan, RobotState, StopRobot
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ROBOT_PLAN, ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
 
+Found = RobotState | Literal["silent", "lost"]
+"""A robot's state; `silent`: its process says nothing, `lost`: its process has ended."""
+WITHOUT_STATE = {
+    "silent": "its service says nothing: see `pointit doctor`",
+    "lost": "its process has ended: look after the robot, then start its process again",
+}
+
+LOOK_S = 0.5
+"""Time in which robots are found; they say their state ten times a second."""
+
 
 def robot_lines(monitor: Monitor, width: int) -> RenderableType | None:
     """Return a row for each robot in columns of constant width, or None if none is known."""
@@ -75,17 +85,6 @@ def _summary(summary: Mapping[str, Any]) -> list[str]:
 
 
 ROBOTS_DISPLAY = DisplayPart(rows=robot_lines, lines=reason_lines, summary=_summary)
-
-
-Found = RobotState | Literal["silent", "lost"]
-"""A robot's state; `silent`: its process says nothing, `lost`: its process has ended."""
-WITHOUT_STATE = {
-    "silent": "its service says nothing: see `pointit doctor`",
-    "lost": "its process has ended: look after the robot, then start its process again",
-}
-
-LOOK_S = 0.5
-"""Time in which robots are found; they say their state ten times a second."""
 
 
 async def find_robots(bus: Bus) -> dict[str, Found]:

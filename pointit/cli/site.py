@@ -24,6 +24,26 @@ from pointit.services.registry import add_installed
 ENDING = ("expired", "ends soon")
 STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
 
+F = TypeVar("F", bound=Callable[..., Any])
+
+DEFAULT_DAYS = 365.0
+DEFAULT_PORT = 7447
+DASHBOARD_HZ = 20.0
+STANDING: tuple[Role, ...] = ("services", "web", "ros2", "operator", "supervisor")
+"""Identities that every site has, called like their roles."""
+MAX_GUESTS = 256
+LOOK_S = 5.0
+"""Timeout of joining the site that a folder is of, s."""
+
+folder_option = click.option(
+    "--folder",
+    "--site-folder",  # name in `router` and `doctor`
+    type=click.Path(path_type=Path),
+    default=Path(),
+    show_default=False,
+    help="the site's folder  [default: this one; for init, ./NAME]",
+)
+
 
 def rows_of(state: SiteFolderState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
     """Return a row for each of `names`; identities with a password do not expire."""
@@ -136,27 +156,6 @@ def check_person(name: str) -> None:
             f"--credentials {credentials.folder}: these are of {link.name} (role {link.role}), who may not "
             f"take part as {name}; use those of {name}, made with `pointit site user add {name}`"
         )
-
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-DEFAULT_DAYS = 365.0
-DEFAULT_PORT = 7447
-DASHBOARD_HZ = 20.0
-STANDING: tuple[Role, ...] = ("services", "web", "ros2", "operator", "supervisor")
-"""Identities that every site has, called like their roles."""
-MAX_GUESTS = 256
-LOOK_S = 5.0
-"""Timeout of joining the site that a folder is of, s."""
-
-folder_option = click.option(
-    "--folder",
-    "--site-folder",  # name in `router` and `doctor`
-    type=click.Path(path_type=Path),
-    default=Path(),
-    show_default=False,
-    help="the site's folder  [default: this one; for init, ./NAME]",
-)
 
 
 @click.command("init", cls=PanelCommand, usual=("users", "guests", "hosts", "port", "password", "folder"))

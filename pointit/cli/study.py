@@ -40,6 +40,11 @@ from pointit.study.study_site import SiteOptions
 from pointit.study.study_step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
+KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}
+HELP = "r repeat  s skip  p pause  q stop"
+
+PATH = click.Path(path_type=Path)
+
 
 @click.command("check")
 @click.argument("path", metavar="FOLDER|FILE", type=click.Path(path_type=Path))
@@ -223,10 +228,6 @@ def _seen_from(target: Path, folder: Path) -> str:
         return str(folder.resolve())
 
 
-KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}
-HELP = "r repeat  s skip  p pause  q stop"
-
-
 class TerminalView:
     """Shows one line that changes, and reads keys. Pass `on_bytes` to the keyboard."""
 
@@ -323,9 +324,6 @@ class TerminalView:
 
     def _write(self, text: str) -> None:
         click.echo(text, nl=False)
-
-
-PATH = click.Path(path_type=Path)
 
 
 @click.command("run")

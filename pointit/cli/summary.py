@@ -24,6 +24,9 @@ from pointit.runtime.service.plain_console import say
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 from pointit.services.led_driver.outputs import FRAME_RATE
 
+SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
+"""Topics whose rates are shown: the pipeline from wrist to light."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DisplayPart:
@@ -43,10 +46,6 @@ LiveView: TypeAlias = Callable[
 ]
 """Draws a scenario in a terminal while the context is open. The two functions return the monotonic time when
 the run ends by itself, if ever, and True if a page is open, for which it continues."""
-
-
-SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
-"""Topics whose rates are shown: the pipeline from wrist to light."""
 
 
 def check_writable(summary: Path) -> None:

@@ -50,6 +50,19 @@ PERSON_KINDS = ("person", "person_frame")
 """Kinds of tracked objects whose ids are people."""
 _DESCRIPTION, _PARTICIPANTS = "dataset_description.json", "participants.tsv"
 
+_EVENT_COLUMNS = {
+    "trial_type": {"Description": "event of the object"},
+    "object": {"Description": "id of the object"},
+    "object_kind": {"Description": "kind of the object"},
+    "cause": {"Description": "action of the person, such as dwell or button"},
+}
+
+_README = """# Pointing sessions
+
+Exported from recordings of PointIt. Each tracking system has its own times: the channel `LATENCY` counts
+from `acq_time` of `scans.tsv`, which all files of a session share. Positions of the system `cursor` and
+`pose` are computed, the others measured."""
+
 
 def export_bids(
     entries: Iterable[Entry],
@@ -260,14 +273,6 @@ def _cells(
     ]
 
 
-_EVENT_COLUMNS = {
-    "trial_type": {"Description": "event of the object"},
-    "object": {"Description": "id of the object"},
-    "object_kind": {"Description": "kind of the object"},
-    "cause": {"Description": "action of the person, such as dwell or button"},
-}
-
-
 def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[str]:
     yield "\t".join(("onset", "duration", *_EVENT_COLUMNS))
     for event in sorted(events, key=lambda each: each.stamp_ns):
@@ -313,13 +318,6 @@ def _write_dataset(staging: Path, folder: Path, subjects: Collection[str]) -> No
         description = {"Name": folder.resolve().name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
         _write_json(staging / _DESCRIPTION, {**description, "GeneratedBy": [generator]})
         _write_lines(staging / "README.md", [_README])
-
-
-_README = """# Pointing sessions
-
-Exported from recordings of PointIt. Each tracking system has its own times: the channel `LATENCY` counts
-from `acq_time` of `scans.tsv`, which all files of a session share. Positions of the system `cursor` and
-`pose` are computed, the others measured."""
 
 
 def _write_lines(path: Path, lines: Iterable[str]) -> None:

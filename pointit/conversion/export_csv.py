@@ -36,17 +36,6 @@ from pointit.schemas.base import SchemaModel
 UNSAFE = ("=", "+", "-", "@", "\t", "\r")
 """Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
 
-
-def neutralize_formula(text: str) -> str:
-    """Return `text` so that no spreadsheet takes it for a formula."""
-    return f"'{text}" if text.lstrip("'").startswith(UNSAFE) else text
-
-
-def restore_formula(text: str) -> str:
-    """Return the text of which `neutralize_formula` has made `text`."""
-    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(UNSAFE) else text
-
-
 Cell = str | int | float | None
 
 UNITS = {
@@ -86,6 +75,44 @@ PART = ".part"
 
 DICTIONARY = "columns.csv"
 """Table that describes the columns of all others."""
+
+FILES = {
+    topics.IMU.key: "imu.csv",
+    topics.WRIST.key: "wrists.csv",
+    topics.BUTTON.key: "buttons.csv",
+    topics.RAY.key: "rays.csv",
+    topics.POSE.key: "poses.csv",
+    topics.PROFILE.key: "profiles.csv",
+    topics.LOCALIZATION.key: "localizations.csv",
+    topics.ANCHOR.key: "anchors.csv",
+    topics.CURSOR.key: "cursors.csv",
+    topics.HOVER.key: "hovers.csv",
+    topics.INTERACTION.key: "interactions.csv",
+    topics.FEEDBACK.key: "cues.csv",
+    topics.GOAL.key: "goals.csv",
+    topics.OBJECTS.key: "objects.csv",
+    topics.SELECTION_EVENTS.key: "events.csv",
+    topics.OUTCOMES.key: "outcomes.csv",
+    topics.LAMP_COLOR.key: "lamps.csv",
+    topics.CONVEYOR_STATE.key: "conveyor.csv",
+}
+"""Tables of the streams, by the topic's key. Other topics, such as pixels and health, are no tables."""
+
+SELECTIONS, ACTS, REQUESTS = "selections.csv", "acts.csv", "requests.csv"
+NAMES = (SELECTIONS, ACTS, REQUESTS, *FILES.values())
+
+TICK = 1000
+"""Entries between two reports of progress."""
+
+
+def neutralize_formula(text: str) -> str:
+    """Return `text` so that no spreadsheet takes it for a formula."""
+    return f"'{text}" if text.lstrip("'").startswith(UNSAFE) else text
+
+
+def restore_formula(text: str) -> str:
+    """Return the text of which `neutralize_formula` has made `text`."""
+    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(UNSAFE) else text
 
 
 class CsvColumn(NamedTuple):
@@ -254,35 +281,6 @@ class Tables:
         self._writers[name] = csv.writer(file, lineterminator="\n")
         self._writers[name].writerow(titles)
         self.rows[name] = 0
-
-
-FILES = {
-    topics.IMU.key: "imu.csv",
-    topics.WRIST.key: "wrists.csv",
-    topics.BUTTON.key: "buttons.csv",
-    topics.RAY.key: "rays.csv",
-    topics.POSE.key: "poses.csv",
-    topics.PROFILE.key: "profiles.csv",
-    topics.LOCALIZATION.key: "localizations.csv",
-    topics.ANCHOR.key: "anchors.csv",
-    topics.CURSOR.key: "cursors.csv",
-    topics.HOVER.key: "hovers.csv",
-    topics.INTERACTION.key: "interactions.csv",
-    topics.FEEDBACK.key: "cues.csv",
-    topics.GOAL.key: "goals.csv",
-    topics.OBJECTS.key: "objects.csv",
-    topics.SELECTION_EVENTS.key: "events.csv",
-    topics.OUTCOMES.key: "outcomes.csv",
-    topics.LAMP_COLOR.key: "lamps.csv",
-    topics.CONVEYOR_STATE.key: "conveyor.csv",
-}
-"""Tables of the streams, by the topic's key. Other topics, such as pixels and health, are no tables."""
-
-SELECTIONS, ACTS, REQUESTS = "selections.csv", "acts.csv", "requests.csv"
-NAMES = (SELECTIONS, ACTS, REQUESTS, *FILES.values())
-
-TICK = 1000
-"""Entries between two reports of progress."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,6 +56,11 @@ Taken = Iterator[Entry]
 Stamps = Literal["header", "bag"]
 """Source of the times of capture."""
 
+MAX_BYTES = 1_000_000
+"""Longer messages are left out unread."""
+
+__all__ = ["Bag", "is_bag"]
+
 
 class UnusableError(Exception):
     """A message cannot be taken; in a sentence, why."""
@@ -293,11 +298,6 @@ try:
     from pointit.bridges.ros2.types.types import Types
 except ImportError as error:
     raise ConfigError(f"ROS 2 bags need {remedy('ros2')}") from error
-
-MAX_BYTES = 1_000_000
-"""Longer messages are left out unread."""
-
-__all__ = ["Bag", "is_bag"]
 
 
 @dataclass

@@ -39,6 +39,13 @@ from pointit.schemas.problems import (
 from pointit.schemas.system import split_instance
 from pointit.services.registry import person_of, row_of
 
+PASSING = ("slow", "stale", "silent", "starved")
+"""Codes of findings that a short load can cause."""
+SEVERITIES = ("error", "warning", "note")
+"""The worst first."""
+
+Symptoms = Sequence[Finding]
+
 
 def unreachable(
     connect: Sequence[str],
@@ -124,12 +131,6 @@ def _topics(instance: str, way: str) -> tuple[AnyTopic, ...]:
     return () if row is None else getattr(row, way)
 
 
-PASSING = ("slow", "stale", "silent", "starved")
-"""Codes of findings that a short load can cause."""
-SEVERITIES = ("error", "warning", "note")
-"""The worst first."""
-
-
 @dataclass(frozen=True)
 class Cause:
     """A finding, and the symptoms that it explains."""
@@ -140,7 +141,6 @@ class Cause:
     """The symptom in whose place `finding` is, if it is not `finding` itself."""
 
 
-Symptoms = Sequence[Finding]
 Explanation = Callable[[Symptoms, Observation], Iterator[Cause]]
 
 

@@ -35,6 +35,11 @@ MAX_LISTED = 4
 GONE = ("absent", "left", "silent")
 """Codes of findings of a service that does nothing."""
 
+STARVED_S = 1.5 * HEALTH_PERIOD_S
+"""Mean time between reports above which a process gets too little processor time, s."""
+LATE_S = 1.2 * HEALTH_PERIOD_S
+"""The same, s, if its output is late."""
+
 
 def find_missing(seen: Observation) -> Iterator[Finding]:
     """Find services that should run and do not, or do not report."""
@@ -178,12 +183,6 @@ def is_anything_starting(seen: Observation) -> bool:
 def is_router(instance: str) -> bool:
     """Return True if `instance` is a router's account of itself."""
     return instance.partition(".")[0].partition("-")[0] == "router"
-
-
-STARVED_S = 1.5 * HEALTH_PERIOD_S
-"""Mean time between reports above which a process gets too little processor time, s."""
-LATE_S = 1.2 * HEALTH_PERIOD_S
-"""The same, s, if its output is late."""
 
 
 def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:

@@ -20,6 +20,60 @@ from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY
 from pointit.services.registry import person_of, present_writers, row_of
 
+PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
+"""Name of the program or module by which a process is one of PointIt."""
+CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
+"""Remedy of a stopped process."""
+STOPPED = ("T", "t")
+"""States of a process that was stopped by a signal, or by a debugger."""
+
+STARTING_S = 10.0
+"""Time after the start of a service within which others of its process may be missing, s."""
+LOADING_S = 30.0
+"""Time after the start of a process within which others that begin with it may be missing, s."""
+BUSY_START_S = 5.0
+"""Time after its start in which a process may be busy, s: others are loading modules beside it."""
+FIRST_S = 120.0
+"""Time after the publication of a deployment within which none of its processes need have reported, s.
+
+Python loads them all at once, which takes a busy machine a minute and more.
+"""
+
+Severity = Literal["error", "warning", "note"]
+"""Severity of a finding:
+
+- error: something that the site needs does not work. A person cannot point, select or see the light, data is
+  lost, or a device is not there while others wait for it.
+- warning: it works worse, or not for long, or one service alone says so: late, uncertain, a battery.
+- note: it is over, or nobody uses it yet. A site with notes only is healthy.
+
+What follows from a finding is listed under it. What one person's services say is about that person only.
+"""
+Code = Literal[
+    "unreachable",
+    "empty",
+    "denied",
+    "absent",
+    "left",
+    "silent",
+    "stopped",
+    "starved",
+    "no-cursor",
+    "no-bridge",
+    "twice",
+    "stale",
+    "failing",
+    "failed",
+    "warning",
+    "idle",
+    "degraded",
+    "slow",
+    "clock",
+    "disk",
+    "unsure",
+    "old-anchor",
+]
+
 
 def is_bridge(instance: str) -> bool:
     """Return True if an instance is a bridge to a foreign system."""
@@ -64,14 +118,6 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     near = did_you_mean(user, {other for other in map(person_of, present) if other} - {user})
     advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
     return f"no writer is present ({' or '.join(topic.writers)}); {advice}"
-
-
-PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
-"""Name of the program or module by which a process is one of PointIt."""
-CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
-"""Remedy of a stopped process."""
-STOPPED = ("T", "t")
-"""States of a process that was stopped by a signal, or by a debugger."""
 
 
 @dataclass(frozen=True)
@@ -136,54 +182,6 @@ def _stopped(proc: Path) -> Iterator[StoppedProcess]:
             at = next((i for i, word in enumerate(words[:6]) if PROGRAM.fullmatch(word)), None)
             if at is not None:
                 yield StoppedProcess(int(folder.name), tuple(words[at:-1]))
-
-
-STARTING_S = 10.0
-"""Time after the start of a service within which others of its process may be missing, s."""
-LOADING_S = 30.0
-"""Time after the start of a process within which others that begin with it may be missing, s."""
-BUSY_START_S = 5.0
-"""Time after its start in which a process may be busy, s: others are loading modules beside it."""
-FIRST_S = 120.0
-"""Time after the publication of a deployment within which none of its processes need have reported, s.
-
-Python loads them all at once, which takes a busy machine a minute and more.
-"""
-
-Severity = Literal["error", "warning", "note"]
-"""Severity of a finding:
-
-- error: something that the site needs does not work. A person cannot point, select or see the light, data is
-  lost, or a device is not there while others wait for it.
-- warning: it works worse, or not for long, or one service alone says so: late, uncertain, a battery.
-- note: it is over, or nobody uses it yet. A site with notes only is healthy.
-
-What follows from a finding is listed under it. What one person's services say is about that person only.
-"""
-Code = Literal[
-    "unreachable",
-    "empty",
-    "denied",
-    "absent",
-    "left",
-    "silent",
-    "stopped",
-    "starved",
-    "no-cursor",
-    "no-bridge",
-    "twice",
-    "stale",
-    "failing",
-    "failed",
-    "warning",
-    "idle",
-    "degraded",
-    "slow",
-    "clock",
-    "disk",
-    "unsure",
-    "old-anchor",
-]
 
 
 class ReportedProcess(NamedTuple):

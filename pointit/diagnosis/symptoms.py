@@ -30,6 +30,9 @@ SURE_DEG = _LOCALIZER.enough.yaw_deg
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
 """Names of the localizer's metrics."""
 
+SLOW_S = 0.1
+"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
+
 
 def yaw_sigma_deg(pose: UserPose) -> float:
     """Return the standard deviation of the yaw. 0: assumed exact."""
@@ -39,10 +42,6 @@ def yaw_sigma_deg(pose: UserPose) -> float:
 def figure(health: Health, name: str) -> float | None:
     """Return the value of a service's metric, or None."""
     return next((figure.value for figure in health.figures if figure.name == name), None)
-
-
-SLOW_S = 0.1
-"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
 
 
 def latency_s(health: Health | None) -> float:

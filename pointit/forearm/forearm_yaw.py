@@ -46,6 +46,49 @@ MIN_SIGMA_RAD = math.radians(0.1)
 MIN_PROBABILITY = 0.01
 """Probability of a lasting error below which its result is left out."""
 
+MAX_GAP_NS = NS_PER_S // 20
+"""Largest time between two orientations of the body between which one is interpolated, ns."""
+MIN_TURN_RAD = math.radians(2.0)
+"""Turn after which an orientation is stored, so that a resting arm replaces nothing."""
+HOLD_NS = NS_PER_S
+"""Time for which an arm that came to rest still adds orientations, ns."""
+MAX_PAIRS = 600
+"""Number of stored orientations, 12 s of a moving arm at 50 Hz."""
+SOLVE_PERIOD_NS = NS_PER_S // 2
+"""Least time between two estimates, ns."""
+MIN_PAIRS = 12
+MAX_AGE_NS = 60 * NS_PER_S
+"""Age at which a stored orientation is dropped, since the IMU's yaw drifts."""
+DRIFT_RADPS = math.radians(0.03)
+"""Assumed drift of the IMU's yaw, by which an estimate ages."""
+DELAY_SIGMA_S = 0.05
+"""1 sigma of the delay between IMU and body, before it is estimated."""
+NOISE_RAD = math.radians(0.3)
+"""Least noise of the difference of two orientations."""
+MAX_NOISE_RAD = math.radians(3.0)
+"""Largest difference of the two orientations, 1 sigma: beyond it, the body is not on the arm with the IMU."""
+SWITCH_SIGMAS = 4.0
+"""Difference from the estimate before, in its sigmas, at which a worse but newer one counts."""
+ITERATIONS = 4
+PRECISION = np.diag([0.0, 0.0, 0.0, 0.0, DELAY_SIGMA_S**-2, DRIFT_RADPS**-2])
+"""Prior precision of yaw, turn of the mount, delay and drift."""
+MAX_YAW_SIGMA_RAD = math.radians(1.0)
+"""Largest 1 sigma of a yaw that is used for the first time since the IMU's yaw origin changed."""
+MAX_LATER_SIGMA_RAD = math.radians(5.0)
+"""The same later, while the arm rests and the IMU's yaw drifts."""
+CONTRADICTION_NS = NS_PER_S
+"""Time of the newest samples whose median difference from the estimate ends it, ns."""
+CONTRADICTION_STEP_NS = CONTRADICTION_NS // 20
+MIN_CONTRADICTIONS = 10
+"""Number of samples, at most one each `CONTRADICTION_STEP_NS`, below which nothing is contradicted."""
+CHECK_PERIOD_NS = NS_PER_S // 4
+"""Least time between two comparisons of the newest samples with the estimate, ns."""
+ANY_YAW_SIGMA_RAD = math.pi / math.sqrt(3.0)
+"""1 sigma of a yaw of which nothing is known."""
+DISAGREEMENT = ", as wrist and body turn differently: correct `up`, or wear both on one arm, and"
+MOVE = "move the arm with the wrist and the body up, down and sideways for 5 s"
+"""Advice if the yaw is not known."""
+
 
 class Linearization(NamedTuple):
     """Residuals about an estimate, and their derivatives by the parameters."""
@@ -116,50 +159,6 @@ def solve_lasting(linearization: Linearization) -> YawStep | None:
     spread = (np.array(steps)[likely, 0] - step[0]) ** 2
     variance = MIN_SIGMA_RAD**2 + float(shares @ (np.array(variances)[likely] + spread))
     return YawStep(step, variance) if math.isfinite(variance) else None
-
-
-MAX_GAP_NS = NS_PER_S // 20
-"""Largest time between two orientations of the body between which one is interpolated, ns."""
-MIN_TURN_RAD = math.radians(2.0)
-"""Turn after which an orientation is stored, so that a resting arm replaces nothing."""
-HOLD_NS = NS_PER_S
-"""Time for which an arm that came to rest still adds orientations, ns."""
-MAX_PAIRS = 600
-"""Number of stored orientations, 12 s of a moving arm at 50 Hz."""
-SOLVE_PERIOD_NS = NS_PER_S // 2
-"""Least time between two estimates, ns."""
-MIN_PAIRS = 12
-MAX_AGE_NS = 60 * NS_PER_S
-"""Age at which a stored orientation is dropped, since the IMU's yaw drifts."""
-DRIFT_RADPS = math.radians(0.03)
-"""Assumed drift of the IMU's yaw, by which an estimate ages."""
-DELAY_SIGMA_S = 0.05
-"""1 sigma of the delay between IMU and body, before it is estimated."""
-NOISE_RAD = math.radians(0.3)
-"""Least noise of the difference of two orientations."""
-MAX_NOISE_RAD = math.radians(3.0)
-"""Largest difference of the two orientations, 1 sigma: beyond it, the body is not on the arm with the IMU."""
-SWITCH_SIGMAS = 4.0
-"""Difference from the estimate before, in its sigmas, at which a worse but newer one counts."""
-ITERATIONS = 4
-PRECISION = np.diag([0.0, 0.0, 0.0, 0.0, DELAY_SIGMA_S**-2, DRIFT_RADPS**-2])
-"""Prior precision of yaw, turn of the mount, delay and drift."""
-MAX_YAW_SIGMA_RAD = math.radians(1.0)
-"""Largest 1 sigma of a yaw that is used for the first time since the IMU's yaw origin changed."""
-MAX_LATER_SIGMA_RAD = math.radians(5.0)
-"""The same later, while the arm rests and the IMU's yaw drifts."""
-CONTRADICTION_NS = NS_PER_S
-"""Time of the newest samples whose median difference from the estimate ends it, ns."""
-CONTRADICTION_STEP_NS = CONTRADICTION_NS // 20
-MIN_CONTRADICTIONS = 10
-"""Number of samples, at most one each `CONTRADICTION_STEP_NS`, below which nothing is contradicted."""
-CHECK_PERIOD_NS = NS_PER_S // 4
-"""Least time between two comparisons of the newest samples with the estimate, ns."""
-ANY_YAW_SIGMA_RAD = math.pi / math.sqrt(3.0)
-"""1 sigma of a yaw of which nothing is known."""
-DISAGREEMENT = ", as wrist and body turn differently: correct `up`, or wear both on one arm, and"
-MOVE = "move the arm with the wrist and the body up, down and sideways for 5 s"
-"""Advice if the yaw is not known."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,15 @@ from pointit.geometry.vector import Vec3
 TINY = 1e-30
 """Replaces vanishing denominators, so that quotients grow large but not infinite."""
 
+Array = NDArray[np.float64]
+
+FARTHEST_M = 1e6
+"""Limit of coordinates, m."""
+SAME_M = 1e-9
+"""Distance below which vertices are merged, m, as they have no direction."""
+AT_ONCE = 500_000
+"""Maximum number of pairs of point and segment in memory at once."""
+
 
 class Hit(NamedTuple):
     """A point of a target, and its distances to the ray."""
@@ -85,16 +94,6 @@ def clip_to_reach(p: float, q: float, reach_m: float) -> tuple[float, float] | N
         return None
     crossing = (reach_m - p) / q
     return (0.0, crossing) if q > 0.0 else (crossing, 1.0)
-
-
-Array = NDArray[np.float64]
-
-FARTHEST_M = 1e6
-"""Limit of coordinates, m."""
-SAME_M = 1e-9
-"""Distance below which vertices are merged, m, as they have no direction."""
-AT_ONCE = 500_000
-"""Maximum number of pairs of point and segment in memory at once."""
 
 
 class Polyline:

@@ -30,6 +30,15 @@ ROUNDING = 1e-14
 SAME = 1e-9
 """Difference below which misses are equal. The nearer solid wins then."""
 
+RUN_M = 0.25
+"""Maximum length of a run, m. Longer segments are cut."""
+RUN_SEGMENTS = 16
+"""Maximum number of segments of a run."""
+FEW = 8
+"""Number of segments and points up to which plain Python on each is faster than arrays."""
+SLACK_M = 1e-6
+"""Margin of the balls' radii, so that rounding never loses a run."""
+
 
 class SolidCaster:
     """Static solids. Targets are numbered as given."""
@@ -137,16 +146,6 @@ class SolidCaster:
         if distance <= radius:
             return -math.inf
         return vector.angle_between(direction, reach) - math.asin(radius / distance)
-
-
-RUN_M = 0.25
-"""Maximum length of a run, m. Longer segments are cut."""
-RUN_SEGMENTS = 16
-"""Maximum number of segments of a run."""
-FEW = 8
-"""Number of segments and points up to which plain Python on each is faster than arrays."""
-SLACK_M = 1e-6
-"""Margin of the balls' radii, so that rounding never loses a run."""
 
 
 class _Segment(NamedTuple):

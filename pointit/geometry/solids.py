@@ -43,6 +43,9 @@ FLOOR_RAD = math.radians(5.0)
 LEVEL = 1e-6
 """Inclination of the normal below which a plane is level."""
 
+ROUNDING_M = 1e-9
+"""Distance that may be lost by rounding."""
+
 
 def _first_ahead(first: float, last: float) -> float | None:
     """Return where a ray meets a solid, crossed from `first` to `last`, or None if that is behind it."""
@@ -487,10 +490,6 @@ class PlaneSolid:
 def is_level(normal: Vec3) -> bool:
     """Return True if a plane with that normal, of any length, is level enough to stand on."""
     return abs(normal[2]) >= math.cos(FLOOR_RAD) * vector.norm(normal)
-
-
-ROUNDING_M = 1e-9
-"""Distance that may be lost by rounding."""
 
 
 class FloorArea(Polygon):

@@ -30,12 +30,21 @@ MAX_BYTES = 4096
 OTHERS = 0o077
 """Mode bits of a file for its group and others."""
 
+Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
+
+log = logging.getLogger(__name__)
+
+REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
+"""Advice if the extra is not installed."""
+PORT = 8090
+LAN_PORT = 8443
+PORTS_TO_TRY = 10
+"""Consecutive ports to try, from the default one, if none was requested."""
+EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+
 
 def _new() -> str:
     return secrets.token_urlsafe(TOKEN_BYTES)
-
-
-Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
 
 
 class PageTokens(BaseModel):
@@ -97,17 +106,6 @@ def _read(path: Path) -> PageTokens:
     if stored.operator == stored.viewer or len(stored.model_fields_set) < 2:
         raise ValueError("does not hold two tokens")
     return stored
-
-
-log = logging.getLogger(__name__)
-
-REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
-"""Advice if the extra is not installed."""
-PORT = 8090
-LAN_PORT = 8443
-PORTS_TO_TRY = 10
-"""Consecutive ports to try, from the default one, if none was requested."""
-EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,27 @@ from pointit.runtime.config.yaml_file import (
 )
 from pointit.runtime.errors import ConfigError, RefusedError
 
+_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
+
+_Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
+"""Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
+
+Section = Annotated[str, Field(pattern=f"^({'|'.join(name for name in ENTRIES if name != 'links')})$")]
+"""A section of named entries."""
+
+EntryName = Annotated[str, Field(min_length=1, max_length=64)]
+Key = Annotated[str, Field(min_length=1, max_length=64)]
+
+DIGITS = 6
+"""Decimal places of numbers that are written."""
+LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
+
+Data = dict[str, Any]
+Pairs = Sequence[tuple[Any, Any]]
+"""Nodes of keys and values of a mapping."""
+Names = dict[str, dict[str, str]]
+"""New names of entries by section and old name."""
+
 
 def write_new(path: Path, text: str | bytes) -> None:
     """Write `text` to a new file, which is there once it is complete.
@@ -61,12 +82,6 @@ def _rename_to_new(part: Path, path: Path) -> None:
         part.rename(path)
 
 
-_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
-
-_Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
-"""Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
-
-
 def quoted(text: str) -> str:
     """Return `text` as a YAML scalar on one line, quoted if YAML 1.1 or 1.2 would read another value."""
     if _PLAIN.fullmatch(text) and dump_yaml([text], default_flow_style=True) == f"[{text}]\n":
@@ -90,13 +105,6 @@ for _letter, _rows in Loader.yaml_implicit_resolvers.items():
         _Dumper.add_implicit_resolver(_tag, _pattern, [_letter])
 _Dumper.add_representer(WrittenInt, _represent)
 _Dumper.add_representer(WrittenFloat, _represent)
-
-
-Section = Annotated[str, Field(pattern=f"^({'|'.join(name for name in ENTRIES if name != 'links')})$")]
-"""A section of named entries."""
-
-EntryName = Annotated[str, Field(min_length=1, max_length=64)]
-Key = Annotated[str, Field(min_length=1, max_length=64)]
 
 
 class _Edit(BaseModel):
@@ -136,17 +144,6 @@ class Rename(_Edit):
 
 Edit = Annotated[SetValue | Add | Remove | Rename, Field(discriminator="op")]
 """All edits of one batch name entries as they are in the file, so that two can swap their names."""
-
-
-DIGITS = 6
-"""Decimal places of numbers that are written."""
-LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
-
-Data = dict[str, Any]
-Pairs = Sequence[tuple[Any, Any]]
-"""Nodes of keys and values of a mapping."""
-Names = dict[str, dict[str, str]]
-"""New names of entries by section and old name."""
 
 
 class _Splice(NamedTuple):

@@ -39,6 +39,19 @@ HOME_BUTTONS = ("{", "automation.", "button.", "input_button.", "scene.", "scrip
 OBJECT = "object"
 """Place of a thing that is the tracked object of its name."""
 
+_TEXT = BeforeValidator(written_text)
+
+MAX_THINGS = 1000
+"""Limit of things, which are listed in one message several times a second."""
+LAMP_M = 0.2
+"""Size of a thing that is a lamp, m."""
+THINNEST_M = 0.1
+"""Least size of a thing that is a part of a strip, m: people point at it as at a box."""
+SAMPLES = 20
+"""Number of places of a part of a belt at which strips beside it are searched."""
+ROUNDED_M = 1e-3
+"""Length by which a part may end beyond its strip, since people round, m."""
+
 
 def _as(convert: Callable[[Any], Any], wanted: str) -> Callable[[object], Any]:
     """Return a function that converts a value, or raises `WANTED, not VALUE` if `convert` fails."""
@@ -222,7 +235,6 @@ _UNIT = BeforeValidator(
     )
 )
 _ORIGIN = BeforeValidator(_as(_several(3, _coordinate), "write a point of the file, [x, y, z] in its unit"))
-_TEXT = BeforeValidator(written_text)
 _KIND = _if(
     lambda value: value in ("keep_in", "keep_out"),
     "keep_in (robots stay inside) or keep_out (they stay outside)",
@@ -442,18 +454,6 @@ ENTRIES: dict[str, type[BaseModel]] = {
     if isinstance(entry, type) and issubclass(entry, BaseModel)
 }
 """Models of the entries of each section. `bays` are plain names."""
-
-
-MAX_THINGS = 1000
-"""Limit of things, which are listed in one message several times a second."""
-LAMP_M = 0.2
-"""Size of a thing that is a lamp, m."""
-THINNEST_M = 0.1
-"""Least size of a thing that is a part of a strip, m: people point at it as at a box."""
-SAMPLES = 20
-"""Number of places of a part of a belt at which strips beside it are searched."""
-ROUNDED_M = 1e-3
-"""Length by which a part may end beyond its strip, since people round, m."""
 
 
 def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:

@@ -54,6 +54,37 @@ ARROWS_ACROSS = 14
 LETTER = 0.0075
 """Width of a letter of a belt's name, as a share of the longer side."""
 
+_FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
+LEVEL = 0.999
+"""Vertical component of the normal above which a plane is drawn as a floor, everywhere if unbounded."""
+
+MAX_NAMED = 200
+"""Number of solids up to which names are drawn. More would overlap, and each takes 3 ms."""
+
+MAX_CLOUD_POINTS = 20_000
+
+WIDEST_IN, TALLEST_IN = 10.5, 8.5
+
+DPI = 150
+
+_STYLE: dict[str, Any] = {
+    "font.size": 8.5,
+    "svg.hashsalt": "pointit",
+    "text.parse_math": False,  # names and labels are no formulas
+    "axes.edgecolor": "#8a919b",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+
+_LOOKS: dict[str, dict[str, Any]] = {
+    "keep_in": {"facecolor": "none", "edgecolor": KEEP_IN, "linewidth": 1.6, "linestyle": (0, (6, 2))},
+    "keep_out": {"facecolor": KEEP_OUT + "22", "edgecolor": KEEP_OUT, "linewidth": 1.2, "hatch": "///"},
+}
+
+_TEXTS = {"keep_in": "robots stay inside", "keep_out": "robots stay outside"}
+
 
 def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
     """Draw the belts of a map that is `side_m` long. Return their entries of the legend."""
@@ -162,15 +193,6 @@ def _label_along(axes: Axes, line: Polyline, at_m: float, text: str, color: str,
     )  # fmt: skip
 
 
-_FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
-LEVEL = 0.999
-"""Vertical component of the normal above which a plane is drawn as a floor, everywhere if unbounded."""
-
-
-MAX_NAMED = 200
-"""Number of solids up to which names are drawn. More would overlap, and each takes 3 ms."""
-
-
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     """Draw the solids of `room`. Return their entries of the legend."""
     boxes: tuple[Box, ...] = (*room.boxes, *room.fixed_things)
@@ -227,31 +249,6 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
 
 def _name(axes: Axes, text: str, center_m: Vec3) -> None:
     axes.text(*center_m[:2], text, color=SOLID, fontsize=7.5, ha="center", va="center", **ON_TOP)
-
-
-MAX_CLOUD_POINTS = 20_000
-
-WIDEST_IN, TALLEST_IN = 10.5, 8.5
-
-DPI = 150
-
-_STYLE: dict[str, Any] = {
-    "font.size": 8.5,
-    "svg.hashsalt": "pointit",
-    "text.parse_math": False,  # names and labels are no formulas
-    "axes.edgecolor": "#8a919b",
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
-
-_LOOKS: dict[str, dict[str, Any]] = {
-    "keep_in": {"facecolor": "none", "edgecolor": KEEP_IN, "linewidth": 1.6, "linestyle": (0, (6, 2))},
-    "keep_out": {"facecolor": KEEP_OUT + "22", "edgecolor": KEEP_OUT, "linewidth": 1.2, "hatch": "///"},
-}
-
-_TEXTS = {"keep_in": "robots stay inside", "keep_out": "robots stay outside"}
 
 
 def draw_map(

@@ -13,6 +13,28 @@ from pointit.maps.text_table import Wanted, column_indices, shown_cells
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 
+MAX_HEADER_LINES = 1000
+"""Limit of the lines of a header. A longer one is not a PLY."""
+
+_TYPES = {
+    code: kind
+    for kind, names in {
+        "i1": ("char", "int8"),
+        "u1": ("uchar", "uint8"),
+        "i2": ("short", "int16"),
+        "u2": ("ushort", "uint16"),
+        "i4": ("int", "int32"),
+        "u4": ("uint", "uint32"),
+        "f4": ("float", "float32"),
+        "i8": ("int64",),
+        "u8": ("uint64",),
+        "f8": ("double", "float64"),
+    }.items()
+    for code in names
+}
+_MAX_LINE = 4096
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
 
 def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
     """Return the number of lines before the points and the names of the columns, None if it is no PCD.
@@ -43,29 +65,6 @@ def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
             )
         return number, [name for name, count in zip(fields, counts, strict=True) for _ in range(int(count))]
     return None
-
-
-MAX_HEADER_LINES = 1000
-"""Limit of the lines of a header. A longer one is not a PLY."""
-
-_TYPES = {
-    code: kind
-    for kind, names in {
-        "i1": ("char", "int8"),
-        "u1": ("uchar", "uint8"),
-        "i2": ("short", "int16"),
-        "u2": ("ushort", "uint16"),
-        "i4": ("int", "int32"),
-        "u4": ("uint", "uint32"),
-        "f4": ("float", "float32"),
-        "i8": ("int64",),
-        "u8": ("uint64",),
-        "f8": ("double", "float64"),
-    }.items()
-    for code in names
-}
-_MAX_LINE = 4096
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 @dataclass(frozen=True, kw_only=True)

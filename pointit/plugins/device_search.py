@@ -24,6 +24,11 @@ TIMEOUT_S = 2.0
 LONGEST_WAIT_S = 0.5
 """Python may see a Ctrl-C that comes just before a wait only after it."""
 
+SERVICE = "_home-assistant._tcp"
+MAX_LABEL = 100
+IMPORT = "pointit map import home-assistant"
+"""Command that uses a Home Assistant that was found."""
+
 
 class ShippedDevices(PluginGroup[DevicePlugin]):
     """Devices of this package that are only searched: those of others join in another way."""
@@ -144,12 +149,6 @@ async def _searched(group: PluginGroup[Any], kind: str, name: str, seconds: floa
 
 def _no_devices(group: PluginGroup[Any], name: str, found: object) -> str:
     return f"search of {group.label(name)} found a {type(found).__name__} instead of a FoundDevice"
-
-
-SERVICE = "_home-assistant._tcp"
-MAX_LABEL = 100
-IMPORT = "pointit map import home-assistant"
-"""Command that uses a Home Assistant that was found."""
 
 
 async def find_home_assistants(seconds: float) -> Sequence[FoundDevice]:

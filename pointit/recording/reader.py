@@ -29,6 +29,12 @@ MAX_SCHEMAS = 1000
 MAX_DESCRIBED_BYTES = 32 * 1024 * 1024
 """Most bytes of all descriptions of channels and schemas."""
 
+MAX_CHUNKS = 1_000_000
+"""Most chunks that are read of a recording: more than five days."""
+
+MAX_DAMAGED = 1000
+"""Most damaged chunks before a file counts as no recording."""
+
 
 class Channel:
     """A channel whose row of the topic table is known."""
@@ -122,13 +128,6 @@ def _is_newer(written: str, known: str) -> bool:
         if name in ours and version.isdecimal() and len(version) < 10 and int(version) > int(ours[name]):
             return True
     return False
-
-
-MAX_CHUNKS = 1_000_000
-"""Most chunks that are read of a recording: more than five days."""
-
-MAX_DAMAGED = 1000
-"""Most damaged chunks before a file counts as no recording."""
 
 
 class _ChunkPlace(NamedTuple):

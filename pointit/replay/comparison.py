@@ -15,6 +15,23 @@ from pointit.schemas.topics import POSE, RAY, topic_of
 IGNORED = frozenset(("seq",))
 """Fields that say nothing about what happened: a replay counts from its own beginning."""
 
+TOLERANCES: Mapping[str, float] = {POSE.key: 1e-6, RAY.key: 1e-9}
+"""By topic: difference of numbers that is none, m, rad or 1."""
+
+TOLERANCE = 1e-6
+"""The same for all other topics. Bytes, such as pixels, must be equal."""
+
+TIME_TOLERANCE_S = 0.1
+"""Difference of times that is none, s: a recorder gets a message a little after the services did."""
+
+TIMEOUT_NS = 2 * NS_PER_S
+"""After this time a message whose stamp the other run does not have is paired with a near one, or missing."""
+
+NEAR_NS = NS_PER_S // 2
+"""Largest difference of the times of two messages with different stamps that are a pair, ns."""
+
+Side = Literal["recorded", "replayed"]
+
 
 class Sample(NamedTuple):
     """A message, as it is compared."""
@@ -73,24 +90,6 @@ def differences(one: object, other: object, field: str = "") -> list[Leaf]:
 
 def _number(value: object) -> float | None:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-TOLERANCES: Mapping[str, float] = {POSE.key: 1e-6, RAY.key: 1e-9}
-"""By topic: difference of numbers that is none, m, rad or 1."""
-
-TOLERANCE = 1e-6
-"""The same for all other topics. Bytes, such as pixels, must be equal."""
-
-TIME_TOLERANCE_S = 0.1
-"""Difference of times that is none, s: a recorder gets a message a little after the services did."""
-
-TIMEOUT_NS = 2 * NS_PER_S
-"""After this time a message whose stamp the other run does not have is paired with a near one, or missing."""
-
-NEAR_NS = NS_PER_S // 2
-"""Largest difference of the times of two messages with different stamps that are a pair, ns."""
-
-Side = Literal["recorded", "replayed"]
 
 
 class FieldReport(SchemaModel):

@@ -17,6 +17,12 @@ from pointit.runtime.zenoh.session import own_sockets
 Peer = tuple[str, int]
 """Address and port, as `peer` returns them."""
 
+SO_ATTACH_FILTER = 26
+KEEP_HEADERS = struct.pack("HBBI", 6, 0, 0, 1)
+"""Linux's filter of one instruction, by which a connection takes acknowledgements and no data."""
+MAX_DISCARDED_BYTES = 16 * 1024 * 1024
+"""Above Linux's limit of what waits on a connection, which is discarded without being copied."""
+
 
 def peer(host: str, port: int) -> Peer:
     """Return one spelling of an address: without zone, and IPv4 as such.
@@ -26,13 +32,6 @@ def peer(host: str, port: int) -> Peer:
     """
     address = ipaddress.ip_address(host.partition("%")[0])
     return str(getattr(address, "ipv4_mapped", None) or address), port
-
-
-SO_ATTACH_FILTER = 26
-KEEP_HEADERS = struct.pack("HBBI", 6, 0, 0, 1)
-"""Linux's filter of one instruction, by which a connection takes acknowledgements and no data."""
-MAX_DISCARDED_BYTES = 16 * 1024 * 1024
-"""Above Linux's limit of what waits on a connection, which is discarded without being copied."""
 
 
 def cut(peers: Collection[Peer]) -> int:

@@ -19,6 +19,43 @@ MAX_MARKS = 60
 EXPECTED_FOCAL = 0.78
 """Focal length of a phone, as a share of the image's longer side."""
 
+MAX_CANDIDATE_PAIRS = 300
+COARSE = 0.05
+"""Tolerance of a first pose, as a share of the image's width: depth from one photograph is coarse."""
+DISTINCT_M = 0.15
+"""Distance of poses that differ."""
+MAX_POSES = 3
+GRAVITY_ARM_M = 0.5
+"""Gravity counts as a point at this distance."""
+
+Piece = tuple[int, int]
+"""Number of a strip, and of its piece."""
+Lines = Sequence[Mapping[Piece, ImageLine]]
+"""Lines of each view."""
+
+FOCALS = (0.65, 0.8, 1.0)
+"""Focal lengths to begin with, as shares of the image's longer side."""
+STARTS = 3
+"""Number of begun pairs that are grown."""
+PAIRS = 4
+"""Number of pairs of views to begin with."""
+PITCH_SIGMA = 0.01
+"""Relative standard deviation of a strip's pitch from the one it is sold with."""
+GOOD_PX = 6.0
+MAX_PAIRS = 0.85
+"""Share of a line's sightings in a view that are good if it is in its place."""
+MIN_TIES = 5
+"""Minimum number of sightings, on both sides, of the two pieces that tie a view: fewer fit several poses."""
+MAX_LINES = 0.75
+"""Share of a view's shared lines that are in their places if the view is; others are reflections."""
+WORSE = 1.5
+"""Ratio of costs up to which a further view fits the others."""
+MAX_STRETCH = 0.04
+"""Relative error of a pitch with which a line does not count."""
+WIDE_PX, NARROW_PX = 20.0, 6.0
+FLAT = 0.15
+"""Ratio of the third and second extent of points up to which they lie in a plane."""
+
 
 @dataclass(frozen=True)
 class SightingArrays:
@@ -74,16 +111,6 @@ class SightingArrays:
     def log_focal(self) -> float:
         """Return the expected logarithm of the focal length in image pixels."""
         return float(np.log(EXPECTED_FOCAL * self.side_px))
-
-
-MAX_CANDIDATE_PAIRS = 300
-COARSE = 0.05
-"""Tolerance of a first pose, as a share of the image's width: depth from one photograph is coarse."""
-DISTINCT_M = 0.15
-"""Distance of poses that differ."""
-MAX_POSES = 3
-GRAVITY_ARM_M = 0.5
-"""Gravity counts as a point at this distance."""
 
 
 def candidate_poses(
@@ -170,35 +197,6 @@ def upright(up: Array) -> Array:
     x, y, z = axis
     matrix = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + matrix + matrix @ matrix / (1.0 + cosine))
-
-
-Piece = tuple[int, int]
-"""Number of a strip, and of its piece."""
-Lines = Sequence[Mapping[Piece, ImageLine]]
-"""Lines of each view."""
-
-FOCALS = (0.65, 0.8, 1.0)
-"""Focal lengths to begin with, as shares of the image's longer side."""
-STARTS = 3
-"""Number of begun pairs that are grown."""
-PAIRS = 4
-"""Number of pairs of views to begin with."""
-PITCH_SIGMA = 0.01
-"""Relative standard deviation of a strip's pitch from the one it is sold with."""
-GOOD_PX = 6.0
-MAX_PAIRS = 0.85
-"""Share of a line's sightings in a view that are good if it is in its place."""
-MIN_TIES = 5
-"""Minimum number of sightings, on both sides, of the two pieces that tie a view: fewer fit several poses."""
-MAX_LINES = 0.75
-"""Share of a view's shared lines that are in their places if the view is; others are reflections."""
-WORSE = 1.5
-"""Ratio of costs up to which a further view fits the others."""
-MAX_STRETCH = 0.04
-"""Relative error of a pitch with which a line does not count."""
-WIDE_PX, NARROW_PX = 20.0, 6.0
-FLAT = 0.15
-"""Ratio of the third and second extent of points up to which they lie in a plane."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,11 @@ from pointit.schemas import BodyMeasures
 TREMOR_HZ = (6.0, 12.0)
 TREMOR_TONES = 3
 
+RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+
+UPPER_ARM_SHARE = 0.56
+"""Upper arm as a share of the length from shoulder to wrist (Drillis and Contini 1966)."""
+
 
 class Tremor:
     """Two angles that tremble about 0, each of the same rms."""
@@ -38,12 +43,6 @@ class Tremor:
             self._phase_rad[axis] = phases
             angles[axis] = tone_rad * math.fsum(map(math.sin, phases))
         return (angles[0], angles[1])
-
-
-RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
-
-UPPER_ARM_SHARE = 0.56
-"""Upper arm as a share of the length from shoulder to wrist (Drillis and Contini 1966)."""
 
 
 @dataclass(frozen=True, slots=True)

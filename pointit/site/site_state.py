@@ -34,6 +34,9 @@ MAX_KEYS = 65_536
 MAX_FORMER = 1000
 """Maximum number of people, services and keys that are remembered after their end; the oldest go first."""
 
+K = TypeVar("K")
+V = TypeVar("V")
+
 
 @dataclass(frozen=True, slots=True)
 class Change:
@@ -332,10 +335,6 @@ class SiteState:
 
 def _ignore(*_: object) -> None:
     pass
-
-
-K = TypeVar("K")
-V = TypeVar("V")
 
 
 def _remember(ordered: OrderedDict[K, V], key: K, value: V) -> None:

@@ -17,6 +17,32 @@ from pointit.speech.recogniser import RATE_HZ
 
 log = logging.getLogger(__name__)
 
+MAX_BYTES = 256 * 2**20
+"""Limit of a file: more than two hours."""
+
+PCM, EXTENSIBLE = 1, 0xFFFE
+ENCODINGS = {PCM: "PCM", 2: "ADPCM", 3: "float", 6: "A-law", 7: "mu-law", 0x11: "ADPCM", 0x55: "MP3"}
+"""Names of format tags."""
+
+STREAMED = 0x7FFF0000
+"""Size of data from which it is a placeholder of a program that could not seek back, or was ended."""
+
+_CHUNK = struct.Struct("<4sI")
+_NAMES = frozenset({b"data", b"fmt ", b"LIST", b"fact", b"cue ", b"bext", b"JUNK", b"id3 ", b"smpl", b"PEAK"})
+"""Names of usual chunks."""
+_FORMAT = struct.Struct("<HHIIHH")
+_SUBFORMAT, _SUBFORMAT_END = 24, bytes.fromhex("000000001000800000aa00389b71")
+"""Offset of the extensible format's subformat, and what follows if its first two bytes are a format tag."""
+_CONVERTER = f"`sox IN -r {RATE_HZ // 1000}k -b 16 -c 1 OUT`"
+
+BLOCK_S = 0.05
+BLOCK = round(BLOCK_S * RATE_HZ) * 2
+"""Bytes of a block."""
+TAIL_S = 1.0
+"""Silence after a file, s, by which its last utterance ends."""
+RECORDER = ("arecord", "-q", "-t", "raw", "-f", "S16_LE", "-c", "1", "-r", str(RATE_HZ))
+MICROPHONE = "microphone"
+
 
 async def blocks_of(descriptor: int, size: int) -> AsyncIterator[bytes]:
     """Yield what can be read from a file descriptor, at most `size` bytes at a time, until its end."""
@@ -50,25 +76,6 @@ async def _readable(descriptor: int) -> None:
         await is_ready.wait()
     finally:
         loop.remove_reader(descriptor)
-
-
-MAX_BYTES = 256 * 2**20
-"""Limit of a file: more than two hours."""
-
-PCM, EXTENSIBLE = 1, 0xFFFE
-ENCODINGS = {PCM: "PCM", 2: "ADPCM", 3: "float", 6: "A-law", 7: "mu-law", 0x11: "ADPCM", 0x55: "MP3"}
-"""Names of format tags."""
-
-STREAMED = 0x7FFF0000
-"""Size of data from which it is a placeholder of a program that could not seek back, or was ended."""
-
-_CHUNK = struct.Struct("<4sI")
-_NAMES = frozenset({b"data", b"fmt ", b"LIST", b"fact", b"cue ", b"bext", b"JUNK", b"id3 ", b"smpl", b"PEAK"})
-"""Names of usual chunks."""
-_FORMAT = struct.Struct("<HHIIHH")
-_SUBFORMAT, _SUBFORMAT_END = 24, bytes.fromhex("000000001000800000aa00389b71")
-"""Offset of the extensible format's subformat, and what follows if its first two bytes are a format tag."""
-_CONVERTER = f"`sox IN -r {RATE_HZ // 1000}k -b 16 -c 1 OUT`"
 
 
 class WavFormat(NamedTuple):
@@ -160,15 +167,6 @@ def _format(content: bytes) -> WavFormat | None:
     if encoding == EXTENSIBLE and content[_SUBFORMAT + 2 :].startswith(_SUBFORMAT_END):
         encoding = int.from_bytes(content[_SUBFORMAT : _SUBFORMAT + 2], "little")
     return WavFormat(encoding, channels, rate_hz, bits)
-
-
-BLOCK_S = 0.05
-BLOCK = round(BLOCK_S * RATE_HZ) * 2
-"""Bytes of a block."""
-TAIL_S = 1.0
-"""Silence after a file, s, by which its last utterance ends."""
-RECORDER = ("arecord", "-q", "-t", "raw", "-f", "S16_LE", "-c", "1", "-r", str(RATE_HZ))
-MICROPHONE = "microphone"
 
 
 class WavFile:

@@ -38,6 +38,9 @@ DIGITS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight"
 MAX_NAMES = 200
 """Largest number of names in a grammar."""
 
+BAY = "bay"
+"""Word before the name of a bay."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Mention:
@@ -206,10 +209,6 @@ def _name_at(texts: Sequence[str], index: int, names: Names) -> tuple[str, int]:
         if (name := names.get(tuple(texts[index : index + length]))) is not None:
             return name, length
     return "", 0
-
-
-BAY = "bay"
-"""Word before the name of a bay."""
 
 
 @dataclass

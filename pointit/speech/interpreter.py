@@ -37,6 +37,18 @@ BLINKS = 6
 """Number of times that a lamp blinks in a turn."""
 COLOR: Rgb = (255, 255, 255)
 
+SETTLE_S = 0.4
+"""Time after the last deictic word for which rays are awaited, s."""
+LOOK_S = 0.2
+"""Time in which the robots that are there are found, s."""
+MAX_UTTERANCE_AGE_S = 8.0
+"""Age of an utterance from which it is not followed."""
+MAX_WAITING = 4
+"""Number of utterances that may wait for an earlier one; further ones are refused."""
+MAX_CHARACTERS = 4096
+"""Largest length of `Understood.text`."""
+AGAIN = "point at it, and say it again"
+
 
 class Question:
     """Asks one question at a time."""
@@ -116,19 +128,6 @@ class Question:
                     await asyncio.sleep(half_s)
             finally:
                 await self._bus.call(SET_LAMP, SetLamp(color=None), lamp)
-
-
-SETTLE_S = 0.4
-"""Time after the last deictic word for which rays are awaited, s."""
-LOOK_S = 0.2
-"""Time in which the robots that are there are found, s."""
-MAX_UTTERANCE_AGE_S = 8.0
-"""Age of an utterance from which it is not followed."""
-MAX_WAITING = 4
-"""Number of utterances that may wait for an earlier one; further ones are refused."""
-MAX_CHARACTERS = 4096
-"""Largest length of `Understood.text`."""
-AGAIN = "point at it, and say it again"
 
 
 class NotUnderstood(Exception):  # noqa: N818 - no error of the program

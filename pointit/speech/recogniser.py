@@ -21,6 +21,22 @@ from pointit.speech.grammar import Vocabulary
 RATE_HZ = 16_000
 """Rate of the samples, each of 16 bits, signed, little endian, one channel."""
 
+WORD_S = 0.3
+"""Length of a word, s."""
+PAUSE_S = 1.5
+"""Time between two words that ends an utterance, s."""
+LATEST_S = 86_400.0
+TEXT = "text"
+"""Name of this recogniser in messages."""
+
+FRAMES_PER_S = 100
+"""Frames of the decoder's times."""
+NOISE = re.compile(r"[<\[(+].*|.*\(NULL\).*")
+"""Silence and fillers among the decoder's words."""
+VARIANT = re.compile(r"\(\d+\)\Z")
+"""Number of a pronunciation behind a word."""
+NAME = "pocketsphinx"
+
 
 class Audio(Protocol):
     """Samples with their time."""
@@ -64,15 +80,6 @@ def make(name: str, settings: Mapping[str, Any]) -> Recogniser:
     return plugin.make(plugin.config.model_validate(dict(settings)))
 
 
-WORD_S = 0.3
-"""Length of a word, s."""
-PAUSE_S = 1.5
-"""Time between two words that ends an utterance, s."""
-LATEST_S = 86_400.0
-TEXT = "text"
-"""Name of this recogniser in messages."""
-
-
 class TimedWord(NamedTuple):
     """A word and the time of its onset since the beginning, s, or None if it comes with its line."""
 
@@ -113,15 +120,6 @@ def speech(words: Sequence[TimedWord], start_ns: int, now_ns: int) -> Speech:
         text = word.text.lower()[:64]
         found.append(Word(text=text, start_ns=begin_ns, end_ns=begin_ns + round(WORD_S * NS_PER_S)))
     return Speech(stamp_ns=found[-1].end_ns if found else now_ns, words=tuple(found), recogniser=TEXT)
-
-
-FRAMES_PER_S = 100
-"""Frames of the decoder's times."""
-NOISE = re.compile(r"[<\[(+].*|.*\(NULL\).*")
-"""Silence and fillers among the decoder's words."""
-VARIANT = re.compile(r"\(\d+\)\Z")
-"""Number of a pronunciation behind a word."""
-NAME = "pocketsphinx"
 
 
 class SphinxConfig(Config):

@@ -23,6 +23,9 @@ PERIOD_S = 0.05
 NEAR_M = 1.5
 """Maximum distance of the place that is meant from a bay, m."""
 
+MAX_NAMES = 8
+"""Number of names of the room that a message lists."""
+
 
 class Packages:
     """Claims objects as a dwell does: the selector decides by the same rules."""
@@ -118,10 +121,6 @@ class Packages:
             vector.norm(vector.subtract(there_m, place_m)): bay for bay, there_m in self._room.bays.items()
         }
         return away[min(away)] if away and min(away) <= NEAR_M else ""
-
-
-MAX_NAMES = 8
-"""Number of names of the room that a message lists."""
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,17 @@ Task = Annotated[
     TargetReach | Tapping | TargetPackages | TargetPlaces | Steer | Localize, Field(discriminator="kind")
 ]
 
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")
+TASK = "task."
+"""Prefix of a parameter of the task among those of services."""
+
+SHIPPED = ("belts", "robots", "space", "strips")
+"""Scenarios of this room."""
+
+MAX_CELLS = 1000
+"""Largest number of combinations of levels."""
+
 
 def _with_text(value: object, validate_value: ValidatorFunctionWrapHandler) -> object:
     """Return `value` if it is valid. A number stays one that has its text, for a service's field of text."""
@@ -41,14 +52,8 @@ def _with_text(value: object, validate_value: ValidatorFunctionWrapHandler) -> o
 
 
 Value = Annotated[bool | int | float | str, WrapValidator(_with_text)]
-NAME = re.compile(r"[a-z][a-z0-9_]*")
-FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")
-TASK = "task."
-"""Prefix of a parameter of the task among those of services."""
 PRESS: dict[str, Value] = {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
 """Parameters with which a press ends a trial."""
-SHIPPED = ("belts", "robots", "space", "strips")
-"""Scenarios of this room."""
 
 
 class Factor(Config):
@@ -79,10 +84,6 @@ class Factor(Config):
             if self.vary == "trial" and not name.startswith(TASK):
                 raise described_error(f"{name} cannot change from trial to trial: use vary: block")
         return self
-
-
-MAX_CELLS = 1000
-"""Largest number of combinations of levels."""
 
 
 class Study(Config):

@@ -7,6 +7,8 @@ from pydantic import Field
 
 from pointit.runtime.config.config import Config
 
+_FILE = resources.files("pointit.study") / "texts" / "questionnaires.yaml"
+
 
 class Scale(Config):
     """A questionnaire of items that are answered on one scale."""
@@ -22,7 +24,6 @@ class Scale(Config):
 
 Questionnaire = str | Scale
 
-_FILE = resources.files("pointit.study") / "texts" / "questionnaires.yaml"
 NASA_TLX, SUS = (Scale.model_validate(each) for each in yaml.safe_load(_FILE.read_text(encoding="utf-8")))
 KNOWN = {scale.name: scale for scale in (NASA_TLX, SUS)}
 

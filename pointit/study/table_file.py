@@ -31,6 +31,13 @@ FACTORS_AFTER = "practice"
 REPEATED = "repeated"
 """First word of the reason of an attempt that does not count."""
 
+Row = dict[str, str]
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+COUNT = re.compile(r"\d{1,9}")
+PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
+"""Columns of numbers. Their minus sign starts no formula of a spreadsheet."""
+REMEDY = "restore it from a backup, or begin in a new folder with `pointit study run --to`"
+
 
 def columns_of(factors: list[str]) -> list[tuple[str, str, str]]:
     """Return all columns of a study with these factors, in their order."""
@@ -52,14 +59,6 @@ def counts(row: Mapping[str, str]) -> bool:
 def done_trials(rows: Iterable[Mapping[str, str]]) -> set[int]:
     """Return the numbers of the trials that are done."""
     return {int(row["trial"]) for row in rows if counts(row)}
-
-
-Row = dict[str, str]
-NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
-COUNT = re.compile(r"\d{1,9}")
-PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
-"""Columns of numbers. Their minus sign starts no formula of a spreadsheet."""
-REMEDY = "restore it from a backup, or begin in a new folder with `pointit study run --to`"
 
 
 class TrialTable(NamedTuple):

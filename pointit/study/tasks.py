@@ -16,6 +16,17 @@ from pointit.schemas import Environment, TrackedObject
 
 T = TypeVar("T")
 
+TARGET, OTHER = "red", "blue"
+"""Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
+Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
+
+GAP_M = 0.6
+"""Distance between two packages, m."""
+START = 0.1
+"""Position of the hindmost package, share of the lane."""
+
+Robot = Annotated[str, Field(description="quadrotor of the scenario")]
+
 
 def pick(items: Sequence[T], rng: np.random.Generator) -> T:
     """Return a random one of `items`."""
@@ -83,11 +94,6 @@ class TaskConfig(Config):
         """Return parameters with which a simulated participant does `scenes`, the rest of a block."""
         del scenes
         return {}
-
-
-TARGET, OTHER = "red", "blue"
-"""Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
-Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
 
 
 class TargetReach(TaskConfig):
@@ -208,12 +214,6 @@ class Tapping(TaskConfig):
         return (x, y + radius_m * cos(angle_rad), z + radius_m * sin(angle_rad))
 
 
-GAP_M = 0.6
-"""Distance between two packages, m."""
-START = 0.1
-"""Position of the hindmost package, share of the lane."""
-
-
 class TargetPackages(TaskConfig):
     """Choose the red one of some packages that move on a lane of the simulated conveyor."""
 
@@ -315,9 +315,6 @@ def _on_strip(
         surface_id=strip,
         surface_position_m=at_m,
     )
-
-
-Robot = Annotated[str, Field(description="quadrotor of the scenario")]
 
 
 class Steer(TaskConfig):

@@ -17,6 +17,8 @@ from pointit.study_report.table import LEVEL, Table, summary
 BINS = 10
 """Maximum number of groups of trials in which learning is shown."""
 
+Floats = NDArray[np.float64]
+
 
 def values_of(trials: Trials, measure: str) -> list[TrialRow]:
     """Return the counted trials with a value of `measure`: hits, and for errors also wrong selections.
@@ -197,9 +199,6 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
             if values:
                 table.append({**trials.named(levels), **summary(values, "median", np.median, **ends)})
     return table
-
-
-Floats = NDArray[np.float64]
 
 
 class ModelFit(NamedTuple):

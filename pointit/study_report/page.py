@@ -20,6 +20,16 @@ from pointit.study_report.tapping_movements import omission_notes
 _FILE = resources.files("pointit.study_report") / "sections.yaml"
 ABOUT: Mapping[str, str] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
 
+STYLE = (resources.files("pointit.study_report") / "report.css").read_text(encoding="utf-8")
+LONG = 15
+"""Tables with more rows are folded."""
+
+SETUP = """%matplotlib inline
+from pointit import study_report
+from pointit.study_report import figures
+
+trials = study_report.trials({folder!r})"""
+
 
 @dataclass(frozen=True)
 class ReportStep:
@@ -84,17 +94,6 @@ def _both(name: str, *arguments: str) -> tuple[ReportStep, ReportStep]:
 def capital(text: str) -> str:
     """Return `text` with a capital letter."""
     return text[0].upper() + text[1:]
-
-
-STYLE = (resources.files("pointit.study_report") / "report.css").read_text(encoding="utf-8")
-LONG = 15
-"""Tables with more rows are folded."""
-
-SETUP = """%matplotlib inline
-from pointit import study_report
-from pointit.study_report import figures
-
-trials = study_report.trials({folder!r})"""
 
 
 def report(trials: Trials, folder: str, tell: Callable[[str], object] = lambda _: None) -> tuple[str, str]:

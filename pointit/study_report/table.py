@@ -16,6 +16,9 @@ from pointit.study_report.reading import Trials
 RESAMPLES = 10_000
 LEVEL = 0.95
 
+Statistic = Callable[..., Any]
+"""A statistic over the `axis` of an array, such as `numpy.median`."""
+
 
 class Table(list[dict[str, Any]]):
     """Rows with the same keys, None if not determined; `pandas.DataFrame(table)` makes a data frame."""
@@ -39,10 +42,6 @@ def _cell(value: Any) -> str:
         return f'<td class="number">{value:.3g}</td>'
     number = ' class="number"' if isinstance(value, int) else ""
     return f"<td{number}>{escape(str(value))}</td>"
-
-
-Statistic = Callable[..., Any]
-"""A statistic over the `axis` of an array, such as `numpy.median`."""
 
 
 def resample_indices(count: int) -> NDArray[np.int64]:

@@ -11,6 +11,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ClassVar, cast
 
+LOST_AFTER_S = 1.0
+WAIT_S = 0.001
+READ_BYTES = 65536
+PROGRAM_PORTS = range(10_000, 15_000)
+"""Ports on which programs listen in tests, below those that Linux, macOS and Windows give out themselves."""
+
 
 class FakeDevice:
     """A device that can appear, vanish, send and receive. This one is none: for plug-ins without a device.
@@ -62,13 +68,6 @@ class NetworkDevice(FakeDevice):
     def close(self) -> None:
         """Free the port."""
         self._reserved.close()
-
-
-LOST_AFTER_S = 1.0
-WAIT_S = 0.001
-READ_BYTES = 65536
-PROGRAM_PORTS = range(10_000, 15_000)
-"""Ports on which programs listen in tests, below those that Linux, macOS and Windows give out themselves."""
 
 
 class PtyDevice(FakeDevice):

@@ -24,6 +24,23 @@ _NARROW = 1000.0
 _UNIT = {3: (0.6, 0.0, 0.8), 4: (0.5, -0.5, 0.5, 0.5)}
 """Exact unit vectors by their length."""
 
+WRITE = "`pointit topic schema --write`"
+"""The command that brings the catalogue up to date."""
+
+SHIPPED = Path(__file__).with_name("shipped")
+"""The committed catalogue, in a checkout and in an installed package."""
+
+Files = Mapping[str, bytes]
+
+_VERSIONED = re.compile(r"(messages|samples)/(\w+)\.v([1-9]\d{0,5})\.(json|msgpack)")
+
+JsonSchema = dict[str, Any]
+
+_PROSE = frozenset({"title", "description", "$id", "$schema"})
+
+_MAPS = frozenset({"properties", "$defs"})
+"""Keywords whose members have names of our own, which may be `title`."""
+
 
 def example(kind: type[P]) -> P:
     """Return a message with every field set, optional ones too, no two numbers alike where bounds allow.
@@ -102,24 +119,6 @@ class _Filler:
             return bytes((self._count + place) % 256 for place in range(6))
         text = f"{name}-{self._count}".ljust(schema.get("minLength", 0), "x")
         return text[: schema.get("maxLength", len(text))]
-
-
-WRITE = "`pointit topic schema --write`"
-"""The command that brings the catalogue up to date."""
-
-SHIPPED = Path(__file__).with_name("shipped")
-"""The committed catalogue, in a checkout and in an installed package."""
-
-Files = Mapping[str, bytes]
-
-_VERSIONED = re.compile(r"(messages|samples)/(\w+)\.v([1-9]\d{0,5})\.(json|msgpack)")
-
-JsonSchema = dict[str, Any]
-
-_PROSE = frozenset({"title", "description", "$id", "$schema"})
-
-_MAPS = frozenset({"properties", "$defs"})
-"""Keywords whose members have names of our own, which may be `title`."""
 
 
 def all_kinds() -> tuple[Kind, ...]:

@@ -6,6 +6,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from pointit.runtime.config.config import Config
 
+SCHEDULE_LENGTH_M = 0.3
+"""Length of the packages that a schedule feeds, m."""
+
 
 def _text(value: object) -> object:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
@@ -13,10 +16,6 @@ def _text(value: object) -> object:
 
 KindNumber = Annotated[str, BeforeValidator(_text)]
 """Number of a kind in a schedule, which YAML reads as an integer."""
-
-
-SCHEDULE_LENGTH_M = 0.3
-"""Length of the packages that a schedule feeds, m."""
 
 
 class FeederConfig(Config):

@@ -26,6 +26,9 @@ from pointit.services.conveyor_sim.traffic import LastWay, Package, Traffic
 DEPARTURES = 50
 """Largest number of stored departures, which suffices for subscribers that were away."""
 
+SHORTEST_S = 1e-3
+"""Shortest time after which a feeder that found no room tries again."""
+
 
 class Dispatch:
     """Sends selected packages to one bay and the rest to another, and counts them."""
@@ -144,10 +147,6 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
         return Network(chosen, longest_m=config.longest_fed_m, surface=surface)
     bays = {bay.id: bay.belt for bay in environment.bays}
     return Network(chosen, environment.links, bays, longest_m=config.longest_fed_m)
-
-
-SHORTEST_S = 1e-3
-"""Shortest time after which a feeder that found no room tries again."""
 
 
 class Plant:

@@ -16,6 +16,15 @@ from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checker import GoalChecker
 from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
+MAX_PRESS_S = 2.0
+"""Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
+
+Output = Goal | Feedback
+
+THERE = 1.5
+"""Distance at which a second stay is still at the place of the first, in radii. People return without seeing
+the cursor, and two reaches differ by some degrees (pointing.md §7)."""
+
 
 class CueFactory:
     """Makes the cues of one publisher."""
@@ -35,21 +44,10 @@ class CueFactory:
         return Feedback(stamp_ns=now_ns, seq=self._count, cue=cue, text=text, point_m=place_m, **sign)
 
 
-MAX_PRESS_S = 2.0
-"""Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
-
-
 def is_late(event: ButtonEvent, now_ns: int, max_age_s: float) -> bool:
     """Return True if a press is older than `max_age_s`, or from the future by as much."""
     age_s = (now_ns - event.stamp_ns) / NS_PER_S
     return not -max_age_s <= age_s <= max_age_s + (MAX_PRESS_S if event.source == "headset" else 0.0)
-
-
-Output = Goal | Feedback
-
-THERE = 1.5
-"""Distance at which a second stay is still at the place of the first, in radii. People return without seeing
-the cursor, and two reaches differ by some degrees (pointing.md §7)."""
 
 
 class _Proposal(NamedTuple):

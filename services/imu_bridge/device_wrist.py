@@ -51,6 +51,15 @@ Figure = tuple[str, float | None, str]
 WarningText = tuple[str, str]
 """Topic and message of a warning. `""` clears it."""
 
+CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
+    "pointit.services.imu_bridge.device_clock:DeviceClock"
+)
+"""Class that follows a device's own clock, which only devices have. Without it, times of arrival are used."""
+SHOWN_S = 10.0
+"""Time for which a jump of a clock is reported, s."""
+FUSION = "pointit.services.imu_bridge.fusion:Fusion"
+"""Class that computes orientations from raw readings, which only some devices deliver."""
+
 
 class WristMonitor:
     """Counts what one device sends. All times are monotonic, s."""
@@ -197,16 +206,6 @@ def _scaled(value: float | None, factor: float) -> float | None:
     if value is None:
         return None
     return round(factor * value)
-
-
-CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
-    "pointit.services.imu_bridge.device_clock:DeviceClock"
-)
-"""Class that follows a device's own clock, which only devices have. Without it, times of arrival are used."""
-SHOWN_S = 10.0
-"""Time for which a jump of a clock is reported, s."""
-FUSION = "pointit.services.imu_bridge.fusion:Fusion"
-"""Class that computes orientations from raw readings, which only some devices deliver."""
 
 
 class CaptureClock(Protocol):

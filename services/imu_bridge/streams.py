@@ -16,6 +16,20 @@ MIN_READINGS = 3
 FORGET_AFTER = 500
 """Number of readings after which a silent sensor is forgotten."""
 
+MIN_READABLE = 0.8
+"""Smallest share of readable characters in text."""
+_UNREADABLE = "\ufffd"
+
+Order = Literal["wxyz", "xyzw"]
+"""Order of a quaternion's numbers in a list."""
+ID_FIELDS = ("sensor", "id", "name", "device")
+"""Names of fields that name the sensor."""
+MAX_NAME = 64
+"""Largest number of characters of a sensor's name."""
+_LISTS = frozenset({"quaternion", "quat", "q"})
+"""Names of fields with a list of four numbers, or an object with w, x, y and z."""
+_COMPONENT = re.compile(r"(|q|quat|quat_)([wxyz])", re.IGNORECASE)
+
 
 class SensorChoice:
     """Uses the configured sensor, or the only one. Of several, none is used until one is configured."""
@@ -77,11 +91,6 @@ class SensorChoice:
         return f"several sensors send in one stream ({names}), and none is used: name the wrist's by {option}"
 
 
-MIN_READABLE = 0.8
-"""Smallest share of readable characters in text."""
-_UNREADABLE = "\ufffd"
-
-
 def quoted(data: bytes, max_bytes: int = 40) -> str:
     """Return the first `max_bytes` bytes: quoted text with escaped control characters, else hexadecimal."""
     shown = data[:max_bytes]
@@ -96,17 +105,6 @@ def quoted(data: bytes, max_bytes: int = 40) -> str:
 def _decoded(data: bytes, errors: str) -> str:
     """Return UTF-8 `data` as text, without a character that is cut off at its end."""
     return codecs.getincrementaldecoder("utf-8")(errors).decode(data)
-
-
-Order = Literal["wxyz", "xyzw"]
-"""Order of a quaternion's numbers in a list."""
-ID_FIELDS = ("sensor", "id", "name", "device")
-"""Names of fields that name the sensor."""
-MAX_NAME = 64
-"""Largest number of characters of a sensor's name."""
-_LISTS = frozenset({"quaternion", "quat", "q"})
-"""Names of fields with a list of four numbers, or an object with w, x, y and z."""
-_COMPONENT = re.compile(r"(|q|quat|quat_)([wxyz])", re.IGNORECASE)
 
 
 class ContentError(ValueError):

@@ -31,6 +31,16 @@ from pointit.schemas import (
 from pointit.schemas.base import Many, Ns
 from pointit.schemas.topics import TOPICS, Delivery, Topic
 
+FILE = "states.msgpack"
+
+NOT_RETAINED: tuple[Topic[Any], ...] = (
+    topics.CLOCK,
+    topics.LAMP_LEASES,
+    topics.CONFIGURATION,
+    topics.THING_STATES,
+)
+"""States that end with their writers."""
+
 
 class FileConfig(Config):
     """Storage of states on disk, for a restarted keeper."""
@@ -77,9 +87,6 @@ class KeeperConfig(Config):
     file: FileConfig = Field(default=FileConfig(), description="storage on disk")
 
 
-FILE = "states.msgpack"
-
-
 class StoredState(SchemaModel):
     """One encoded state."""
 
@@ -121,15 +128,6 @@ def write(path: Path, record: StateRecord) -> None:
         ConfigError: If it cannot be written; names the file.
     """
     write_atomically(path, encode(record))
-
-
-NOT_RETAINED: tuple[Topic[Any], ...] = (
-    topics.CLOCK,
-    topics.LAMP_LEASES,
-    topics.CONFIGURATION,
-    topics.THING_STATES,
-)
-"""States that end with their writers."""
 
 
 def retained() -> tuple[Topic[Any], ...]:

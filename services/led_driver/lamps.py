@@ -19,6 +19,27 @@ MAX_LOCALIZATION_AGE_NS = 3 * NS_PER_S
 MAX_PEOPLE = 64
 """Limit of people. Beyond it the one silent for longest is forgotten."""
 
+HOVERED = 0.3
+"""Brightness of a thing's lamp when a person begins to point at it, relative to their colour. It grows to 1
+with the progress of the selection."""
+STEP = 0.05
+"""Change of brightness below which a lamp is left as it is."""
+
+Change = Literal["none", "level", "lamps"]
+"""Effect of a hover: nothing is shown differently, a lamp is brighter or darker, or other lamps are lit."""
+
+DARK: Rgb = (0, 0, 0)
+TARGET: Rgb = (255, 255, 255)
+"""Colour of a lamp that a person localizes by."""
+FLASHES = 3
+"""Limit of flashes in any second. A flash is two changes of brightness or of a colour, up and down (WCAG 2,
+2.3.1)."""
+LAMP_RANGE_RAD = math.radians(30.0)
+"""Angle to a ray at which a lamp has the first colour of its colormap, rad."""
+CHANGE = 0.1
+"""Share of full brightness below which a change does not count."""
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+
 
 class LampService(NamedTuple):
     """Lamps as they are shared out."""
@@ -89,16 +110,6 @@ class LampQueue:
 
     def _timeout_ns(self, localization: Localization) -> int:
         return MAX_LOCALIZATION_AGE_NS if localization.lamps else self._silence_ns
-
-
-HOVERED = 0.3
-"""Brightness of a thing's lamp when a person begins to point at it, relative to their colour. It grows to 1
-with the progress of the selection."""
-STEP = 0.05
-"""Change of brightness below which a lamp is left as it is."""
-
-Change = Literal["none", "level", "lamps"]
-"""Effect of a hover: nothing is shown differently, a lamp is brighter or darker, or other lamps are lit."""
 
 
 class _Hovered(NamedTuple):
@@ -188,19 +199,6 @@ class ThingLamps:
     def ends_ns(self) -> list[int]:
         """Return the times at which hovers end without new ones."""
         return [hovered.received_ns + self._timeout_ns for hovered in self._hovered.values()]
-
-
-DARK: Rgb = (0, 0, 0)
-TARGET: Rgb = (255, 255, 255)
-"""Colour of a lamp that a person localizes by."""
-FLASHES = 3
-"""Limit of flashes in any second. A flash is two changes of brightness or of a colour, up and down (WCAG 2,
-2.3.1)."""
-LAMP_RANGE_RAD = math.radians(30.0)
-"""Angle to a ray at which a lamp has the first colour of its colormap, rad."""
-CHANGE = 0.1
-"""Share of full brightness below which a change does not count."""
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 class Lamps:

@@ -15,6 +15,12 @@ from pointit.runtime.service.plugin_guard import PluginGuard, Surroundings, Warn
 from pointit.schemas import Cursor, Environment, Lamp, Strip, StripsFrame
 from pointit.schemas.base import Rgb
 
+NONE = "none"
+"""Kind of an output that is configured, but not used."""
+FRAME_RATE = "frame rate"
+"""First words of the name of the metric of an output's frames per second, before its address."""
+LARGEST_OFFSET = 65535
+
 
 @runtime_checkable
 class Output(Protocol):
@@ -194,13 +200,6 @@ class GuardedOutput:
                 self.show_lamp(lamp_id, color)
         self._is_new = False
         await self._output.run()
-
-
-NONE = "none"
-"""Kind of an output that is configured, but not used."""
-FRAME_RATE = "frame rate"
-"""First words of the name of the metric of an output's frames per second, before its address."""
-LARGEST_OFFSET = 65535
 
 
 def validated_order(order: str) -> str:

@@ -44,6 +44,17 @@ NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one: a white cursor, solid."""
 WHITE: Rgb = (255, 255, 255)
 
+T = TypeVar("T")
+BLINK_NS = NS_PER_S // 2
+"""Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
+PASSED_LEVEL = 0.5
+"""Brightness of that pixel."""
+CURSOR_RANGE_RAD = math.radians(10.0)
+"""Angle at the start of a cursor's colormap, whose end is 0, rad."""
+MOTION_PERIOD_NS = NS_PER_S // 25
+"""Time after which moving objects are drawn again without a message, ns: some trackers send 5 a second."""
+NO_CURSOR = Cursor(stamp_ns=0)
+
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
@@ -170,18 +181,6 @@ def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[st
             if hover.taken_by and state.owner is None and state.reserver is None:
                 state.reserver = hover.taken_by
     return states
-
-
-T = TypeVar("T")
-BLINK_NS = NS_PER_S // 2
-"""Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
-PASSED_LEVEL = 0.5
-"""Brightness of that pixel."""
-CURSOR_RANGE_RAD = math.radians(10.0)
-"""Angle at the start of a cursor's colormap, whose end is 0, rad."""
-MOTION_PERIOD_NS = NS_PER_S // 25
-"""Time after which moving objects are drawn again without a message, ns: some trackers send 5 a second."""
-NO_CURSOR = Cursor(stamp_ns=0)
 
 
 @dataclass(frozen=True, slots=True)

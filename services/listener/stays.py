@@ -18,6 +18,21 @@ MEMORY_S = 10.0
 MAX_CURSORS = 4096
 """Limit of cursors that are kept, whatever their rate."""
 
+Floats: TypeAlias = NDArray[np.float64]
+
+SPEED_S = 0.06
+"""Time on both sides over which the speed is measured, s."""
+GAP_S = 0.3
+"""Time without rays that ends a stay, s."""
+CORRECTED_S = 0.4
+"""Longest stay before a correction, and longest time until the next stay, s."""
+CORRECTED_RAD = math.radians(8.0)
+"""Largest correction."""
+CORRECTED = 0.2
+"""Weight of a stay that was corrected."""
+APART_RAD = math.radians(4.0)
+"""Angle between two stays in succession below which they are one."""
+
 
 class PointingMemory:
     """Cursors with a ray, in the order of their stamps, none older than `MEMORY_S`."""
@@ -47,9 +62,6 @@ class PointingMemory:
         first = bisect_left(cursors, first_ns, key=lambda cursor: cursor.stamp_ns)
         last = bisect_left(cursors, last_ns + 1, key=lambda cursor: cursor.stamp_ns)
         return cursors[first:last]
-
-
-Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,20 +97,6 @@ class Stay(NamedTuple):
     """Angle from the stay before, infinite if unknown: people's errors grow with the way."""
     weight: float = 1.0
     """Less than 1 if the arm left soon for a place nearby: people correct what they see."""
-
-
-SPEED_S = 0.06
-"""Time on both sides over which the speed is measured, s."""
-GAP_S = 0.3
-"""Time without rays that ends a stay, s."""
-CORRECTED_S = 0.4
-"""Longest stay before a correction, and longest time until the next stay, s."""
-CORRECTED_RAD = math.radians(8.0)
-"""Largest correction."""
-CORRECTED = 0.2
-"""Weight of a stay that was corrected."""
-APART_RAD = math.radians(4.0)
-"""Angle between two stays in succession below which they are one."""
 
 
 def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[Stay]:

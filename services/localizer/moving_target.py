@@ -56,6 +56,35 @@ AHEAD_S, BEHIND_S = 0.5, 1.0
 MAX_RAYS = 8192
 """Largest number of rays in a window, whatever the rate."""
 
+MEANT = 0.9
+"""Probability from which a robot is chosen; below it the choice is ambiguous."""
+
+SWITCH_AFTER = 2
+"""Number of consecutive solutions in which another robot must reach that probability."""
+
+ROBOT = "robot"
+"""Kind of the objects that are followed if no id is given."""
+
+WRIST_SIGMA_S = 0.02
+"""1 sigma of the time of rays whose wrist does not state it: the IMU's radio jitters by 5 to 20 ms."""
+
+CONTRADICTED = (
+    "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
+    "person has moved, localize again"
+)
+
+MAX_TRACKS = 256
+"""Largest number of robots; those reported last are kept."""
+
+MIN_SPAN_S = 1.5
+"""Time of pointing before the first solution."""
+
+SOLVE_HZ = 2.0
+"""Rate of solutions once there is a pose."""
+
+SEARCH_HZ = 4.0
+"""Rate of solutions before."""
+
 
 class RayWindow:
     """The rays of the last `window_s`."""
@@ -191,13 +220,6 @@ class Track:
         return places, known
 
 
-MEANT = 0.9
-"""Probability from which a robot is chosen; below it the choice is ambiguous."""
-
-SWITCH_AFTER = 2
-"""Number of consecutive solutions in which another robot must reach that probability."""
-
-
 @dataclass(frozen=True)
 class RobotFit:
     """Fit of the rays to one robot."""
@@ -296,31 +318,6 @@ def _fit_order(fit: RobotFit) -> tuple[bool, float]:
     """Sort key: solutions before refusals, small residuals first."""
     residual_rad = fit.result.residual_rad
     return isinstance(fit.result, Refusal), math.inf if residual_rad is None else residual_rad
-
-
-ROBOT = "robot"
-"""Kind of the objects that are followed if no id is given."""
-
-WRIST_SIGMA_S = 0.02
-"""1 sigma of the time of rays whose wrist does not state it: the IMU's radio jitters by 5 to 20 ms."""
-
-CONTRADICTED = (
-    "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
-    "person has moved, localize again"
-)
-
-MAX_TRACKS = 256
-"""Largest number of robots; those reported last are kept."""
-
-
-MIN_SPAN_S = 1.5
-"""Time of pointing before the first solution."""
-
-SOLVE_HZ = 2.0
-"""Rate of solutions once there is a pose."""
-
-SEARCH_HZ = 4.0
-"""Rate of solutions before."""
 
 
 class MovingTarget(Procedure):

@@ -12,14 +12,13 @@ from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.unfiltered_rays import Mean
 
+Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
+"""Phases of `Localization`."""
+
 
 @dataclass(frozen=True)
 class WithdrawPose:
     """Withdraw our pose because another source publishes it now."""
-
-
-Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
-"""Phases of `Localization`."""
 
 
 @dataclass(frozen=True)

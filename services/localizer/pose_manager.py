@@ -38,6 +38,19 @@ MAX_SIGMA_GROWTH, MAX_SIGMA_DEG = 1.2, 25.0
 MAX_POSE_AGE_S = 2.0
 """Age up to which the tracker's last pose is valid."""
 
+BACK_NS = NS_PER_S
+"""Device time that falls by more is a restart; by less, samples came out of order."""
+
+Change = Literal["", "set", "restarted"]
+"""No change, a new yaw origin, or a restarted device."""
+
+IDLE_S = 2.0
+"""Longest wait between checks while no pose is tracked, s."""
+
+NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+Method = Literal["fixed", "static_targets", "moving_target"]
+
 
 class ExternalPose:
     """Last pose of an external tracker and the time of its arrival."""
@@ -75,13 +88,6 @@ class ExternalPose:
         )
 
 
-BACK_NS = NS_PER_S
-"""Device time that falls by more is a restart; by less, samples came out of order."""
-
-Change = Literal["", "set", "restarted"]
-"""No change, a new yaw origin, or a restarted device."""
-
-
 class YawOrigin:
     """Compares each sample with the ones before."""
 
@@ -100,14 +106,6 @@ class YawOrigin:
         if fallen_ns > BACK_NS:
             return "restarted"
         return "set" if epoch is not None and epoch != now else ""
-
-
-IDLE_S = 2.0
-"""Longest wait between checks while no pose is tracked, s."""
-
-NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-Method = Literal["fixed", "static_targets", "moving_target"]
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,15 @@ from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.outputs import Output, Phase, finite_or_none
 
+STEADY_S = 0.4
+"""Time over which a ray must be steady."""
+
+MIN_RAYS = 4
+"""Smallest number of rays in that time."""
+
+MAX_RAYS = 8192
+"""Largest number of rays in one hold, whatever their rate."""
+
 
 class Procedure(ABC):
     """One procedure of one person."""
@@ -118,16 +127,6 @@ class Procedure(ABC):
             yaw_sigma_rad=None if solution is None else finite_or_none(solution.yaw_sigma_rad),
             **self._details(phase),
         )
-
-
-STEADY_S = 0.4
-"""Time over which a ray must be steady."""
-
-MIN_RAYS = 4
-"""Smallest number of rays in that time."""
-
-MAX_RAYS = 8192
-"""Largest number of rays in one hold, whatever their rate."""
 
 
 class Hold:

@@ -42,6 +42,33 @@ QUEUE_TIMEOUT_S = 300.0
 Make = Callable[[int], LampProcedure | Refusal]
 """Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
 
+MIN_RAYS = 10
+"""Rays that an anchor needs."""
+
+MAX_SPREAD_DEG = 3.0
+"""Rms by which an arm may wander at an anchor, degrees."""
+
+MAX_ROBOT_AGE_S = 1.0
+"""Age of a report at which a robot's place is unknown."""
+
+STANDS_MPS = 0.1
+"""Speed below which a robot stands: pointing at it takes seconds."""
+
+STAYS_M = 0.1
+"""Distance by which a robot may move while it is pointed at."""
+
+MAX_SIGMA_M = 0.2
+"""Uncertainty of a place at which pointing is no measure, 1 sigma."""
+
+MAX_ROBOTS = 256
+"""Largest number of robots; those reported last are kept."""
+
+REPUBLISH_NS = NS_PER_S
+"""Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
+
+ARBITER_TIMEOUT_NS = 10 * NS_PER_S
+"""Time for led-driver to come back, before people who wait begin as if alone, ns."""
+
 
 class QueuedPointing(Procedure):
     """A place in the queue; it lights no lamp."""
@@ -83,28 +110,6 @@ class QueuedPointing(Procedure):
 
     def _details(self, phase: Phase) -> dict[str, Any]:
         return {"ahead": self.ahead, "lamps": self.lamp_ids} if phase == "sampling" else {}
-
-
-MIN_RAYS = 10
-"""Rays that an anchor needs."""
-
-MAX_SPREAD_DEG = 3.0
-"""Rms by which an arm may wander at an anchor, degrees."""
-
-MAX_ROBOT_AGE_S = 1.0
-"""Age of a report at which a robot's place is unknown."""
-
-STANDS_MPS = 0.1
-"""Speed below which a robot stands: pointing at it takes seconds."""
-
-STAYS_M = 0.1
-"""Distance by which a robot may move while it is pointed at."""
-
-MAX_SIGMA_M = 0.2
-"""Uncertainty of a place at which pointing is no measure, 1 sigma."""
-
-MAX_ROBOTS = 256
-"""Largest number of robots; those reported last are kept."""
 
 
 class Anchoring(LampProcedure):
@@ -216,14 +221,6 @@ class KnownRobots:
             return now.reason
         moved_m = math.dist(now.position_m, target.position_m)
         return f"robot {target.id} moved by {moved_m:.1f} m meanwhile; try again" if moved_m > STAYS_M else ""
-
-
-REPUBLISH_NS = NS_PER_S
-"""Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
-
-
-ARBITER_TIMEOUT_NS = 10 * NS_PER_S
-"""Time for led-driver to come back, before people who wait begin as if alone, ns."""
 
 
 class ProcedureRunner:

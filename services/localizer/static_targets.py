@@ -38,6 +38,30 @@ ROUNDS = 2
 MAX_NAMED = 4
 """Largest number of lamps that a message names."""
 
+EYES_M = 1.64
+"""Eye height above the floor before a ray has given it."""
+
+AROUND_M = 1.5
+"""Largest distance of people outside the rectangle of the lamps."""
+
+NEAREST_M = 0.7
+"""Smallest horizontal distance of people from a lamp."""
+
+PLACES = 7
+"""Number of assumed positions along each side of the room, before a pose is known."""
+
+PARAMETERS = 4
+"""x, y, yaw, elevation bias."""
+
+VAGUE_M = 10.0
+VAGUE_RAD = math.pi
+"""Standard deviations of an unknown pose."""
+
+_SETTINGS = SolverSettings()
+
+MIN_LAMPS = 2
+"""Number of lamps before a pose can be solved."""
+
 
 def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
     """Return the lamps called `wanted`, in that order, or all if none are named; or a refusal."""
@@ -117,28 +141,6 @@ def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: st
         name = "" if room is None else room.name
         return Refusal(f"pointing at a lamp needs one, map {name!r} has none; add it to the map")
     return lamps
-
-
-EYES_M = 1.64
-"""Eye height above the floor before a ray has given it."""
-
-AROUND_M = 1.5
-"""Largest distance of people outside the rectangle of the lamps."""
-
-NEAREST_M = 0.7
-"""Smallest horizontal distance of people from a lamp."""
-
-PLACES = 7
-"""Number of assumed positions along each side of the room, before a pose is known."""
-
-PARAMETERS = 4
-"""x, y, yaw, elevation bias."""
-
-VAGUE_M = 10.0
-VAGUE_RAD = math.pi
-"""Standard deviations of an unknown pose."""
-
-_SETTINGS = SolverSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,10 +277,6 @@ def best_for_yaw(
     return (
         int(np.argmin(np.where(near >= NEAREST_M, left[:, 2, 2], np.inf))) if near.max() >= NEAREST_M else 0
     )
-
-
-MIN_LAMPS = 2
-"""Number of lamps before a pose can be solved."""
 
 
 class StaticTargets(LampProcedure):

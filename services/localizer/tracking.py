@@ -40,6 +40,11 @@ GIVEN_SIGMA_RAD = math.radians(15.0)
 FIX_COVARIANCE: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 """The same as a covariance of x, y, yaw."""
 
+NO_POSE = "no pose is known yet; localize first, or set one"
+
+MEASURED = "a tracker provides the pose, so the anchor only measures the person's offset; nothing to do"
+"""Reason why a good anchor does not correct the pose."""
+
 
 def is_exact(pose: UserPose) -> bool:
     """Return True if `pose` was set as exact, rather than found."""
@@ -85,12 +90,6 @@ class PoseBias:
             return None
         self.calibration_rad = sigma_rad
         return self._raw_rad if sigma_rad is None else 0.0
-
-
-NO_POSE = "no pose is known yet; localize first, or set one"
-
-MEASURED = "a tracker provides the pose, so the anchor only measures the person's offset; nothing to do"
-"""Reason why a good anchor does not correct the pose."""
 
 
 class PoseTracker:

@@ -58,6 +58,32 @@ SPIKE_RAD = math.radians(12.0)
 """Least angle between a spike and the median. An arm that reaches, by 100 degrees a second, is 4 degrees off
 within 40 ms (pointing.md §7)."""
 
+CLOSE = 1.1
+"""Largest rms of few rays, in sigmas of a ray."""
+
+CLOSE_PER_S = 0.3
+"""The same of many, per second of following."""
+
+NOISY = 2.2
+"""The same if the arm misses by as much in the newest half, so that it did not come late."""
+
+NOISY_S = 2.9
+"""Least time of following that tells: an arm is up within the first half of it."""
+
+AS_MUCH = 0.5
+"""Least ratio of the rms of the newest half, in its own pose, to that of all."""
+
+EXPLAINED = 0.85
+"""Least share of the rays' variance that the target explains."""
+
+FOLLOWING_AGREEING = 2.37
+"""Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
+on recordings they stay below 1.4. An arm that came late makes 10 to 20.
+"""
+
+CHANGED = "the newest rays contradict the ones before; keep following the robot with the arm straight"
+UNSETTLED = "the rays do not follow the robot closely yet; keep following it with the arm straight"
+
 
 def held(
     pointings: Pointings,
@@ -140,33 +166,6 @@ def without_spikes(pointings: Pointings) -> Pointings:
     along = np.einsum("ij,ij->i", pointings.directions, middles) / lengths
     near = along >= math.cos(SPIKE_RAD)
     return pointings if near.all() else pointings.only(near)
-
-
-CLOSE = 1.1
-"""Largest rms of few rays, in sigmas of a ray."""
-
-CLOSE_PER_S = 0.3
-"""The same of many, per second of following."""
-
-NOISY = 2.2
-"""The same if the arm misses by as much in the newest half, so that it did not come late."""
-
-NOISY_S = 2.9
-"""Least time of following that tells: an arm is up within the first half of it."""
-
-AS_MUCH = 0.5
-"""Least ratio of the rms of the newest half, in its own pose, to that of all."""
-
-EXPLAINED = 0.85
-"""Least share of the rays' variance that the target explains."""
-
-FOLLOWING_AGREEING = 2.37
-"""Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
-on recordings they stay below 1.4. An arm that came late makes 10 to 20.
-"""
-
-CHANGED = "the newest rays contradict the ones before; keep following the robot with the arm straight"
-UNSETTLED = "the rays do not follow the robot closely yet; keep following it with the arm straight"
 
 
 def followed(

@@ -44,6 +44,10 @@ FADE_RAD = math.radians(10.0)
 
 _LEVEL_AT_FADE = math.sin(FADE_RAD)
 
+Verdict = Literal["fresh", "stale", "repeated"]
+
+_calculated_ray = unchecked(PointingRay)
+
 
 class ArmRay:
     """A person's ray as a function of the orientation of their arm.
@@ -153,11 +157,6 @@ def _clamped(angle_rad: float, bounds: tuple[float, float]) -> float:
 def _value(terms: tuple[float, float, float, float, float, float], a: float, e: float) -> float:
     c, by_a, by_e, by_aa, by_ae, by_ee = terms
     return c + a * (by_a + a * by_aa + e * by_ae) + e * (by_e + e * by_ee)
-
-
-Verdict = Literal["fresh", "stale", "repeated"]
-
-_calculated_ray = unchecked(PointingRay)
 
 
 class Pointer:

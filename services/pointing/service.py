@@ -18,6 +18,11 @@ MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
 PROFILE_WAIT_S = 1.0
 """Longest wait for the person's measures at the start, before average ones are used, s."""
 
+log = logging.getLogger(__name__)
+
+METRICS_NS = NS_PER_S
+"""Period of the metrics, as of Health."""
+
 
 class PointingConfig(Config):
     """Age limit of orientations, and smoothing of the ray."""
@@ -35,12 +40,6 @@ class PointingConfig(Config):
     def smoothing(self) -> OneEuro | None:
         """Return a new filter as configured, or None if it is off."""
         return None if self.filter == "off" else OneEuro(min_cutoff_hz=MIN_CUTOFF_HZ[self.filter])
-
-
-log = logging.getLogger(__name__)
-
-METRICS_NS = NS_PER_S
-"""Period of the metrics, as of Health."""
 
 
 class Pointing(Service[PointingConfig]):

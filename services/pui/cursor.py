@@ -40,6 +40,11 @@ NO_WORKSPACE = WorkspaceStart()
 
 _calculated_cursor = unchecked(Cursor)
 
+_WorldRay: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
+"""Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
+_Intersection: TypeAlias = tuple[SurfaceKind, Solid, str, Hit]
+"""Surface and solid of a cursor, id of what the ray meets, and where."""
+
 
 class NearbyLamps:
     """Lamps within an angle of the ray, for lamps that answer by colour (paper, scenario 1)."""
@@ -58,12 +63,6 @@ class NearbyLamps:
                 misses.append((miss_rad, name))
         misses.sort()
         return tuple(LampMiss(id=name, miss_rad=miss_rad) for miss_rad, name in misses)
-
-
-_WorldRay: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
-"""Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
-_Intersection: TypeAlias = tuple[SurfaceKind, Solid, str, Hit]
-"""Surface and solid of a cursor, id of what the ray meets, and where."""
 
 
 class PersonCursor:

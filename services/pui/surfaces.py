@@ -41,6 +41,14 @@ PLACES: dict[Kind, tuple[SurfaceKind, SolidName]] = {
 }
 """Surface and solid of a cursor on each kind."""
 
+WIDENING_RAD = (math.radians(45.0), math.inf)
+"""Cone angles of the search for the nearest of many things: those outside the first are skipped at once."""
+
+OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
+
+SLACK_M = 0.05
+"""Depth in an opaque thing at which mounted things are still visible, the accuracy of maps."""
+
 
 class Surface(NamedTuple):
     """A thing with a name."""
@@ -135,15 +143,6 @@ def solids_of(environment: Environment, kinds: Collection[Kind]) -> list[tuple[S
         "sphere": ((ball.id, SphereSolid(ball.center_m, ball.radius_m)) for ball in environment.spheres),
     }
     return [(Surface(kind, name), solid) for kind in solids if kind in kinds for name, solid in solids[kind]]
-
-
-WIDENING_RAD = (math.radians(45.0), math.inf)
-"""Cone angles of the search for the nearest of many things: those outside the first are skipped at once."""
-
-OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
-
-SLACK_M = 0.05
-"""Depth in an opaque thing at which mounted things are still visible, the accuracy of maps."""
 
 
 class Caster(Protocol):

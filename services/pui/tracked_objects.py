@@ -20,6 +20,26 @@ TRACKER = "things"
 PERIOD_S = 0.4
 """Period at which the things are listed again, s. Subscribers take silence for the end of their tracker."""
 
+Array = NDArray[np.float64]
+
+CHECK_S = 0.5
+"""Time between two comparisons."""
+
+MAX_STAMP_DIFFERENCE_S = 1.0
+"""Objects of trackers whose stamps differ by more are not compared."""
+
+STAYS_S = 2.0
+"""Time for which two objects must stay at one place to count as one."""
+
+SIGMA_M = 0.05
+"""Standard deviation of positions whose tracker does not state it, m."""
+
+GATE = 2.0
+"""Number of standard deviations of the distance up to which two positions are the same place."""
+
+MAX_OBJECT_AGE_NS = 2 * NS_PER_S
+"""Age at which an object's position is unknown, ns."""
+
 
 def listing(environment: Environment, stamp_ns: int) -> TrackedObjects:
     """Return the things of `environment`, those with a part of a strip as objects on it."""
@@ -43,27 +63,6 @@ def _tracked(thing: Thing, lines: dict[str, tuple[tuple[float, float, float], ..
         size_m=thing.size_m,
         **thing.object_fields,
     )
-
-
-Array = NDArray[np.float64]
-
-CHECK_S = 0.5
-"""Time between two comparisons."""
-
-MAX_STAMP_DIFFERENCE_S = 1.0
-"""Objects of trackers whose stamps differ by more are not compared."""
-
-STAYS_S = 2.0
-"""Time for which two objects must stay at one place to count as one."""
-
-SIGMA_M = 0.05
-"""Standard deviation of positions whose tracker does not state it, m."""
-
-GATE = 2.0
-"""Number of standard deviations of the distance up to which two positions are the same place."""
-
-MAX_OBJECT_AGE_NS = 2 * NS_PER_S
-"""Age at which an object's position is unknown, ns."""
 
 
 @dataclass(frozen=True, order=True)

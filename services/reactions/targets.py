@@ -39,6 +39,19 @@ GRACE_S = 1.0
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 PLACEHOLDERS = ("thing", "user", "confidence", "state")
 
+TIMEOUT_S = 5.0
+"""Maximum time of a try, s."""
+PAUSES_S = (1.0, 4.0)
+"""Pauses before the second and the third try, s."""
+AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
+MAX_REASON = 200
+"""Characters of a server's words that are shown."""
+SUCCESS, REDIRECT = 200, 300
+TOO_MANY_REQUESTS = 429
+SERVER_ERROR = 500
+
+FILES = (".yaml", ".yml")
+
 
 def check_placeholders(text: str) -> None:
     """Check that all placeholders in `text` are known. Raises ConfigError."""
@@ -132,18 +145,6 @@ async def _end_group(group: int) -> None:
     finally:
         with contextlib.suppress(OSError):
             os.killpg(group, signal.SIGKILL)
-
-
-TIMEOUT_S = 5.0
-"""Maximum time of a try, s."""
-PAUSES_S = (1.0, 4.0)
-"""Pauses before the second and the third try, s."""
-AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
-MAX_REASON = 200
-"""Characters of a server's words that are shown."""
-SUCCESS, REDIRECT = 200, 300
-TOO_MANY_REQUESTS = 429
-SERVER_ERROR = 500
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,9 +277,6 @@ def _cause(error: Exception) -> str:
     if refusal is not None:
         return describe_certificate_error(refusal, "the server", AUTHORITY_HINT)
     return one_line(str(error), MAX_REASON) or type(error).__name__
-
-
-FILES = (".yaml", ".yml")
 
 
 @dataclass(frozen=True, kw_only=True)

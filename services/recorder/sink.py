@@ -31,6 +31,36 @@ SHORT = 3
 MAX_NAMES = 10_000
 """Most names that are learnt: anybody can send messages that have some."""
 
+log = logging.getLogger(__name__)
+
+BATCH_S = 0.1
+"""Period at which the thread works: short, as it holds Python's lock meanwhile."""
+
+FLUSH_S = 0.5
+"""Longest time until what was written is on disk, s."""
+
+MAX_WAITING = 30_000
+"""Most messages that wait for the disk: about half a minute of four people."""
+
+MAX_WAITING_BYTES = 64 * 1024 * 1024
+"""Most bytes that wait of messages from other processes."""
+
+LEARN_S = 2.0
+"""Time that messages wait for names that come after them, if people get pseudonyms."""
+
+CLOSE_S = 5.0
+"""Longest time that closing waits for the disk."""
+
+TOO_SLOW = "machine or disk are too slow"
+ENDED = "nothing more could be written"
+INVALID = "they are not valid"
+FAULTY = "a fault of PointIt, see the log"
+TOO_MANY_KEYS = "there are too many keys"
+"""Causes for which messages are left out."""
+
+T = TypeVar("T")
+R = TypeVar("R")
+
 
 class Pseudonyms:
     """Learns names from keys and messages, and replaces them in those that are written later.
@@ -142,9 +172,6 @@ def _has_text(annotation: Any) -> bool:
     return any(_has_text(each) for each in get_args(annotation))
 
 
-log = logging.getLogger(__name__)
-
-
 class FileSeries:
     """Writes to one file at a time. Each is a recording of its own: it begins with states and presences."""
 
@@ -241,36 +268,6 @@ class FileSeries:
             file.close()
             raise
         return file, writer
-
-
-BATCH_S = 0.1
-"""Period at which the thread works: short, as it holds Python's lock meanwhile."""
-
-FLUSH_S = 0.5
-"""Longest time until what was written is on disk, s."""
-
-MAX_WAITING = 30_000
-"""Most messages that wait for the disk: about half a minute of four people."""
-
-MAX_WAITING_BYTES = 64 * 1024 * 1024
-"""Most bytes that wait of messages from other processes."""
-
-LEARN_S = 2.0
-"""Time that messages wait for names that come after them, if people get pseudonyms."""
-
-CLOSE_S = 5.0
-"""Longest time that closing waits for the disk."""
-
-TOO_SLOW = "machine or disk are too slow"
-ENDED = "nothing more could be written"
-INVALID = "they are not valid"
-FAULTY = "a fault of PointIt, see the log"
-TOO_MANY_KEYS = "there are too many keys"
-"""Causes for which messages are left out."""
-
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class Arrival(NamedTuple):

@@ -13,6 +13,57 @@ from pointit.services.robot.stop_reason import StopReason
 
 NOTHING = Steering(stamp_ns=0)
 
+Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
+"""Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""
+
+Mode = Literal["none", "follow", "goals", "land"]
+"""Wish of its person, as in `Steering`."""
+
+Action = Literal["wait", "take off", "follow", "go", "land", "stay", "stop", "let go"]
+"""`go`: drive to the pending goal, if any. `stay`: stop. `let go`: release the robot."""
+
+ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
+    "landed": {"none": "wait", "follow": "take off", "goals": "take off", "land": "let go"},
+    "taking_off": {"none": "wait", "follow": "wait", "goals": "wait", "land": "wait"},
+    "landing": {"none": "stop", "follow": "stop", "goals": "stop", "land": "land"},
+    "following": {"none": "stay", "follow": "follow", "goals": "stay", "land": "land"},
+    "on_path": {"none": "stay", "follow": "follow", "goals": "go", "land": "land"},
+    "resting": {"none": "wait", "follow": "follow", "goals": "go", "land": "land"},
+}
+
+Hold = Literal["none", "kept", "passing", "freed"]
+"""Reason to stand. Its user keeps it, or it has no user until the reason ends or a user chooses it."""
+
+Verdict = Literal["safe", "hold", "free", "other_master"]
+"""Result of the safety checks."""
+
+Change = Literal["-", "resume", "end", "note", "halt", "release"]
+"""`end` ends the order. `note` ends it and stores the new reason. `halt` does both and stops the robot.
+`release` stops the robot and takes it from its user: all who want it must name it again."""
+
+HOLDS: Mapping[Hold, Mapping[Verdict, Change]] = {
+    "none": {"safe": "-", "hold": "halt", "free": "release", "other_master": "release"},
+    "kept": {"safe": "resume", "hold": "note", "free": "release", "other_master": "release"},
+    "passing": {"safe": "resume", "hold": "note", "free": "note", "other_master": "note"},
+    "freed": {"safe": "-", "hold": "end", "free": "end", "other_master": "note"},
+}
+
+PASSING = ("report", "other_master")  # kinds of stops that free the robot and pass by themselves
+
+ANSWER_S = 3.0
+"""Time without an answer to an order after which a robot is reported as silent, s."""
+
+MAX_GOAL_AGE_S = 2.0
+"""Maximum age of a goal, and maximum lead of its stamp, s."""
+
+UNREACHABLE = "the robot cannot go where you point: point at the floor"
+
+WORKSPACE = "workspace/"
+"""Beginning of the ids of surfaces about a person."""
+
+MAX_STEP_M = 0.3
+"""Height over or under a ground robot up to which a place is on its floor: ramps are, tables are not, m."""
+
 
 class RobotOwnership:
     """The one person who steers a robot, and those who want to."""
@@ -75,44 +126,6 @@ class RobotOwnership:
         return [user for user, since_ns in self._claims.items() if since_ns and user in self._present]
 
 
-Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
-"""Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""
-
-Mode = Literal["none", "follow", "goals", "land"]
-"""Wish of its person, as in `Steering`."""
-
-Action = Literal["wait", "take off", "follow", "go", "land", "stay", "stop", "let go"]
-"""`go`: drive to the pending goal, if any. `stay`: stop. `let go`: release the robot."""
-
-ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
-    "landed": {"none": "wait", "follow": "take off", "goals": "take off", "land": "let go"},
-    "taking_off": {"none": "wait", "follow": "wait", "goals": "wait", "land": "wait"},
-    "landing": {"none": "stop", "follow": "stop", "goals": "stop", "land": "land"},
-    "following": {"none": "stay", "follow": "follow", "goals": "stay", "land": "land"},
-    "on_path": {"none": "stay", "follow": "follow", "goals": "go", "land": "land"},
-    "resting": {"none": "wait", "follow": "follow", "goals": "go", "land": "land"},
-}
-
-Hold = Literal["none", "kept", "passing", "freed"]
-"""Reason to stand. Its user keeps it, or it has no user until the reason ends or a user chooses it."""
-
-Verdict = Literal["safe", "hold", "free", "other_master"]
-"""Result of the safety checks."""
-
-Change = Literal["-", "resume", "end", "note", "halt", "release"]
-"""`end` ends the order. `note` ends it and stores the new reason. `halt` does both and stops the robot.
-`release` stops the robot and takes it from its user: all who want it must name it again."""
-
-HOLDS: Mapping[Hold, Mapping[Verdict, Change]] = {
-    "none": {"safe": "-", "hold": "halt", "free": "release", "other_master": "release"},
-    "kept": {"safe": "resume", "hold": "note", "free": "release", "other_master": "release"},
-    "passing": {"safe": "resume", "hold": "note", "free": "note", "other_master": "note"},
-    "freed": {"safe": "-", "hold": "end", "free": "end", "other_master": "note"},
-}
-
-PASSING = ("report", "other_master")  # kinds of stops that free the robot and pass by themselves
-
-
 def stage_of(command: Command | None, *, is_down: bool) -> Stage:
     """Return the stage of a robot with this order; `is_down`: it is a quadrotor on the ground."""
     match command:
@@ -146,21 +159,6 @@ def verdict_of(stop: StopReason | None) -> Verdict:
     if stop.kind == "other_master":
         return "other_master"
     return "free" if stop.is_freeing else "hold"
-
-
-ANSWER_S = 3.0
-"""Time without an answer to an order after which a robot is reported as silent, s."""
-
-MAX_GOAL_AGE_S = 2.0
-"""Maximum age of a goal, and maximum lead of its stamp, s."""
-
-UNREACHABLE = "the robot cannot go where you point: point at the floor"
-
-WORKSPACE = "workspace/"
-"""Beginning of the ids of surfaces about a person."""
-
-MAX_STEP_M = 0.3
-"""Height over or under a ground robot up to which a place is on its floor: ramps are, tables are not, m."""
 
 
 class CommandPlanner:

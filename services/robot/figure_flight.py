@@ -57,6 +57,26 @@ MAX_VERTICAL = 0.7
 LOWEST_M = 0.3
 """Smallest height of a quadrotor in a figure."""
 
+AROUND_M = 2.5
+"""Assumed distance from the robot of a person with unknown position, m."""
+
+PERSON_SIGMA_M = 0.5
+"""Distance kept from an assumed place of a person besides `keep_out_m`, m."""
+
+DIRECTIONS = 8
+"""Number of directions in which they may."""
+
+PAUSE_S = 1.0
+"""Least time from one figure to the next: one that is refused is not repeated at every step."""
+
+FOUND_M = 0.9
+"""Distance from a configured place within which a person who was found stands at it."""
+
+LONGEST_S = 120.0
+"""A localization that began longer ago is over, even if nothing has said so, s."""
+
+NO_FIGURE = "there is no room for a figure that a person could follow: steer the robot to a free place first"
+
 
 @dataclass(frozen=True)
 class AssumedPerson:
@@ -160,27 +180,6 @@ def _level_length(along: Array, aside: Array, up: Array, length_m: float) -> flo
         is_longer = float(np.linalg.norm(steps, axis=0).sum()) > length_m
         low, high = (low, middle) if is_longer else (middle, high)
     return low
-
-
-AROUND_M = 2.5
-"""Assumed distance from the robot of a person with unknown position, m."""
-
-PERSON_SIGMA_M = 0.5
-"""Distance kept from an assumed place of a person besides `keep_out_m`, m."""
-
-DIRECTIONS = 8
-"""Number of directions in which they may."""
-
-PAUSE_S = 1.0
-"""Least time from one figure to the next: one that is refused is not repeated at every step."""
-
-FOUND_M = 0.9
-"""Distance from a configured place within which a person who was found stands at it."""
-
-LONGEST_S = 120.0
-"""A localization that began longer ago is over, even if nothing has said so, s."""
-
-NO_FIGURE = "there is no room for a figure that a person could follow: steer the robot to a free place first"
 
 
 class FigureFlight:

@@ -14,6 +14,9 @@ from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import FARTHEST, RobotKind
 from pointit.schemas.environment import Frame
 
+END_NS = 2**62
+"""End of the times that are accepted, ns; 146 years."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotSpec:
@@ -167,10 +170,6 @@ class RobotPlugin(DevicePlugin):
 
 
 ROBOTS = PluginGroup("pointit.robots", RobotPlugin, "robot driver")
-
-
-END_NS = 2**62
-"""End of the times that are accepted, ns; 146 years."""
 
 
 def report_in_world(report: RobotReport, frame: Frame) -> RobotReport:

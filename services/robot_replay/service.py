@@ -17,6 +17,8 @@ from pointit.services.robot_replay.trajectory import Trajectory
 from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import read_robot_csv
 
+log = logging.getLogger(__name__)
+
 
 class RobotReplayConfig(MotionForm):
     """The recording and its start time."""
@@ -32,9 +34,6 @@ class RobotReplayConfig(MotionForm):
     )
     tracker: Name = Field(default="robot", description="name of the tracker, unique on the site")
     robot_id: str = Field(default="robot", min_length=1, max_length=64, description="id of the robot")
-
-
-log = logging.getLogger(__name__)
 
 
 class RobotReplay(Service[RobotReplayConfig]):

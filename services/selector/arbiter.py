@@ -28,6 +28,23 @@ WARNING_NS = 10 * NS_PER_S
 MAX_NAMED = 5
 """Maximum number of people whom the warning names."""
 
+MAX_CLAIM_AGE_NS = 5 * NS_PER_S
+"""Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
+
+MAX_DECIDED = 64
+"""Limit of claims that are remembered per person, so that one that comes again changes nothing."""
+
+MAX_RESERVED = 2
+"""Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
+
+MAX_PRESS_DELAY_NS = 200_000_000
+"""Time after the stamp of a press from which its button counts as shown later, ns: headsets send it late."""
+SHOWN_NS = 600_000_000
+"""Time for which a button is selected at least, ns. It ends with the next tick."""
+
+MIN_PERIOD_NS = 50_000_000
+"""Minimum time between selections that only claims to reservations have changed, ns."""
+
 
 class ClaimBudget:
     """Counts the claims of each person in the current second."""
@@ -57,24 +74,6 @@ class ClaimBudget:
             return ""
         names = ", ".join(sorted(self._exceeded))
         return f"more than {MAX_CLAIMS} claims a second of {names} are ignored: check their selector"
-
-
-MAX_CLAIM_AGE_NS = 5 * NS_PER_S
-"""Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
-
-MAX_DECIDED = 64
-"""Limit of claims that are remembered per person, so that one that comes again changes nothing."""
-
-MAX_RESERVED = 2
-"""Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
-
-MAX_PRESS_DELAY_NS = 200_000_000
-"""Time after the stamp of a press from which its button counts as shown later, ns: headsets send it late."""
-SHOWN_NS = 600_000_000
-"""Time for which a button is selected at least, ns. It ends with the next tick."""
-
-MIN_PERIOD_NS = 50_000_000
-"""Minimum time between selections that only claims to reservations have changed, ns."""
 
 
 class Arbiter:

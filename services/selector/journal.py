@@ -87,18 +87,6 @@ record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
 """Return a row of `COLUMNS` as a record. Raises ValueError for an invalid one, e.g. by a bit error, since
 SQLite has no checksums."""
 
-
-def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
-    """Return the last `last` records that were published, not before `since_ns`, the oldest first.
-
-    Acts are among them when their carriers have told that they are done.
-
-    Raises:
-        sqlite3.Error: If the file cannot be read.
-    """
-    return list(read_rows(path, RECENT, (since_ns, last), record_of))[::-1]
-
-
 NS_PER_DAY = 86_400 * NS_PER_S
 MAX_PENDING = 4096
 """Limit of records kept while the disk cannot be written. Beyond it the oldest are lost to the audit."""
@@ -110,6 +98,23 @@ PRUNED_AT_ONCE = 300
 ALIVE_EVERY_NS = 20 * NS_PER_S
 
 _LIFE = TypeAdapter(tuple[Count, Ns], config=ConfigDict(strict=True))
+
+PAUSE_S = 0.05
+"""Pause after each reading, so that repeated queries do not block selecting, s."""
+
+ENVELOPE_BYTES = 1024
+"""Upper limit of the size of a reply without its events."""
+
+
+def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
+    """Return the last `last` records that were published, not before `since_ns`, the oldest first.
+
+    Acts are among them when their carriers have told that they are done.
+
+    Raises:
+        sqlite3.Error: If the file cannot be read.
+    """
+    return list(read_rows(path, RECENT, (since_ns, last), record_of))[::-1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,13 +266,6 @@ def _insert(db: sqlite3.Connection, entry: Record | ActOutcome) -> None:
 def _closed(record: Record, now_ns: int) -> Record:
     reason = "nobody saw it while no selector ran"
     return record._replace(stamp_ns=now_ns, event="left", cause="", reason=reason, seq=None)
-
-
-PAUSE_S = 0.05
-"""Pause after each reading, so that repeated queries do not block selecting, s."""
-
-ENVELOPE_BYTES = 1024
-"""Upper limit of the size of a reply without its events."""
 
 
 class History:

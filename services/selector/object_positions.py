@@ -17,6 +17,13 @@ OWN = ""
 LEFT_AFTER_NS = NS_PER_S // 2
 """Time after which an object that is missing from its tracker's list has left, ns."""
 
+Array = NDArray[np.float64]
+
+MAX_TRACKERS = 64
+"""Limit of trackers. Beyond it the one silent for longest is forgotten."""
+
+Indices = NDArray[np.int64]
+
 
 class Departures:
     """Gives missing objects some time to come back.
@@ -53,14 +60,6 @@ class Departures:
                 del self._missed[object_id]
                 left.append(object_id)
         return left
-
-
-Array = NDArray[np.float64]
-
-MAX_TRACKERS = 64
-"""Limit of trackers. Beyond it the one silent for longest is forgotten."""
-
-Indices = NDArray[np.int64]
 
 
 class _OnLine:

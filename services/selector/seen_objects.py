@@ -25,6 +25,34 @@ SPARSE_RAD = math.radians(10.0)
 SAME_M = 1e-9
 """Positions nearer to each other than this are equal, m."""
 
+Array = NDArray[np.float64]
+
+NEAREST_M = 1e-3
+"""Lower limit of the distance to the eyes, m."""
+
+HAIR_M = 1e-6
+
+MAX_SEEN = 32
+"""Limit of objects near a ray. Beyond it those at the smallest angles are used."""
+
+STRAIGHT_M = 0.02
+"""Distance along a line that counts as straight, m. On an arc of 0.5 m radius the error is 0.4 mm."""
+
+MAX_SOLIDS = 8
+"""The same where objects are boxes, by the balls around them: their outlines cost more."""
+
+_box = lru_cache(1024)(BoxSolid)
+"""Returns the box of a centre, size and yaw: most stand still."""
+
+OPAQUE = frozenset({"box", "cylinder", "sphere"})
+"""Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
+
+XYZ = np.ones(3)
+
+_Sights = tuple[Array, Array, Array, Array, Array]
+"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
+near a ray, rad, n each."""
+
 
 class OnLine(NamedTuple):
     """Position of an object on a strip or belt, at the time of the view."""
@@ -175,31 +203,6 @@ def _drawn_along(
     shown = vector.subtract(cursor.point_m, origin_m)
     moved_rad = vector.angle_between(shown, vector.subtract(point_m, origin_m))
     return None if moved_rad > snap_rad else (point_m, position_m)
-
-
-Array = NDArray[np.float64]
-
-NEAREST_M = 1e-3
-"""Lower limit of the distance to the eyes, m."""
-
-HAIR_M = 1e-6
-
-MAX_SEEN = 32
-"""Limit of objects near a ray. Beyond it those at the smallest angles are used."""
-
-STRAIGHT_M = 0.02
-"""Distance along a line that counts as straight, m. On an arc of 0.5 m radius the error is 0.4 mm."""
-
-MAX_SOLIDS = 8
-"""The same where objects are boxes, by the balls around them: their outlines cost more."""
-
-_box = lru_cache(1024)(BoxSolid)
-"""Returns the box of a centre, size and yaw: most stand still."""
-
-OPAQUE = frozenset({"box", "cylinder", "sphere"})
-"""Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
-
-XYZ = np.ones(3)
 
 
 class SeenObjects:
@@ -411,11 +414,6 @@ class SeenObjects:
         self._are_still = not self._velocities_mps.any()
         self._sights: dict[Vec3, _Sights] = {}
         """Objects as seen from the eyes of people, kept while nothing moves."""
-
-
-_Sights = tuple[Array, Array, Array, Array, Array]
-"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
-near a ray, rad, n each."""
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:

@@ -15,6 +15,9 @@ from pointit.services.selector.seen_objects import View
 MAX_DWELL_S = 10.0
 """Upper limit of the dwell time by any method, s."""
 
+detached = Surroundings.detached
+"""Returns the surroundings of a method for a person outside a site, such as in an evaluation."""
+
 
 class PointingSample(NamedTuple):
     """One cursor of a person, later than the one before, and the objects that it is about."""
@@ -145,8 +148,5 @@ class SelectionMethod(Plugin):
     announcer: Callable[[Any, str], NameAnnouncer | None] | None = None
     """Makes the announcer of a user with the same parameters, or None if no names are spoken to them."""
 
-
-detached = Surroundings.detached
-"""Returns the surroundings of a method for a person outside a site, such as in an evaluation."""
 
 METHODS = PluginGroup("pointit.selection_methods", SelectionMethod, "selection method")

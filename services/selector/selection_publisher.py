@@ -34,6 +34,8 @@ Action = Literal["", "select", "deselect", "refuse"]
 CHANGES: tuple[Action, ...] = ("select", "deselect")
 """Effects that change an object."""
 
+Kind = Literal["selected", "deselected", "refused"]
+
 
 class Output(NamedTuple):
     """A message to publish."""
@@ -95,9 +97,6 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
         confidence=record.confidence,
         carriers=tuple(record.carriers.split()),
     )
-
-
-Kind = Literal["selected", "deselected", "refused"]
 
 
 class SelectionPublisher:

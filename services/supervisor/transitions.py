@@ -60,6 +60,33 @@ BY_ITSELF_AT_LAMP = "Wear the wristband, or take the arm in the page: a lamp lig
 BY_ITSELF_AT_ROBOT = "Wear the wristband, or take the arm in the page: point at the robot while it moves."
 SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
 
+OFFSET_PURPOSE = "offset"
+"""Name of the file of a person's pointing offset."""
+MAX_RAD = math.radians(45.0)
+"""Limit of the mean error of a person's pointing."""
+
+Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
+
+Event = Literal[
+    "press", "double", "hold", "sample",
+    "target", "found", "refused", "cancelled", "restarted", "lost", "rejected",
+    "recovered", "anchor requested", "pose requested",
+    "silent", "timeout",
+]  # fmt: skip
+
+Condition = Literal[
+    "must localize", "localizes", "no pose", "has pose", "press ends", "may start", "may resume",
+]  # fmt: skip
+
+Effect = Literal[
+    "request pose", "request anchor", "cancel",
+    "allow autostart", "forbid autostart", "retry later", "resume soon",
+]  # fmt: skip
+
+_ASK: tuple[Effect, ...] = ("allow autostart", "request pose")
+_STOP: tuple[Effect, ...] = ("cancel", "forbid autostart")
+_START: tuple[Effect, ...] = ("allow autostart",)
+
 
 def silent(timeout_s: float) -> str:
     """Return the reason if the wrist was silent for `timeout_s`."""
@@ -132,12 +159,6 @@ def press_effect(
     return "" if by == "stay" and not (manner and manner.pressed and not hears_names) else "confirm"
 
 
-OFFSET_PURPOSE = "offset"
-"""Name of the file of a person's pointing offset."""
-MAX_RAD = math.radians(45.0)
-"""Limit of the mean error of a person's pointing."""
-
-
 def offset_problem(offset: PointingOffset) -> str:
     """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
     worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
@@ -160,25 +181,6 @@ def minute(stamp_ns: int) -> str:
     return f"{datetime.fromtimestamp(stamp_ns / NS_PER_S, UTC).astimezone():%Y-%m-%d %H:%M}"
 
 
-Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
-
-Event = Literal[
-    "press", "double", "hold", "sample",
-    "target", "found", "refused", "cancelled", "restarted", "lost", "rejected",
-    "recovered", "anchor requested", "pose requested",
-    "silent", "timeout",
-]  # fmt: skip
-
-Condition = Literal[
-    "must localize", "localizes", "no pose", "has pose", "press ends", "may start", "may resume",
-]  # fmt: skip
-
-Effect = Literal[
-    "request pose", "request anchor", "cancel",
-    "allow autostart", "forbid autostart", "retry later", "resume soon",
-]  # fmt: skip
-
-
 class Transition(NamedTuple):
     """A row of the table. The first one whose event and conditions fit is used, or nothing happens."""
 
@@ -194,9 +196,6 @@ class Transition(NamedTuple):
 
 
 _T = Transition
-_ASK: tuple[Effect, ...] = ("allow autostart", "request pose")
-_STOP: tuple[Effect, ...] = ("cancel", "forbid autostart")
-_START: tuple[Effect, ...] = ("allow autostart",)
 _REQUESTS = (
     _T(("double",), "idle", NO_POSE_TO_ANCHOR, "refused", conditions=("no pose",)),
     _T(("double",), "anchoring", ANCHOR_ASKED, "started", ("request anchor",)),

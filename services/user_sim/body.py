@@ -22,6 +22,21 @@ LOW_DEG, LOW_SD_DEG, REACH_SD_DEG = -2.8, 2.8, 1.0
 """Elevation error without feedback, degrees: mean, standard deviation between people and of reaches."""
 BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
 
+State = tuple[float, float, float]
+"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
+
+SECOND_SHARE = 1.0 / 3.0
+"""Second pole of the wandering, as a share of the correlation time, so that little of it is above 2 Hz."""
+
+STEADIER = 0.5
+"""Share by which skill 1 reduces the noise."""
+
+EASING_S = 0.5
+"""Time constant of changes of the noise level, s."""
+
+STEP_S = 1.0
+"""Duration of a shift of the weight, or of a small step, s."""
+
 
 class OpenLoopError:
     """A person's own bias, and a new random error for every reach."""
@@ -51,19 +66,6 @@ class OpenLoopError:
                 (azimuth + step, elevation) if rng.random() < 0.5 else (azimuth, elevation + step)
             )
         self.now_rad = (self._clumsy * azimuth, self.bias_rad + self._clumsy * elevation)
-
-
-State = tuple[float, float, float]
-"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
-
-SECOND_SHARE = 1.0 / 3.0
-"""Second pole of the wandering, as a share of the correlation time, so that little of it is above 2 Hz."""
-
-STEADIER = 0.5
-"""Share by which skill 1 reduces the noise."""
-
-EASING_S = 0.5
-"""Time constant of changes of the noise level, s."""
 
 
 def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> State:
@@ -244,10 +246,6 @@ class PosturalNoise:
         low = math.sqrt(max(yy, 0.0))
         cross = yx / low if low > 0.0 else 0.0
         return (k1, c, k2, low, cross, math.sqrt(max(xx - cross * cross, 0.0)))
-
-
-STEP_S = 1.0
-"""Duration of a shift of the weight, or of a small step, s."""
 
 
 class StandingPosition:

@@ -14,6 +14,22 @@ from pointit.services.user_sim.sight import SeenObject, Sight
 
 State = Literal["idle", "asked", "pointing"]
 
+OFF_S = 2.0
+"""Time for which the cursor is off before the person reacts, s."""
+WAIT_S = 15.0
+"""Time for a requested anchor to help before it is requested again, s."""
+CUE_PERIOD_S = 3.0
+"""Time without a profile after which the person presses anyway, s."""
+
+Gesture = Literal["press", "double", "hold"]
+
+PURSUIT_S = 1.5
+"""Time for which a thing is extrapolated after it was lost from view, s."""
+LOOK_NS = NS_PER_S // 10
+"""Time between two looks at the strips while pointing, ns."""
+IN_AIR_M = 0.3
+"""Height from which a spot is a place for the robot itself. Lower ones are on the floor below it, m."""
+
 
 class PerceivedState:
     """State derived from cues. Cues before the start of the person are unknown.
@@ -76,16 +92,6 @@ class PerceivedState:
             self.since_ns = now_ns
         self.state = state
         self.target = ""
-
-
-OFF_S = 2.0
-"""Time for which the cursor is off before the person reacts, s."""
-WAIT_S = 15.0
-"""Time for a requested anchor to help before it is requested again, s."""
-CUE_PERIOD_S = 3.0
-"""Time without a profile after which the person presses anyway, s."""
-
-Gesture = Literal["press", "double", "hold"]
 
 
 class ButtonModel:
@@ -185,14 +191,6 @@ class ButtonModel:
         """Return the event of `gesture`, which the person has decided on."""
         self._presses += 1
         return ButtonEvent(stamp_ns=now_ns, seq=self._presses, source="simulated", gesture=gesture)
-
-
-PURSUIT_S = 1.5
-"""Time for which a thing is extrapolated after it was lost from view, s."""
-LOOK_NS = NS_PER_S // 10
-"""Time between two looks at the strips while pointing, ns."""
-IN_AIR_M = 0.3
-"""Height from which a spot is a place for the robot itself. Lower ones are on the floor below it, m."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,15 @@ FIND_SPREAD = 0.3
 UNSKILLED_SHARE = 0.3
 """Share by which times shrink from skill 0 to 1."""
 
+DWELL_S = 0.8
+"""Time on a thing until it is selected, as people learn it, s."""
+LEAVE_S = (1.0, 1.5)
+"""Range of times after turning to a thing at which a person leaves who considers it selected too early, s."""
+CONFIRM_S = 2.0
+"""Time after turning to a thing that wants a press until the person presses, s."""
+SWITCH_S = 15.0
+"""Time after switching a thing on or off until the person switches it back, s."""
+
 
 class DecisionTimes:
     """Random times of one person's decisions, log-normal, and lapses.
@@ -48,16 +57,6 @@ class DecisionTimes:
     def between(self, minimum: float, maximum: float) -> float:
         """Return a uniformly random number between the two."""
         return float(self._rng.uniform(minimum, maximum))
-
-
-DWELL_S = 0.8
-"""Time on a thing until it is selected, as people learn it, s."""
-LEAVE_S = (1.0, 1.5)
-"""Range of times after turning to a thing at which a person leaves who considers it selected too early, s."""
-CONFIRM_S = 2.0
-"""Time after turning to a thing that wants a press until the person presses, s."""
-SWITCH_S = 15.0
-"""Time after switching a thing on or off until the person switches it back, s."""
 
 
 class Selecting:

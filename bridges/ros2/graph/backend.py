@@ -15,6 +15,8 @@ middleware has a place for it (DDS has none: the response is empty); it raises n
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""
 
+EndpointKind = Literal["publisher", "subscriber", "server", "client"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Qos:
@@ -54,9 +56,6 @@ class RosType:
         """Return the name as middlewares write it: `geometry_msgs::msg::dds_::PoseStamped_`."""
         package, kind, name = self.name.split("/")
         return f"{package}::{kind}::dds_::{name}_"
-
-
-EndpointKind = Literal["publisher", "subscriber", "server", "client"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,13 @@ log = logging.getLogger(__name__)
 QUIET_S = 10.0
 """A warning about messages is cleared this long (s) after its last cause."""
 
+Handler = Callable[[Graph], None]
+
+MIN_CAPACITY = 64
+"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
+
+T = TypeVar("T")
+
 
 class BackendWarnings:
     """Permanent warnings, replaced as a whole; brief ones, which expire; held ones. In the loop."""
@@ -93,9 +100,6 @@ class BackendWarnings:
         self._warnings.clear("graph", about)
 
 
-Handler = Callable[[Graph], None]
-
-
 class GraphMonitor:
     """Begins with an empty graph. In the loop."""
 
@@ -144,10 +148,6 @@ class GraphMonitor:
         self._handlers.clear()
 
 
-MIN_CAPACITY = 64
-"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
-
-
 class NodeContext:
     """State that the endpoints of one node share. Is made in the loop."""
 
@@ -173,7 +173,6 @@ class NodeContext:
 
 
 C = TypeVar("C", bound=NodeContext)
-T = TypeVar("T")
 
 
 class RosEndpoint(abc.ABC, Generic[C]):

@@ -41,6 +41,17 @@ JOINTS = (
 )
 """All joints of `human_description` that are not fixed. At 0 the person stands, arms down."""
 
+LISTED_HZ = 2.0
+"""Rate of lists and confidences: this late people are seen to come and go."""
+MATCHED_HZ = 1.0
+JOINTS_HZ = 20.0
+
+TRACKED = "/humans/persons/tracked"
+"""List whose publisher owns the people of a graph: hri_person_manager, if it runs."""
+
+PERSON = "/humans/persons/{user}"
+BODY_ROUTES = f"/humans/bodies/{BODY}"
+
 
 class KnownPeople:
     """People who have been here since the bridge started."""
@@ -174,18 +185,6 @@ def _eyes_m(context: ConversionContext) -> float:
 
 def _facing(user_pose: UserPose, context: ConversionContext) -> rotation.Quaternion:
     return rotation.from_yaw(user_pose.yaw_rad + context.state.person(context.name).facing_rad)
-
-
-LISTED_HZ = 2.0
-"""Rate of lists and confidences: this late people are seen to come and go."""
-MATCHED_HZ = 1.0
-JOINTS_HZ = 20.0
-
-TRACKED = "/humans/persons/tracked"
-"""List whose publisher owns the people of a graph: hri_person_manager, if it runs."""
-
-PERSON = "/humans/persons/{user}"
-BODY_ROUTES = f"/humans/bodies/{BODY}"
 
 
 def of_ros4hri() -> tuple[OutboundRoute, ...]:

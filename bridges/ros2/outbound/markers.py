@@ -39,6 +39,62 @@ WHITE: Rgb = (255, 255, 255)
 
 Place = Iterable[float]
 
+ENDLESS_M = 20.0
+"""Drawn size of an infinite plane."""
+STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
+
+BELT: Rgb = (70, 74, 84)
+STRIP: Rgb = (150, 155, 165)
+LAMP: Rgb = (255, 240, 200)
+SOLID: Rgb = (140, 150, 170)
+KEEP_IN: Rgb = (60, 180, 75)
+KEEP_OUT: Rgb = (230, 60, 50)
+GLASS = 0.35
+"""Opacity of solids, so that objects behind them are visible."""
+
+LIFETIME_S = 2.0
+"""Lifetime of a marker, s, for viewers that missed its deletion."""
+
+MAX_OBJECTS = 500
+"""Maximum number of drawn objects; a label gives the number of others."""
+
+FREE_RAY_M = 4.0
+"""Drawn length of a ray that meets nothing."""
+
+RAY_M: Vec3 = (0.012, 0.03, 0.06)
+"""Width of the ray's shaft and head, length of the head."""
+
+CURSOR_M = 0.08
+
+NAME_M = 1.95
+"""Height of a person's name above their feet."""
+
+SIGMAS = 2.0
+"""Size of the position's ellipse, in standard deviations."""
+
+SMALLEST_M = 5e-3
+"""An ellipse with a shorter major half-axis is not drawn: the position is known."""
+
+USUAL_M = 0.12
+"""Length of an object without one."""
+
+SEGMENT_M = (0.07, 0.06)
+"""Width and height of a segment of a strip."""
+
+GROWN_M = 0.05
+"""Growth of the box that shows an object's owner."""
+
+HALTED: Rgb = (230, 60, 50)
+"""Colour of a robot that a stop condition holds, or that is lost."""
+
+HIGH_M = {"quadrotor": 0.08, "ground": 0.25}
+"""Drawn height of a robot by its kind."""
+
+FRONT_M: Vec3 = (0.02, 0.05, 0.06)
+"""Width of the shaft and head of the arrow to its front, length of the head."""
+
+PLAN_M, SPOT_M, LABEL_M = 0.03, 0.1, 0.3
+
 
 class MarkerBuilder:
     """Builds markers with one stamp, in one frame."""
@@ -97,20 +153,6 @@ class MarkerBuilder:
     def array(self, markers: list[Any]) -> Any:
         """Return the message."""
         return self._types.make("visualization_msgs/msg/MarkerArray", markers=markers)
-
-
-ENDLESS_M = 20.0
-"""Drawn size of an infinite plane."""
-STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
-
-BELT: Rgb = (70, 74, 84)
-STRIP: Rgb = (150, 155, 165)
-LAMP: Rgb = (255, 240, 200)
-SOLID: Rgb = (140, 150, 170)
-KEEP_IN: Rgb = (60, 180, 75)
-KEEP_OUT: Rgb = (230, 60, 50)
-GLASS = 0.35
-"""Opacity of solids, so that objects behind them are visible."""
 
 
 def map_markers(room: Environment, context: ConversionContext) -> Converted:
@@ -225,50 +267,6 @@ def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
     across, up = rotation.rotate(level, (0.0, 1.0, 0.0)), rotation.rotate(level, (0.0, 0.0, 1.0))
     roll = float(np.arctan2(vector.dot(v, up), vector.dot(v, across)))
     return rotation.from_azimuth_elevation(azimuth, elevation, roll)
-
-
-LIFETIME_S = 2.0
-"""Lifetime of a marker, s, for viewers that missed its deletion."""
-
-MAX_OBJECTS = 500
-"""Maximum number of drawn objects; a label gives the number of others."""
-
-FREE_RAY_M = 4.0
-"""Drawn length of a ray that meets nothing."""
-
-RAY_M: Vec3 = (0.012, 0.03, 0.06)
-"""Width of the ray's shaft and head, length of the head."""
-
-CURSOR_M = 0.08
-
-NAME_M = 1.95
-"""Height of a person's name above their feet."""
-
-SIGMAS = 2.0
-"""Size of the position's ellipse, in standard deviations."""
-
-SMALLEST_M = 5e-3
-"""An ellipse with a shorter major half-axis is not drawn: the position is known."""
-
-USUAL_M = 0.12
-"""Length of an object without one."""
-
-SEGMENT_M = (0.07, 0.06)
-"""Width and height of a segment of a strip."""
-
-GROWN_M = 0.05
-"""Growth of the box that shows an object's owner."""
-
-HALTED: Rgb = (230, 60, 50)
-"""Colour of a robot that a stop condition holds, or that is lost."""
-
-HIGH_M = {"quadrotor": 0.08, "ground": 0.25}
-"""Drawn height of a robot by its kind."""
-
-FRONT_M: Vec3 = (0.02, 0.05, 0.06)
-"""Width of the shaft and head of the arrow to its front, length of the head."""
-
-PLAN_M, SPOT_M, LABEL_M = 0.03, 0.1, 0.3
 
 
 class Markers:

@@ -44,6 +44,8 @@ MIN_SIGMA_RAD = math.radians(1.0)
 """Standard deviation of a known angle, and of roll and pitch, which are 0 by definition of {H}."""
 _MIN_VARIANCES = np.array([MIN_SIGMA_M**2] * 3 + [MIN_SIGMA_RAD**2] * 3)
 
+_NONE = np.empty(0, dtype=np.uint32)
+
 
 def pointing_ray(ray: PointingRay, context: ConversionContext) -> Converted:
     """Return the ray as a pose whose x axis is its direction."""
@@ -175,9 +177,6 @@ def subscription(interaction: Interaction, context: ConversionContext) -> Conver
 def _stamped_pose(context: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
     pose = values.pose(context.state.types, place_m, turned)
     return values.stamped(context, "geometry_msgs/msg/PoseStamped", pose=pose)
-
-
-_NONE = np.empty(0, dtype=np.uint32)
 
 
 def packages(_message: Message, context: ConversionContext) -> Converted:

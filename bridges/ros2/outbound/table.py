@@ -24,6 +24,23 @@ MAX_VALUES = 64
 OK, WARN = 0, 1
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
+POINTING_HZ = 50.0
+"""Maximum rate of topics that follow an arm, Hz."""
+DRAWN_HZ = 20.0
+"""Maximum rate of topics for viewers, Hz."""
+TF_HZ = 10.0
+"""Rate of repeated transforms: listeners forget old ones, and need one not older than their data."""
+LOG_HZ = 2.0
+"""Rate at which one service's reports, one a second, are read: no service can flood ROS's log."""
+CLOCK_HZ = 50.0
+CLOCK_S = 10.0
+"""Silence after which a clock has ended, for the site itself too (`runtime.bus.site_clock.SILENT_NS`), s."""
+
+# A reliable publisher reaches both kinds of subscribers, also over DDS.
+_NEWEST = Qos(depth=1)
+_STREAM = Qos(depth=10)
+_MANY = Qos(depth=100)
+
 
 def led_strips(frame: StripsFrame, context: ConversionContext) -> Converted:
     """Return all pixels, red green blue; a strip's id is the number at the end of ours."""
@@ -151,24 +168,6 @@ def _is_reaction(event: SelectionEvent, room: Environment | None) -> bool:
         if thing.id == event.object_id and event.is_reaction(thing.mode):
             return True
     return False
-
-
-POINTING_HZ = 50.0
-"""Maximum rate of topics that follow an arm, Hz."""
-DRAWN_HZ = 20.0
-"""Maximum rate of topics for viewers, Hz."""
-TF_HZ = 10.0
-"""Rate of repeated transforms: listeners forget old ones, and need one not older than their data."""
-LOG_HZ = 2.0
-"""Rate at which one service's reports, one a second, are read: no service can flood ROS's log."""
-CLOCK_HZ = 50.0
-CLOCK_S = 10.0
-"""Silence after which a clock has ended, for the site itself too (`runtime.bus.site_clock.SILENT_NS`), s."""
-
-# A reliable publisher reaches both kinds of subscribers, also over DDS.
-_NEWEST = Qos(depth=1)
-_STREAM = Qos(depth=10)
-_MANY = Qos(depth=100)
 
 
 def outward() -> tuple[OutboundRoute, ...]:

@@ -39,6 +39,23 @@ from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 
+LOOK_S = 1.0
+"""Interval of reading the graph, s."""
+
+SETTLE_S = 0.05
+"""Time (s) to gather declarations of ours before the graph is read because of them."""
+
+PAUSE_S = 0.05
+"""Pause (s) after an error that stopped the executor, such as an unreadable request."""
+
+NEEDS = (
+    "they need the same ROS_DOMAIN_ID, on other machines a network that lets DDS discovery through, and "
+    "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
+)
+"""Conditions for other nodes to be seen."""
+
+End = TypeVar("End", bound=Closable)
+
 
 class DdsWriter(RosEndpoint[DdsContext]):
     """Publisher of one topic."""
@@ -102,25 +119,6 @@ class DdsReader(RosEndpoint[DdsContext]):
     def _take(self, cdr: bytes, info: MessageInfo) -> None:  # on the executor's thread
         if not self._echoes.is_ours(cdr, info["source_timestamp"]):
             self._queue.put(cdr, is_oversized=len(cdr) > self._context.max_bytes)
-
-
-LOOK_S = 1.0
-"""Interval of reading the graph, s."""
-
-SETTLE_S = 0.05
-"""Time (s) to gather declarations of ours before the graph is read because of them."""
-
-PAUSE_S = 0.05
-"""Pause (s) after an error that stopped the executor, such as an unreadable request."""
-
-NEEDS = (
-    "they need the same ROS_DOMAIN_ID, on other machines a network that lets DDS discovery through, and "
-    "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
-)
-"""Conditions for other nodes to be seen."""
-
-
-End = TypeVar("End", bound=Closable)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,24 @@ WHOLE_EVERY = 4
 
 Traits = tuple[tuple[str, tuple[str, ...]], ...]
 
+End = TypeVar("End")
+
+REMEMBERED = 256
+"""Maximum number of remembered messages of a topic; they come back within milliseconds."""
+
+MAX_PADDING = 3
+"""Maximum number of bytes that middlewares append on delivery."""
+
+COARSE_NS = 1000
+"""Resolution of times, which a middleware may cut down to microseconds."""
+
+log = logging.getLogger(__name__)
+
+MAX_OPEN = 64
+"""Maximum number of open requests to one service; further ones get an empty response."""
+LOOK_S = 0.05
+"""Interval (s) of checking for a server, of which rclpy does not notify."""
+
 
 class GraphReader:
     """Reads the graph and detects changes, of which rclpy does not notify."""
@@ -153,18 +171,6 @@ def hash_of(info: EndInfo) -> str:
 
 def _traits(names: NamesAndTypes) -> Traits:
     return tuple((name, tuple(types)) for name, types in names)
-
-
-End = TypeVar("End")
-
-REMEMBERED = 256
-"""Maximum number of remembered messages of a topic; they come back within milliseconds."""
-
-MAX_PADDING = 3
-"""Maximum number of bytes that middlewares append on delivery."""
-
-COARSE_NS = 1000
-"""Resolution of times, which a middleware may cut down to microseconds."""
 
 
 class DdsContext(NodeContext):
@@ -288,14 +294,6 @@ class _Sent:
     def is_in(self, cdr: bytes) -> bool:
         """Return True if `cdr` is this message, with or without padding."""
         return 0 <= len(cdr) - self.length <= MAX_PADDING and hash(cdr[: self.length]) == self.mark
-
-
-log = logging.getLogger(__name__)
-
-MAX_OPEN = 64
-"""Maximum number of open requests to one service; further ones get an empty response."""
-LOOK_S = 0.05
-"""Interval (s) of checking for a server, of which rclpy does not notify."""
 
 
 class DdsServiceServer(RosServiceServer[DdsContext]):

@@ -27,6 +27,13 @@ RosContext = Any
 ServiceClass = Any
 """Python class of a service type, `std_srvs.srv.Empty`."""
 
+ACTION_PARTS = {
+    "SendGoal": "SendGoalService",
+    "GetResult": "GetResultService",
+    "FeedbackMessage": "FeedbackMessage",
+}
+"""Attributes of an action's class that are its services and topic."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rclpy:
@@ -60,14 +67,6 @@ class Rclpy:
             reliable=profile.reliability == self.reliability.RELIABLE,
             latched=profile.durability == self.durability.TRANSIENT_LOCAL,
         )
-
-
-ACTION_PARTS = {
-    "SendGoal": "SendGoalService",
-    "GetResult": "GetResultService",
-    "FeedbackMessage": "FeedbackMessage",
-}
-"""Attributes of an action's class that are its services and topic."""
 
 
 def loaded() -> Rclpy:

@@ -17,6 +17,15 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.foreign_zenoh import IncomingQuery, QueryReply, RawSample, RawSession
 from pointit.runtime.service.plugin_guard import WarningSink
 
+REMEMBERED = 16
+"""Minimum number of a topic's messages that are remembered to drop duplicates."""
+
+EMPTY_RETRY_S = (0.005, 0.02, 0.05)
+"""Delays before a request that reached no server is repeated: a new server is not known at once."""
+GONE = "its server was gone before it answered"
+AT_ONCE_S = 0.05
+"""A request that ended without an answer within this time (s) reached no server; later, the server died."""
+
 
 class EndpointContext(NodeContext):
     """The session, the encoding of ROS in it, and the ids of our own endpoints."""
@@ -66,10 +75,6 @@ class Announcement:
         self._token.close()
         self._context.directory.retract(self._text)
         self._context.gids.discard(self._gid)
-
-
-REMEMBERED = 16
-"""Minimum number of a topic's messages that are remembered to drop duplicates."""
 
 
 class ZenohWriter(RosEndpoint[EndpointContext]):
@@ -154,13 +159,6 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         if len(self._recent) > self._remembered:
             self._recent.popitem(last=False)
         return False
-
-
-EMPTY_RETRY_S = (0.005, 0.02, 0.05)
-"""Delays before a request that reached no server is repeated: a new server is not known at once."""
-GONE = "its server was gone before it answered"
-AT_ONCE_S = 0.05
-"""A request that ended without an answer within this time (s) reached no server; later, the server died."""
 
 
 class ZenohServiceServer(RosServiceServer[EndpointContext]):

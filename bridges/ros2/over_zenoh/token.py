@@ -24,6 +24,21 @@ NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 DDS_TYPE = re.compile(r"(\w+)::(\w+)::dds_::(\w+)_", re.ASCII)
 HASH = re.compile(r"\w+", re.ASCII)
 
+NODE = "NN"
+CODES: dict[EndpointKind, str] = {"publisher": "MP", "subscriber": "MS", "server": "SS", "client": "SC"}
+KINDS: dict[str, EndpointKind] = {code: kind for kind, code in CODES.items()}
+
+ENCLAVE = "/"
+"""Enclave of nodes that do not run under SROS 2."""
+
+NODE_CHUNKS, ENDPOINT_CHUNKS = 9, 13
+
+MAX_CHARACTERS = 4096
+"""Maximum length, far above that of the longest names in ROS."""
+
+DIGITS = re.compile(r"[0-9]{1,18}", re.ASCII)
+SESSION = re.compile(r"[0-9a-f]{1,32}")
+
 
 def data_key(domain: int, name: str, kind: RosType) -> str:
     """Return the key of topic or service `name` (resolved: `/user1/pointing_ray`) in `domain`."""
@@ -54,22 +69,6 @@ def dds_type(text: str, type_hash: str) -> RosType:
     if found is None or not HASH.fullmatch(type_hash):
         raise ValueError(f"{text!r} with the hash {type_hash!r} is not a type as DDS writes it")
     return RosType(name="/".join(found.groups()), hash=type_hash)
-
-
-NODE = "NN"
-CODES: dict[EndpointKind, str] = {"publisher": "MP", "subscriber": "MS", "server": "SS", "client": "SC"}
-KINDS: dict[str, EndpointKind] = {code: kind for kind, code in CODES.items()}
-
-ENCLAVE = "/"
-"""Enclave of nodes that do not run under SROS 2."""
-
-NODE_CHUNKS, ENDPOINT_CHUNKS = 9, 13
-
-MAX_CHARACTERS = 4096
-"""Maximum length, far above that of the longest names in ROS."""
-
-DIGITS = re.compile(r"[0-9]{1,18}", re.ASCII)
-SESSION = re.compile(r"[0-9a-f]{1,32}")
 
 
 @dataclass(frozen=True, kw_only=True)

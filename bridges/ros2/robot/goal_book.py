@@ -21,6 +21,11 @@ RESULT_NS = NS_PER_S
 RETRY_NS = NS_PER_S // 2
 """Interval of repeated cancellations of one goal."""
 
+OPEN = {"sent", "silent", "accepted", "active"}
+"""States of goals that the server may work on."""
+
+Outcome = Literal["accepted", "active", "done", "cancelled", "refused", "failed"]
+
 
 class GoalStatus(IntEnum):
     """Constants of action_msgs/GoalStatus."""
@@ -37,10 +42,6 @@ class GoalStatus(IntEnum):
 ACTIVE = {GoalStatus.ACCEPTED, GoalStatus.EXECUTING, GoalStatus.CANCELING}
 TERMINAL = {GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED}
 
-OPEN = {"sent", "silent", "accepted", "active"}
-"""States of goals that the server may work on."""
-
-Outcome = Literal["accepted", "active", "done", "cancelled", "refused", "failed"]
 
 OUTCOMES: dict[int, Outcome] = {
     GoalStatus.SUCCEEDED: "done",

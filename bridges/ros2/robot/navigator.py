@@ -35,6 +35,15 @@ UNKNOWN_GOAL, TERMINATED = 2, 3
 Feedback = Callable[[bytes, Any], None]
 Statuses = Callable[[list[tuple[bytes, int]]], None]
 
+AGAIN_M = 0.2
+"""A place to follow that is nearer to the last goal is not a new goal."""
+AGAIN_NS = NS_PER_S
+"""Minimum interval of goals while the robot follows: Nav2 makes a plan for each."""
+RESULT_S = 500.0
+"""A result is asked for again after this time: Zenoh drops questions that are open for 600 s."""
+HALT_S = 0.8
+"""Time in which goals are cancelled before the driver ends."""
+
 
 class ActionClient:
     """Sends goals of one action; ids are 16 bytes. All handlers run in the event loop."""
@@ -146,16 +155,6 @@ class ActionClient:
 
 def _bytes(uuid: Any) -> bytes:
     return np.asarray(uuid.uuid, dtype=np.uint8).tobytes()
-
-
-AGAIN_M = 0.2
-"""A place to follow that is nearer to the last goal is not a new goal."""
-AGAIN_NS = NS_PER_S
-"""Minimum interval of goals while the robot follows: Nav2 makes a plan for each."""
-RESULT_S = 500.0
-"""A result is asked for again after this time: Zenoh drops questions that are open for 600 s."""
-HALT_S = 0.8
-"""Time in which goals are cancelled before the driver ends."""
 
 
 class Navigator:

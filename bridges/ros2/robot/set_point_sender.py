@@ -38,6 +38,10 @@ MAX_LEAD_M = 0.5
 """The set-point is at most this far ahead of the drone, besides what it flies in half a second."""
 MAX_LEAD_S = 0.5
 
+POSE = "geometry_msgs/msg/PoseStamped"
+LONGEST_S = 0.2
+"""A set-point moves on by at most this time at once, however late the tick."""
+
 
 class SetPoint(NamedTuple):
     """Place and azimuth that the drone is to have now."""
@@ -179,11 +183,6 @@ class SetPoints:
             return None
         self._is_over = True
         return "done"
-
-
-POSE = "geometry_msgs/msg/PoseStamped"
-LONGEST_S = 0.2
-"""A set-point moves on by at most this time at once, however late the tick."""
 
 
 class SetPointSender:

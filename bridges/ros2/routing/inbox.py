@@ -28,6 +28,9 @@ from pointit.schemas.topics import Request, Topic
 BURST_S = 0.03
 """Burst of a route with a limit of bytes, in seconds of its rate."""
 
+MAX_ASKED = 64
+"""Maximum number of open requests of ROS nodes; more are refused."""
+
 
 class InputSubscription:
     """Receives messages. Above the rate, the newest (of each person, if it names people) is handled later."""
@@ -101,10 +104,6 @@ class InputSubscription:
         self._message_limiter.sent(now_s)
         self._byte_limiter.sent(now_s, len(cdr))
         self._take(cdr)
-
-
-MAX_ASKED = 64
-"""Maximum number of open requests of ROS nodes; more are refused."""
 
 
 class Inbox:

@@ -14,6 +14,9 @@ from pointit.schemas.topics import Request, Topic
 MAX_BYTES = 16 * 1024
 """Default maximum size of messages from ROS; decoding blocks the loop."""
 
+Converted = tuple[Any, ...]
+"""ROS values in the order of sending, or `()` to send nothing."""
+
 
 class ConversionContext(NamedTuple):
     """Context of a conversion."""
@@ -45,9 +48,6 @@ class ConversionWarning(NamedTuple):
 
     sentence: str
 
-
-Converted = tuple[Any, ...]
-"""ROS values in the order of sending, or `()` to send nothing."""
 
 Taken = tuple[BusOutput | ConversionWarning, ...]
 

@@ -18,6 +18,16 @@ from pointit.runtime.host.extras import remedy
 
 LayoutOf = Callable[[str], "Layout"]
 
+NO_HASH = "TypeHashNotSupported"
+"""Humble's text in place of a hash."""
+
+GOLDEN = Path(__file__).parent / "golden.json"
+"""Hashes of a running ROS 2, by type; Jazzy and Kilted agree on all of them."""
+
+HEADER_BYTES = 4
+
+MAX_BYTES = 1_000_000
+
 
 class Layout:
     """Makes values of the type `name`; `layout_of` returns the layouts of nested types."""
@@ -79,17 +89,6 @@ def _numbers(given: Any, dtype: "np.dtype[Any]") -> "np.ndarray[Any, Any]":
 def _dtype_of(base: str) -> "np.dtype[Any]":
     """Return numpy's dtype for a list of `base`."""
     return np.dtype({"byte": "int8", "char": "uint8"}.get(base, base))
-
-
-NO_HASH = "TypeHashNotSupported"
-"""Humble's text in place of a hash."""
-
-GOLDEN = Path(__file__).parent / "golden.json"
-"""Hashes of a running ROS 2, by type; Jazzy and Kilted agree on all of them."""
-
-HEADER_BYTES = 4
-
-MAX_BYTES = 1_000_000
 
 
 class Types:

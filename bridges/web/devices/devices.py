@@ -38,6 +38,20 @@ log = logging.getLogger(__name__)
 T = TypeVar("T", bound=BaseModel)
 LOCK_TIMEOUT_S = 2.0
 
+PATTERN_S = 6.0
+"""Time for which the pattern is shown, s."""
+ENDS = 0.1
+"""Share of the pixels of each end."""
+RED: Rgb = (255, 0, 0)
+GREEN: Rgb = (0, 255, 0)
+BLUE: Rgb = (0, 0, 255)
+
+IMU_BRIDGE = "imu-bridge"
+MOUNTINGS = {"metamotion": "metamotion"}
+"""Mounting of wrists that are worn differently from the usual, by plug-in."""
+HEIGHT_M, LEDS_PER_M = 1.0, 60.0
+"""Default line of a strip that is added to the map: height, m, along x, and pixels per metre."""
+
 
 def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
     """Replace the stored value by `change(value)`. Other processes that update it wait.
@@ -57,15 +71,6 @@ def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
         file.write(change(file.read()))
 
 
-PATTERN_S = 6.0
-"""Time for which the pattern is shown, s."""
-ENDS = 0.1
-"""Share of the pixels of each end."""
-RED: Rgb = (255, 0, 0)
-GREEN: Rgb = (0, 255, 0)
-BLUE: Rgb = (0, 0, 255)
-
-
 def pattern(strip: str, pixels: int) -> tuple[LitPixels, ...]:
     """Return the first tenth green, the last tenth red, and between them red, green and blue thirds.
 
@@ -80,13 +85,6 @@ def pattern(strip: str, pixels: int) -> tuple[LitPixels, ...]:
     if pixels > end:
         parts.append((range(pixels - end, pixels), RED))
     return tuple(LitPixels(id=strip, pixels=tuple(lit), color=color) for lit, color in parts if len(lit))
-
-
-IMU_BRIDGE = "imu-bridge"
-MOUNTINGS = {"metamotion": "metamotion"}
-"""Mounting of wrists that are worn differently from the usual, by plug-in."""
-HEIGHT_M, LEDS_PER_M = 1.0, 60.0
-"""Default line of a strip that is added to the map: height, m, along x, and pixels per metre."""
 
 
 @dataclass(eq=False)

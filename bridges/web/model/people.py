@@ -27,6 +27,9 @@ VOICE_PROBLEMS: Mapping[VoiceProblem, str] = {
 }
 """Reasons why a page's names are not heard, and the remedies."""
 
+WRIST_PERIOD_S = 1.0 / 60.0
+"""Period of the samples of wrists that a page moves, s of wall time."""
+
 
 class Writers(NamedTuple):
     """Publishers of one person."""
@@ -157,10 +160,6 @@ class People:
         """Withdraw the poses of people who wear no headset any more."""
         for user in [user for user in self._poses if not is_headset(user)]:
             self._poses.pop(user).close()
-
-
-WRIST_PERIOD_S = 1.0 / 60.0
-"""Period of the samples of wrists that a page moves, s of wall time."""
 
 
 @dataclass(kw_only=True)

@@ -25,21 +25,6 @@ from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, STRIPS_FRAME, Topic
 from pointit.services.registry import IMU_BRIDGE, moves_arm
 from pointit.site.site_state import Change, Key, SiteState
 
-
-def shown_path(path: Path) -> str:
-    """Return `path` relative to the folder in which PointIt was started.
-
-    A path elsewhere is shortened to its folder's name and its own: `…/maps/room.yaml`.
-    """
-    path, start = path.absolute(), Path.cwd()
-    return str(path.relative_to(start) if path.is_relative_to(start) else Path("…", *path.parts[-2:]))
-
-
-def with_shown_path(sentence: str, path: Path) -> str:
-    """Return `sentence` with `path`, and other files of its folder, as of `shown_path`."""
-    return sentence.replace(f"{path.absolute().parent}{os.sep}", shown_path(path).removesuffix(path.name))
-
-
 WINDOW_S = 10.0
 """Window of reports, s: counters that grew in it are growing now."""
 
@@ -60,6 +45,23 @@ STARTING_S = 15.0
 
 MAX_LINES = 256
 """Maximum number of findings, or services, sent to a page."""
+
+MISSED_S = 86_400.0
+"""Deployments that vanished are reported as missing for this long (s), as by the keeper's default."""
+
+
+def shown_path(path: Path) -> str:
+    """Return `path` relative to the folder in which PointIt was started.
+
+    A path elsewhere is shortened to its folder's name and its own: `…/maps/room.yaml`.
+    """
+    path, start = path.absolute(), Path.cwd()
+    return str(path.relative_to(start) if path.is_relative_to(start) else Path("…", *path.parts[-2:]))
+
+
+def with_shown_path(sentence: str, path: Path) -> str:
+    """Return `sentence` with `path`, and other files of its folder, as of `shown_path`."""
+    return sentence.replace(f"{path.absolute().parent}{os.sep}", shown_path(path).removesuffix(path.name))
 
 
 class SiteObservation:
@@ -201,10 +203,6 @@ class SiteObservation:
         if finding.code == "silent":
             return now_s - self._since_s.get(name, now_s) > SILENT_S
         return finding.code != "empty" or not self._is_over
-
-
-MISSED_S = 86_400.0
-"""Deployments that vanished are reported as missing for this long (s), as by the keeper's default."""
 
 
 class Deployments:

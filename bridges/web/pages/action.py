@@ -29,6 +29,8 @@ LOOK: tuple[Role, ...] = ("operator", "viewer")
 WRIST: tuple[Role, ...] = ("operator", "wrist")
 """Pages that may request an action: those that control, those that look on too, or wrists too."""
 
+P = TypeVar("P", bound=BaseModel)
+
 
 class ActionParameters(BaseModel):
     """Parameters of an action. Unknown fields are refused."""
@@ -101,9 +103,6 @@ class ActionContext:
         """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
         if loser and loser != page and loser == self.pairing.paired(user, time.monotonic()):
             self.phones.lost(user, is_own=is_own)
-
-
-P = TypeVar("P", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)

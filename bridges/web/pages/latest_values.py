@@ -19,6 +19,24 @@ from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.schemas import Health, pack
 from pointit.schemas.topics import Delivery, Topic
 
+WINDOW_S = 3.0
+"""Window (s) of which the fastest report counts."""
+
+LAG_S = 1.0
+"""Delays above this are reported."""
+
+MAX_KEYS = 4096
+"""Maximum number of states. More indicate a fault and are refused."""
+
+MAX_EVENTS = 1024
+"""Maximum number of events that a page may lag behind."""
+
+HISTORY = 200
+"""Number of past events that a new page gets, for its messages."""
+
+Change = tuple[str, str, bytes | None]
+"""Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
+
 
 class TokenBucket:
     """Token bucket: `rate_hz` a second in the long run, `burst` at once."""
@@ -50,13 +68,6 @@ class TokenBucket:
         return wait_s
 
 
-WINDOW_S = 3.0
-"""Window (s) of which the fastest report counts."""
-
-LAG_S = 1.0
-"""Delays above this are reported."""
-
-
 class SlowLink:
     """Compares the stamps of other machines' reports with their arrival times."""
 
@@ -76,19 +87,6 @@ class SlowLink:
             for skew in self._monitor.skews(now_s)
             if skew.ahead_s <= -LAG_S and not skew.claimant
         )
-
-
-MAX_KEYS = 4096
-"""Maximum number of states. More indicate a fault and are refused."""
-
-MAX_EVENTS = 1024
-"""Maximum number of events that a page may lag behind."""
-
-HISTORY = 200
-"""Number of past events that a new page gets, for its messages."""
-
-Change = tuple[str, str, bytes | None]
-"""Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
 
 @dataclass(frozen=True, slots=True)

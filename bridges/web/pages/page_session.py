@@ -61,6 +61,20 @@ MALFORMED, NORMAL = 1008, 1000
 
 _RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn | HeadsetMotion] = TypeAdapter(Received)
 
+GATHER_S = 0.004
+"""Time (s) to gather related messages, so that a movement of the hand is one batch, not four."""
+
+STATUS_S = 0.05
+"""Time (s) to gather changes of the status."""
+
+SLOW_MS = 500.0
+"""Pages whose latency exceeds this cause a warning."""
+
+LATENCIES_S = 5.0
+"""Window of the quantile."""
+
+MAX_LATENCIES = 4096
+
 
 class Host(Protocol):
     """The service that owns the pages."""
@@ -293,21 +307,6 @@ class PageSession:
         else:
             answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
         self.tell(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
-
-
-GATHER_S = 0.004
-"""Time (s) to gather related messages, so that a movement of the hand is one batch, not four."""
-
-STATUS_S = 0.05
-"""Time (s) to gather changes of the status."""
-
-SLOW_MS = 500.0
-"""Pages whose latency exceeds this cause a warning."""
-
-LATENCIES_S = 5.0
-"""Window of the quantile."""
-
-MAX_LATENCIES = 4096
 
 
 class Pages:

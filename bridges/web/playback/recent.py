@@ -36,6 +36,58 @@ SHOWN_ROWS: tuple[Topic[Any] | Presence, ...] = (*SHOWN, SERVICE_ALIVE, USER_ALI
 Key = tuple[str, str]
 """Key pattern, and what stands for its placeholder."""
 
+NS_PER_MS = 1_000_000
+
+GRACE_NS = 2 * NS_PER_S
+"""A service that leaves so shortly before the end is not missing: everything ends, ns."""
+
+MAX_ITEMS = 5000
+"""Maximum number of items in a lane; the oldest are dropped."""
+
+MAX_LANES = 256
+"""Maximum number of lanes; those of further people are not shown."""
+
+MAX_TEXT = 200
+"""Maximum length of an item's text."""
+
+KINDS: tuple[LaneKind, ...] = (
+    *("interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"),
+)
+"""In the order in which they are shown."""
+
+ROBOT = ROBOT_STATE.writers[0]
+"""Service of a robot, one instance each."""
+
+LaneKey = tuple[LaneKind, str]
+Item = tuple[int, int, str]
+"""Start and end, ns, and text."""
+
+WINDOW_S = 600.0
+"""Time that is kept, s."""
+
+CHUNK_NS = 2 * NS_PER_S
+"""Length of a chunk, ns. A seek unpacks one chunk."""
+
+MAX_CHUNK_BYTES = 512 * 1024
+"""Length of a chunk in bytes, at which it is closed early: it is compressed between two batches of pages."""
+
+MAX_BYTES = 64 * 1024 * 1024
+"""Maximum memory of all chunks. Beyond it, the oldest are dropped."""
+
+MAX_KEYS = 4096
+"""Maximum number of keys that are valid at once; messages of more are not kept."""
+
+STEP_NS = NS_PER_S
+"""All but the valid states is dropped if the clock is set back by more than this, ns."""
+
+NUMBERS_BYTES = 14
+"""Memory of a message besides its payload."""
+
+STATE_BYTES = 64
+"""Memory of a key in the states of a chunk."""
+
+Row = Topic[Any] | Presence
+
 
 class Moment(NamedTuple):
     """An entry, encoded: a fraction of the size of its message in memory."""
@@ -91,33 +143,6 @@ def in_order(moments: dict[Key, Moment], newer: dict[Key, Entry]) -> list[Entry]
     """Return the entries of both, of each key the newer, in order of time."""
     kept = [each.entry() for key, each in moments.items() if key not in newer]
     return sorted([*kept, *newer.values()], key=lambda entry: entry.time_ns)
-
-
-NS_PER_MS = 1_000_000
-
-GRACE_NS = 2 * NS_PER_S
-"""A service that leaves so shortly before the end is not missing: everything ends, ns."""
-
-MAX_ITEMS = 5000
-"""Maximum number of items in a lane; the oldest are dropped."""
-
-MAX_LANES = 256
-"""Maximum number of lanes; those of further people are not shown."""
-
-MAX_TEXT = 200
-"""Maximum length of an item's text."""
-
-KINDS: tuple[LaneKind, ...] = (
-    *("interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"),
-)
-"""In the order in which they are shown."""
-
-ROBOT = ROBOT_STATE.writers[0]
-"""Service of a robot, one instance each."""
-
-LaneKey = tuple[LaneKind, str]
-Item = tuple[int, int, str]
-"""Start and end, ns, and text."""
 
 
 class Lanes:
@@ -271,33 +296,6 @@ def _robot(state: RobotState) -> str:
         return ""
     does = state.phase.replace("_", " ")
     return ": ".join(filter(None, (f"{does}, steered by {state.user}" if state.user else does, state.reason)))
-
-
-WINDOW_S = 600.0
-"""Time that is kept, s."""
-
-CHUNK_NS = 2 * NS_PER_S
-"""Length of a chunk, ns. A seek unpacks one chunk."""
-
-MAX_CHUNK_BYTES = 512 * 1024
-"""Length of a chunk in bytes, at which it is closed early: it is compressed between two batches of pages."""
-
-MAX_BYTES = 64 * 1024 * 1024
-"""Maximum memory of all chunks. Beyond it, the oldest are dropped."""
-
-MAX_KEYS = 4096
-"""Maximum number of keys that are valid at once; messages of more are not kept."""
-
-STEP_NS = NS_PER_S
-"""All but the valid states is dropped if the clock is set back by more than this, ns."""
-
-NUMBERS_BYTES = 14
-"""Memory of a message besides its payload."""
-
-STATE_BYTES = 64
-"""Memory of a key in the states of a chunk."""
-
-Row = Topic[Any] | Presence
 
 
 class _Chunk:

@@ -45,6 +45,24 @@ DARK: Rgb = (0, 0, 0)
 TIMEOUT_S = 1.0
 """Limit of the time until a lamp shows what it was set to, s: the LED driver limits its flashes."""
 
+COLORS: tuple[Rgb, ...] = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
+MARKS = 10
+"""Marked pixels of a strip, its ends included. Three determine a line, the others find wrong numbers."""
+
+SHOWN_S = 6.0
+"""Time after which the strips are given back if the page asks for nothing more, s."""
+MAX_VIEWS = 40
+ADVICE = (
+    "Stand where the camera sees most of the strips, and take the first view.",
+    "Step a metre to the side, keep the strips in the picture, and take the second view.",
+)
+"""Advice before the first and second view. Then the solver has one."""
+CHANGED = "the strips have changed meanwhile: load the page again"
+FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
+
+Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
+"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
+
 
 class ScanLights:
     """Shows pixels, and gives strips and lamps back after a while."""
@@ -119,11 +137,6 @@ class ScanLights:
             await self._bus.call(SET_LAMP, SetLamp(color=None), name)
 
 
-COLORS: tuple[Rgb, ...] = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
-MARKS = 10
-"""Marked pixels of a strip, its ends included. Three determine a line, the others find wrong numbers."""
-
-
 def marked_pixels(count: int) -> tuple[int, ...]:
     """Return the numbers of marked pixels of a strip of `count` pixels, ends included, evenly spread."""
     marks = min(count, MARKS)
@@ -146,21 +159,6 @@ def picture(
 def _dimmed(color: Rgb, brightness: float) -> Rgb:
     red, green, blue = (round(brightness * value) for value in color)
     return red, green, blue
-
-
-SHOWN_S = 6.0
-"""Time after which the strips are given back if the page asks for nothing more, s."""
-MAX_VIEWS = 40
-ADVICE = (
-    "Stand where the camera sees most of the strips, and take the first view.",
-    "Step a metre to the side, keep the strips in the picture, and take the second view.",
-)
-"""Advice before the first and second view. Then the solver has one."""
-CHANGED = "the strips have changed meanwhile: load the page again"
-FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
-
-Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
-"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
 
 
 @dataclass(frozen=True, kw_only=True)

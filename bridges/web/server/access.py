@@ -27,6 +27,14 @@ MAX_ADDRESSES = 1024
 
 TOKEN_BYTES = 18
 
+CONTAINER = "container"
+"""Environment variable that marks a container; set by PointIt's image and podman."""
+CONTAINER_MARKS = (Path("/.dockerenv"), Path("/run/.containerenv"))
+"""Files that container engines create."""
+
+MIN_TOKEN = 8
+"""Minimum length of a token; shorter ones can be guessed."""
+
 
 def new_token() -> str:
     """Return a random token."""
@@ -179,15 +187,6 @@ def headers(info: RequestInfo) -> dict[str, str]:
         "screen-wake-lock=(self), camera=(self), microphone=(self), xr-spatial-tracking=(self), "
         "geolocation=(), payment=(), usb=()",
     }
-
-
-CONTAINER = "container"
-"""Environment variable that marks a container; set by PointIt's image and podman."""
-CONTAINER_MARKS = (Path("/.dockerenv"), Path("/run/.containerenv"))
-"""Files that container engines create."""
-
-MIN_TOKEN = 8
-"""Minimum length of a token; shorter ones can be guessed."""
 
 
 def check(config: WebConfig) -> None:

@@ -24,6 +24,26 @@ from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Delivery, Topic
 
+ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
+<meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
+"""
+"""Served to visitors who follow a link of another site: a redirection would not send the strict cookie."""
+NOT_ADMITTED = (
+    "Open the link that PointIt printed where it was started, or the file that its log names; "
+    "the link ends in ?token=... and lets you in."
+)
+BARRED = "Too many wrong links were opened from your address. Open the right one, which always lets you in."
+REFUSAL_S = 1.0
+"""Delay (s) of a refusal for an address that has guessed too often."""
+PAST = "/ws/past"
+"""Path of the websocket of pages that play the last minutes."""
+OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
+Download = Callable[[Request], Awaitable[Response]]
+
+log = logging.getLogger(__name__)
+MAX_BODY = 64 * 1024
+"""Maximum size of a posted body."""
+
 
 def write_recording(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
     """Write what happened since `since_ns`, beginning with the states and presences of then.
@@ -78,23 +98,6 @@ class Downloads:
         past = self._recent.past(now_ns)
         await asyncio.to_thread(write_recording, past, max(past.began_ns, now_ns - self._window_ns), output)
         return file_name(past.site, now_ns), output.getvalue()
-
-
-ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
-<meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
-"""
-"""Served to visitors who follow a link of another site: a redirection would not send the strict cookie."""
-NOT_ADMITTED = (
-    "Open the link that PointIt printed where it was started, or the file that its log names; "
-    "the link ends in ?token=... and lets you in."
-)
-BARRED = "Too many wrong links were opened from your address. Open the right one, which always lets you in."
-REFUSAL_S = 1.0
-"""Delay (s) of a refusal for an address that has guessed too often."""
-PAST = "/ws/past"
-"""Path of the websocket of pages that play the last minutes."""
-OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
-Download = Callable[[Request], Awaitable[Response]]
 
 
 def application(
@@ -174,11 +177,6 @@ class _Page:
         if self._access.is_rate_limited(info.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page needs a link", NOT_ADMITTED)
-
-
-log = logging.getLogger(__name__)
-MAX_BODY = 64 * 1024
-"""Maximum size of a posted body."""
 
 
 def info_of(connection: HTTPConnection) -> RequestInfo:

@@ -57,6 +57,27 @@ BURST = 480.0
 
 _said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
 
+LOST = "another device moves your arm now: take it back when you want to"
+RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
+
+STEPS = 20
+"""Number of steps in which progress is sent."""
+
+MAX_ITEMS = 64
+"""Maximum number of items in a post."""
+
+POST_PATIENCE_S = 0.1
+"""A post waits this long (s) for the answers to its requests; later ones come with the next post."""
+
+COOKIE_S = 12 * 3600
+
+NOT_PAIRED = "This phone is not paired, or no longer: let the page show a new QR code and scan it."
+CENTRED = "ahead is the middle of the room now"
+
+_posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(
+    Annotated[list[dict[str, Any]], Field(max_length=MAX_ITEMS)]
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PhoneHost:
@@ -170,13 +191,6 @@ class PhoneConnection:
         self.put(await self._host.answer(self.phone.page, own))
 
 
-LOST = "another device moves your arm now: take it back when you want to"
-RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
-
-STEPS = 20
-"""Number of steps in which progress is sent."""
-
-
 class PhoneCues:
     """One person's cues, and the current state for a phone that connects later."""
 
@@ -244,22 +258,6 @@ class PhoneCues:
     def _change(self, **fields: Any) -> Cue | None:
         before, self._current = self._current, self._current.model_copy(update=fields)
         return None if self._current == before else self._current
-
-
-MAX_ITEMS = 64
-"""Maximum number of items in a post."""
-
-POST_PATIENCE_S = 0.1
-"""A post waits this long (s) for the answers to its requests; later ones come with the next post."""
-
-COOKIE_S = 12 * 3600
-
-NOT_PAIRED = "This phone is not paired, or no longer: let the page show a new QR code and scan it."
-CENTRED = "ahead is the middle of the room now"
-
-_posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(
-    Annotated[list[dict[str, Any]], Field(max_length=MAX_ITEMS)]
-)
 
 
 class Phones:

@@ -27,6 +27,26 @@ _GRID = 41
 _TOO_NEAR = 3.0
 """Weight: a metre too close to an object counts as this many metres away from the middle."""
 
+FASTEST_RADPS = math.radians(720.0)
+"""Maximum angular speed of the arm: a jump of the mouse is followed within a quarter of a second."""
+
+REST_RAD = math.radians(-20.0)
+"""Elevation of an arm before the first aim."""
+
+STILL_S = 0.18
+"""After this silence a phone counts as held still and its sample is repeated, at least five times a second,
+s."""
+
+SILENT_S = 1.0
+"""After this silence, without any message, a phone has released the wrist, s."""
+
+MAX_TREMOR_DEG = 5.0
+
+MAX_SESSIONS = 16
+"""Maximum number of distinct phone sessions per person; the oldest are forgotten."""
+
+Hold = Literal["mouse", "phone", "headset"]
+
 
 def places(room: Environment) -> NDArray[np.float64]:
     """Return points on all things of `room`, n x 3, {W}, m: vertices of lines, middles of solids."""
@@ -129,13 +149,6 @@ def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
     return found
 
 
-FASTEST_RADPS = math.radians(720.0)
-"""Maximum angular speed of the arm: a jump of the mouse is followed within a quarter of a second."""
-
-REST_RAD = math.radians(-20.0)
-"""Elevation of an arm before the first aim."""
-
-
 class MouseArm:
     """One person's arm in {H}, which follows a mouse's point in {W}.
 
@@ -218,21 +231,6 @@ def _towards(start: Quaternion, end: Quaternion, most_rad: float) -> Quaternion:
         return end
     part = rotation.from_axis_angle((x / sine, y / sine, z / sine), most_rad)
     return rotation.normalized(rotation.multiply(start, part))
-
-
-STILL_S = 0.18
-"""After this silence a phone counts as held still and its sample is repeated, at least five times a second,
-s."""
-
-SILENT_S = 1.0
-"""After this silence, without any message, a phone has released the wrist, s."""
-
-MAX_TREMOR_DEG = 5.0
-
-MAX_SESSIONS = 16
-"""Maximum number of distinct phone sessions per person; the oldest are forgotten."""
-
-Hold = Literal["mouse", "phone", "headset"]
 
 
 @dataclass(slots=True)

@@ -29,6 +29,15 @@ CallbackKind = Literal["direct", "default"]
 ENVIRONMENT = dict(os.environ)
 """The environment before our bus chooses Zenoh's threads in it: bare processes have those of the user."""
 
+TAIL_S = 0.2
+"""Time for the last messages to arrive, s."""
+
+THERE, BACK = "relayed", "returned"
+PAYLOAD = bytes(100)
+ATTACHMENT = bytes(33)
+READY_S = 20.0
+SETTLE_S = 0.5
+
 
 def free_endpoint() -> str:
     """Return a free address of this machine."""
@@ -126,10 +135,6 @@ async def _drive(
     return times_s
 
 
-TAIL_S = 0.2
-"""Time for the last messages to arrive, s."""
-
-
 async def relay_cost(
     process: psutil.Process,
     put: Callable[[int], object],
@@ -166,13 +171,6 @@ async def relay_cost(
         "messages_per_second": round(messages / took_s, 1),
         "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
     }
-
-
-THERE, BACK = "relayed", "returned"
-PAYLOAD = bytes(100)
-ATTACHMENT = bytes(33)
-READY_S = 20.0
-SETTLE_S = 0.5
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,19 @@ SHELVES = {"boxes .4 m": (0.4, 0.7, 2.6), "boxes .15 m": (0.15, 0.2, 1.5)}
 """Size of the things, distance between them, and distance from the eyes, m."""
 RATE_HZ = 50
 
+NOW_NS = 1_700_000_000 * NS_PER_S
+LARGE_SITES = ((10_000, 10), (65_000, 1), (65_000, 10))
+"""Pixels and outputs."""
+STRIP_PIXELS = 1000
+STRIP_M = 20.0
+FAST_MPS = 0.6
+"""Speed at which an object moves by more than a pixel from frame to frame."""
+STEP_NS = NS_PER_S // 25
+FRAMES = 100
+WARM_FRAMES = 10
+PAUSE_S = 0.02
+"""Time after each frame of a large site, in which it is sent."""
+
 
 def run() -> list[dict[str, Any]]:
     """Return alternating CPU times of a cursor and its hover before few and many things of a shelf.
@@ -116,20 +129,6 @@ class PersonBeforeThings:
         sent = encode(self._listed.model_copy(update={"stamp_ns": now_ns}))
         self._selector.on_objects(TRACKER, decode(TrackedObjects, sent))
         self.times_s["list"].append(time.thread_time() - began_s)
-
-
-NOW_NS = 1_700_000_000 * NS_PER_S
-LARGE_SITES = ((10_000, 10), (65_000, 1), (65_000, 10))
-"""Pixels and outputs."""
-STRIP_PIXELS = 1000
-STRIP_M = 20.0
-FAST_MPS = 0.6
-"""Speed at which an object moves by more than a pixel from frame to frame."""
-STEP_NS = NS_PER_S // 25
-FRAMES = 100
-WARM_FRAMES = 10
-PAUSE_S = 0.02
-"""Time after each frame of a large site, in which it is sent."""
 
 
 def large_site_rows() -> list[dict[str, Any]]:

@@ -53,6 +53,9 @@ USERS = {
 }
 """Titles of the measurements of people, by their names in the result."""
 
+Drive: TypeAlias = Callable[[float], Awaitable[int]]
+"""Publishes samples of all wrists for that duration, s. Returns their number."""
+
 
 def chain() -> list[Launch]:
     """Return the services from wrist to light of scenario_2, for one person."""
@@ -183,10 +186,6 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         "delivered": round(len(ages_s) / (users * RATE_HZ * duration_s), 4),
         "age_of_cursors": Figures.of(ages_s).as_dict() if ages_s else None,
     }
-
-
-Drive: TypeAlias = Callable[[float], Awaitable[int]]
-"""Publishes samples of all wrists for that duration, s. Returns their number."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,23 @@ from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from pointit_lab.evaluation.selection.difference import Interval
 
+NOTES = (
+    "`taken`: share of the trials whose pose the localizer takes; the other figures are of those. `m`: "
+    "error, median, and beside it p90. `> 1 m`: share more than 1 m off. `miss`: of the cursor at the "
+    "targets, m, median, and in brackets what is stated. `right`: mean share of eight things 3 m away all "
+    "round that the person selects. `2 sigma`: share of the places within 2 sigma, the "
+    "ellipse that holds "
+    "95.45 % of normal errors (squared Mahalanobis distance up to 6.18); `yaw`: of the yaws. `square`: "
+    "median squared Mahalanobis distance of the place, over its nominal value. `wrong`: beyond 2 sigma and "
+    "more than 0.5 m off, with a 95 % interval (Wilson) as of independent trials; windows of a recording "
+    "overlap, and people have several. `can show`: share of wrong poses that this number of independent "
+    "trials excludes with 95 % confidence if none is wrong: simulated people, stretches of 10 s of a "
+    "recording, recorded people who point at lamps. `without one`: range of the share before it without any "
+    "one person."
+)
+
+MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
+
 
 @click.command("honesty")
 @click.option("--data", help="folder with recordings of people; without it, simulated people only", **DATA)
@@ -110,20 +127,6 @@ def honesty(
         raise click.ClickException("worse than stated: " + "; ".join(worse))
 
 
-NOTES = (
-    "`taken`: share of the trials whose pose the localizer takes; the other figures are of those. `m`: "
-    "error, median, and beside it p90. `> 1 m`: share more than 1 m off. `miss`: of the cursor at the "
-    "targets, m, median, and in brackets what is stated. `right`: mean share of eight things 3 m away all "
-    "round that the person selects. `2 sigma`: share of the places within 2 sigma, the "
-    "ellipse that holds "
-    "95.45 % of normal errors (squared Mahalanobis distance up to 6.18); `yaw`: of the yaws. `square`: "
-    "median squared Mahalanobis distance of the place, over its nominal value. `wrong`: beyond 2 sigma and "
-    "more than 0.5 m off, with a 95 % interval (Wilson) as of independent trials; windows of a recording "
-    "overlap, and people have several. `can show`: share of wrong poses that this number of independent "
-    "trials excludes with 95 % confidence if none is wrong: simulated people, stretches of 10 s of a "
-    "recording, recorded people who point at lamps. `without one`: range of the share before it without any "
-    "one person."
-)
 COLUMNS = (
     Column[HonestyRow](name="n", cell=lambda row: str(row.n), rank=5),
     Column[HonestyRow](name="taken", cell=lambda row: share(row.taken)),
@@ -156,7 +159,6 @@ COLUMNS = (
         name="wrong without one", title="without one", cell=lambda row: _range(row.wrong_without_one), rank=8
     ),
 )
-MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
 
 
 def print_honesty(rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow, Sequence[str]]]) -> None:

@@ -15,6 +15,17 @@ from pointit_lab.evaluation.recordings.data_folder import VARIABLE
 MAX_JOBS = 8
 """Limit of processes: more need memory and gain little speed."""
 
+JSON = click.option(
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="write the rows as JSON; `-`: to standard output, instead of the table",
+)
+
+DATA: dict[str, Any] = {"type": click.Path(path_type=Path), "envvar": VARIABLE, "show_envvar": True}
+"""Arguments of the option for the folder of recordings, without its help."""
+
 
 def _jobs(_context: click.Context, _option: click.Parameter, jobs: int | None) -> int:
     return jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0)))
@@ -34,18 +45,6 @@ def bench_option(benches: Sequence[str]) -> Callable[[Callable[..., Any]], Calla
     return click.option(
         "--bench", "benches", multiple=True, type=click.Choice(benches), help="only this one; may be repeated"
     )
-
-
-JSON = click.option(
-    "--json",
-    "json_file",
-    type=click.Path(path_type=Path, allow_dash=True),
-    metavar="FILE",
-    help="write the rows as JSON; `-`: to standard output, instead of the table",
-)
-
-DATA: dict[str, Any] = {"type": click.Path(path_type=Path), "envvar": VARIABLE, "show_envvar": True}
-"""Arguments of the option for the folder of recordings, without its help."""
 
 
 def check_writable(file: Path | None, option: str = "--json") -> None:

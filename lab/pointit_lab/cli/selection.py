@@ -26,6 +26,37 @@ METHODS = ("original", "hold", "fraction", "gauge")
 UNSEEN_SEED = 2000
 """First seed for claims; parameters of methods and people were chosen with smaller seeds."""
 
+PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
+
+NOTES = (
+    "`median`, `p90`: time, s; in belts_lab of a run, until all that should be is selected; elsewhere from "
+    "when a package comes until it is selected. n: runs; elsewhere packages that should be selected. "
+    "`between`: from one right selection to the next, s. `wrong`: of all toggles, those that leave a package "
+    "as it should not be. `missed`: of what should be selected, what was not; on the conveyor, what did not "
+    "leave at bay 1. `original`: fraction as in the paper's system (10 Hz, 4 of 5 timesteps)."
+)
+
+COLUMNS = (
+    Column[SelectionMetrics](name="n", cell=lambda each: str(each.n)),
+    Column[SelectionMetrics](
+        name="median", cell=lambda each: number(each.time_s.median if each.time_s else None, 1)
+    ),
+    Column[SelectionMetrics](
+        name="p90", cell=lambda each: number(each.time_s.p90 if each.time_s else None, 1)
+    ),
+    Column[SelectionMetrics](
+        name="between", cell=lambda each: number(each.between_s.median if each.between_s else None, 1)
+    ),
+    Column[SelectionMetrics](name="wrong", cell=lambda each: share(each.wrong_rate, 1)),
+    Column[SelectionMetrics](name="missed", cell=lambda each: share(each.missed_rate, 1)),
+)
+
+DIFFERENCE_NOTES = (
+    "Differences over the same trials, each with a seed of its own. `errors`: wrong and missed, of what "
+    "should be selected; `time`: mean. Intervals: bootstrap over trials; all of this run together hold with "
+    "95 %. `so`: what they exclude; `-`: no difference was found."
+)
+
 
 @click.command("selection")
 @bench_option(BENCHES)
@@ -136,38 +167,6 @@ def _named(conditions: Sequence[Condition], names: Sequence[str]) -> list[Condit
         if name not in known:
             raise ConfigError(f"--condition {name!r}: no such condition; there are: {'; '.join(known)}")
     return [condition for condition in conditions if not names or condition.name in names]
-
-
-PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
-
-NOTES = (
-    "`median`, `p90`: time, s; in belts_lab of a run, until all that should be is selected; elsewhere from "
-    "when a package comes until it is selected. n: runs; elsewhere packages that should be selected. "
-    "`between`: from one right selection to the next, s. `wrong`: of all toggles, those that leave a package "
-    "as it should not be. `missed`: of what should be selected, what was not; on the conveyor, what did not "
-    "leave at bay 1. `original`: fraction as in the paper's system (10 Hz, 4 of 5 timesteps)."
-)
-
-COLUMNS = (
-    Column[SelectionMetrics](name="n", cell=lambda each: str(each.n)),
-    Column[SelectionMetrics](
-        name="median", cell=lambda each: number(each.time_s.median if each.time_s else None, 1)
-    ),
-    Column[SelectionMetrics](
-        name="p90", cell=lambda each: number(each.time_s.p90 if each.time_s else None, 1)
-    ),
-    Column[SelectionMetrics](
-        name="between", cell=lambda each: number(each.between_s.median if each.between_s else None, 1)
-    ),
-    Column[SelectionMetrics](name="wrong", cell=lambda each: share(each.wrong_rate, 1)),
-    Column[SelectionMetrics](name="missed", cell=lambda each: share(each.missed_rate, 1)),
-)
-
-DIFFERENCE_NOTES = (
-    "Differences over the same trials, each with a seed of its own. `errors`: wrong and missed, of what "
-    "should be selected; `time`: mean. Intervals: bootstrap over trials; all of this run together hold with "
-    "95 %. `so`: what they exclude; `-`: no difference was found."
-)
 
 
 def print_selection(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> None:

@@ -25,6 +25,10 @@ WORDS_WIDTH = 16
 
 AnyRow = TypeVar("AnyRow")
 
+_SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
+
+_SPREADS = "Errors are sizes: the median, and beside it p90 and rms."
+
 
 @dataclass(frozen=True, kw_only=True)
 class Column(Generic[AnyRow]):
@@ -146,8 +150,6 @@ def _spread(
         )
 
 
-_SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
-
 _COLUMNS = (
     Column[Row](name="n", rank=0, cell=lambda row: str(row.n)),
     Column[Row](
@@ -224,8 +226,6 @@ _COLUMNS = (
     *_spread("angle °", lambda row: row.angle_deg, 2, (8, 9), "`angle °`: between ray and target."),
     *_spread("ms", lambda row: row.solve_ms, 2, (5, 21), "`ms`: processor time of a solve."),
 )
-
-_SPREADS = "Errors are sizes: the median, and beside it p90 and rms."
 
 
 def evaluation_console() -> Console:

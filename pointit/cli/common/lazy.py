@@ -24,6 +24,13 @@ if TYPE_CHECKING:
 COMPLETE = "_POINTIT_COMPLETE"
 """Variable by which a shell asks for completion."""
 
+GROUP = "pointit.commands"
+LAB = "pointit-lab"
+"""Distribution of the laboratory, `lab/`, which has commands of the table."""
+LABORATORY = "Laboratory"
+"""Heading of its commands, which the help names in one line."""
+HEADING = "Of other packages"
+
 
 class UnknownNameError(click.ClickException):
     """The operator typed something that does not exist: one sentence, exit code 2."""
@@ -174,14 +181,6 @@ def walk(
         words = (*path, entry.name)
         yield words, entry
         yield from walk(entry.actions, words)
-
-
-GROUP = "pointit.commands"
-LAB = "pointit-lab"
-"""Distribution of the laboratory, `lab/`, which has commands of the table."""
-LABORATORY = "Laboratory"
-"""Heading of its commands, which the help names in one line."""
-HEADING = "Of other packages"
 
 
 class DeclaredCommand(NamedTuple):

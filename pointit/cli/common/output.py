@@ -48,6 +48,9 @@ INTERRUPTED = 130
 
 json_option = click.option("--json", "as_json", is_flag=True, help="JSON instead of text, for programs")
 
+LINE_EVERY_S = 10.0
+"""Interval of lines without a terminal."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class OutputSection:
@@ -212,10 +215,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.hex()
     raise TypeError(f"cannot be shown as JSON: {type(value).__name__}")
-
-
-LINE_EVERY_S = 10.0
-"""Interval of lines without a terminal."""
 
 
 class ProgressCallback(Protocol):

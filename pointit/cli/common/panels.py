@@ -9,6 +9,9 @@ from typing import Any
 
 import click
 
+ALL_OPTIONS = "pointit.cli: all options"
+"""Key of a context's `meta` that is set while all options are shown."""
+
 
 class Finite(click.FloatRange):
     """A range of numbers without NaN."""
@@ -19,10 +22,6 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
         return number
-
-
-ALL_OPTIONS = "pointit.cli: all options"
-"""Key of a context's `meta` that is set while all options are shown."""
 
 
 def _show_all(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's

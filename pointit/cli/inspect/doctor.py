@@ -58,6 +58,14 @@ STARTS_S = 120.0
 CHECK_S = 0.5
 """Period of checks if nothing arrives."""
 
+HELP = CHECKOUT / "docs/how-to/troubleshooting.md"
+"""Page with a line for the code of each finding, in a checkout."""
+
+STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
+
+ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
+"""Columns not shown by a narrow terminal."""
+
 
 def _options(link: Link) -> str:
     """Return the options by which another command reaches the same site; "" if the defaults do.
@@ -146,12 +154,6 @@ class SiteObserver:
             self._changed.set()
 
 
-HELP = CHECKOUT / "docs/how-to/troubleshooting.md"
-"""Page with a line for the code of each finding, in a checkout."""
-
-STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
-
-
 @click.command("doctor", params=site_link.site_options())
 @click.option(
     "--timeout",
@@ -215,10 +217,6 @@ async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], t
         with site_link.notify_if_slow(f"listening to {site_link.address(site, connect)} …"):
             await observer.watch(bus)
     return 0
-
-
-ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
-"""Columns not shown by a narrow terminal."""
 
 
 def _show(

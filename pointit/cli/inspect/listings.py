@@ -12,6 +12,16 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import topics as table
 from pointit.services.registry import PROCESSES, Process, add_installed, names
 
+OPTIONS = {
+    "imu-source": "--imu ",
+    "led-output": "--output ",
+    "recogniser": "listen --recogniser ",
+    "robot": "--set robot.driver=",
+    "selection-method": "--method ",
+    "service": "--with ",
+}
+"""Options of `pointit run`, or of another command, that choose a plug-in, by its kind."""
+
 
 def services() -> OutputSection:
     """Return the process table. Services of other packages are not imported, so their topics are unknown."""
@@ -123,17 +133,6 @@ def maps() -> OutputSection:
         about="use one, or your own file, with `pointit run SCENARIO --set pui.map=NAME`",
         rows=tuple(rows),
     )
-
-
-OPTIONS = {
-    "imu-source": "--imu ",
-    "led-output": "--output ",
-    "recogniser": "listen --recogniser ",
-    "robot": "--set robot.driver=",
-    "selection-method": "--method ",
-    "service": "--with ",
-}
-"""Options of `pointit run`, or of another command, that choose a plug-in, by its kind."""
 
 
 def plugins() -> OutputSection:

@@ -14,6 +14,9 @@ from pointit.forearm.true_pose import find_true_poses
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Message, TrackedObjects, UserPose
 
+MAX_METRIC = 64
+"""Number of characters to which names of metrics are cut."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TruthRow:
@@ -70,10 +73,6 @@ def print_errors(console: Console, rows: tuple[TruthRow, ...]) -> None:
 
 def _degrees(angle_rad: float | None) -> float | None:
     return None if angle_rad is None else math.degrees(angle_rad)
-
-
-MAX_METRIC = 64
-"""Number of characters to which names of metrics are cut."""
 
 
 def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:

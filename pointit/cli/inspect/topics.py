@@ -38,6 +38,11 @@ Wanted = tuple[AnyTopic, str]
 
 EVERYTHING = "**"
 
+SILENCE_S = 2.0
+"""Time without a message after which a notice is printed."""
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
 
 def resolve(typed: str) -> list[Wanted]:
     """Return the topics that match `typed`.
@@ -110,10 +115,6 @@ def filled(key: str, parts: Sequence[str]) -> str:
 
 def _is_placeholder(part: str) -> bool:
     return part.startswith("{")
-
-
-SILENCE_S = 2.0
-"""Time without a message after which a notice is printed."""
 
 
 @site_command("echo")
@@ -191,9 +192,6 @@ def _tell_silence(key: str, wanted: list[Wanted], present: frozenset[str], *, an
     else:
         reason = f"present: {', '.join(sorted(present)) or 'no service'}"
     click.echo(f"waiting: nothing{more} on {key} for {SILENCE_S:g} s; {reason}", err=True)
-
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def window_options(default_s: float, note: str = "") -> Decorator:

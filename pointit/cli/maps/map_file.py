@@ -32,6 +32,25 @@ SLOW_S = 2.0
 LONGEST = 1000
 """Limit of one finding in characters, since it contains names from the file."""
 
+F = TypeVar("F", bound=Callable[..., Any])
+
+PIXELS_PER_M = 30
+STRIP_HEIGHTS_M = (1.0, 1.6)
+"""Heights of the first strip on each wall, and of the second."""
+LAMP_HEIGHTS_M = (1.2, 1.8)
+"""Heights of lamps, in turn: lamps at one height all round tell less about a position."""
+MARGIN_M = 0.1
+"""Distance of a strip's ends from the corners of the room."""
+
+HEADER = """\
+# A room of {width:g} m by {depth:g} m: {has}.
+# Positions in metres: the origin is on the floor in the middle of the room, x to the right, y ahead, z up.
+# Measure where your lamps and strips are, change their positions and pixels here, and check the file:
+# pointit map check {path}
+"""
+
+SUFFIXES = (".svg", ".png", ".pdf")
+
 
 def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> list[Point | None]:
     return [point(ctx, parameter, text) for text in texts]
@@ -119,24 +138,6 @@ def _escape_control_characters(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
 
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-PIXELS_PER_M = 30
-STRIP_HEIGHTS_M = (1.0, 1.6)
-"""Heights of the first strip on each wall, and of the second."""
-LAMP_HEIGHTS_M = (1.2, 1.8)
-"""Heights of lamps, in turn: lamps at one height all round tell less about a position."""
-MARGIN_M = 0.1
-"""Distance of a strip's ends from the corners of the room."""
-
-HEADER = """\
-# A room of {width:g} m by {depth:g} m: {has}.
-# Positions in metres: the origin is on the floor in the middle of the room, x to the right, y ahead, z up.
-# Measure where your lamps and strips are, change their positions and pixels here, and check the file:
-# pointit map check {path}
-"""
-
-
 class PromptedOption(click.Option):
     """An option that is asked for in a terminal unless it is given; elsewhere its default holds."""
 
@@ -219,9 +220,6 @@ def _strips(x_m: float, y_m: float, count: int) -> Iterator[str]:
         yield f"  {wall if index < len(walls) else f'{wall}_high'}:"
         yield f"    line: [{ends}]"
         yield f"    pixels: {round(math.dist(first, last) * PIXELS_PER_M)}"
-
-
-SUFFIXES = (".svg", ".png", ".pdf")
 
 
 @click.command("plot")

@@ -36,6 +36,32 @@ from pointit.services.localizer.estimation.unfiltered_rays import directions, or
 
 Point = tuple[float, float]
 
+FLOOR_SIGMA_M = 1.0
+"""Standard deviation of a floor's height that is not known: the person's eye height finds it."""
+POINTS = {"lamps": "position", "strips": "line", "boxes": "center", "planes": "center"}
+"""Key of the point or points of each section that can be placed."""
+OLD_NOTE = re.compile(r"^# (Origin of the scan|Placed): .*\n", re.MULTILINE)
+
+Kind = Literal["lamp", "box", "screen", "table"]
+CORNERS: dict[str, tuple[str, ...]] = {
+    "lamp": ("",),
+    "box": ("a corner of its top", "the next corner of its top", "the third corner of its top", "its foot"),
+    "screen": ("its first corner", "the next corner", "the third corner"),
+    "table": ("its first corner", "the next corner", "the third corner"),
+}
+"""Corners of each kind that are pointed at."""
+HOLD_RAYS = 25
+"""Number of rays before a press that are averaged."""
+PLACED_SIZE_M = 0.3
+"""Size of a thing that is placed by pointing, m: about the error of its position."""
+MAX_PLACES = 4
+SAME_PLACE_M = 0.5
+"""Distance up to which a person stands where they stood."""
+TIMEOUT_S = 3.0
+
+Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
+"""Asks a person to point, and returns the text of a map and the exit code."""
+
 
 def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Point | None:
     """Return the two numbers in `text`.
@@ -63,13 +89,6 @@ person_option = click.option(
     callback=point,
     help="position of a person in the room, m; write --person=-1,2 if x is negative",
 )
-
-
-FLOOR_SIGMA_M = 1.0
-"""Standard deviation of a floor's height that is not known: the person's eye height finds it."""
-POINTS = {"lamps": "position", "strips": "line", "boxes": "center", "planes": "center"}
-"""Key of the point or points of each section that can be placed."""
-OLD_NOTE = re.compile(r"^# (Origin of the scan|Placed): .*\n", re.MULTILINE)
 
 
 def read(path: Path) -> tuple[bytes, Environment]:
@@ -170,28 +189,6 @@ def placed(content: bytes, path: Path, origin_m: Vec3, heading_rad: float, note:
 def _vec3(values: Any) -> Vec3:
     x, y, z = values
     return (float(x), float(y), float(z))
-
-
-Kind = Literal["lamp", "box", "screen", "table"]
-CORNERS: dict[str, tuple[str, ...]] = {
-    "lamp": ("",),
-    "box": ("a corner of its top", "the next corner of its top", "the third corner of its top", "its foot"),
-    "screen": ("its first corner", "the next corner", "the third corner"),
-    "table": ("its first corner", "the next corner", "the third corner"),
-}
-"""Corners of each kind that are pointed at."""
-HOLD_RAYS = 25
-"""Number of rays before a press that are averaged."""
-PLACED_SIZE_M = 0.3
-"""Size of a thing that is placed by pointing, m: about the error of its position."""
-MAX_PLACES = 4
-SAME_PLACE_M = 0.5
-"""Distance up to which a person stands where they stood."""
-TIMEOUT_S = 3.0
-
-
-Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
-"""Asks a person to point, and returns the text of a map and the exit code."""
 
 
 @site_command("point", cls=PanelCommand, usual=("kind", "output", "room", "connect"))

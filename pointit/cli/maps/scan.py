@@ -40,6 +40,16 @@ site:
 user: {}
 """
 
+FORM = """\b
+FILE is JSON:
+  {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
+   "lamps": [{"name": "door"}],
+   "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
+     "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+A pitch is the distance from pixel to pixel, m. u and v are image pixels,
+right and down. gravity is the unit vector of down in the camera's frame
+(x right, y down, z forward), and may be left out."""
+
 
 def scan_live(
     context: click.Context,
@@ -167,17 +177,6 @@ def live_options(function: F) -> F:
     ):
         function = add(function)
     return function
-
-
-FORM = """\b
-FILE is JSON:
-  {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
-   "lamps": [{"name": "door"}],
-   "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
-     "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
-A pitch is the distance from pixel to pixel, m. u and v are image pixels,
-right and down. gravity is the unit vector of down in the camera's frame
-(x right, y down, z forward), and may be left out."""
 
 
 def _known(ctx: click.Context, parameter: click.Parameter, text: str | None) -> KnownLength | None:

@@ -33,6 +33,32 @@ OPTIONS = (
 )
 """Options of pytest: no configuration, a traceback after 120 s, and results that this command shows."""
 
+CONTRACTS: dict[str, type[Contract]] = {}
+"""Contracts that are tested now, by the name of the file that pytest collects."""
+TEST_FILE = f"from {__name__} import CONTRACTS\n\nTestContract = CONTRACTS[__name__]\n"
+
+KINDS = {
+    COMMAND: ("print_selections", "pointit.commands", "command", "$name"),
+    "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
+    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
+    "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),
+    "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
+    "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
+}
+"""Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
+
+PARAMETERS = {"imu-source": ImuBridgeConfig.model_fields, "selection-method": SelectorConfig.model_fields}
+"""Parameters beside which those of a plug-in have a section, by kind."""
+
+TEMPLATES = "pointit.testing.templates"
+COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml")
+"""Files of every package."""
+FAKE_DEVICE = """[project.entry-points."pointit.fake_devices"]
+$name = "$module.promises:$contract"
+
+"""
+NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
+
 
 @dataclass(frozen=True)
 class CheckResult:
@@ -203,11 +229,6 @@ class _Reporter:
         self._report(CheckResult(self._title, test.removeprefix("test_"), promise, problem))
 
 
-CONTRACTS: dict[str, type[Contract]] = {}
-"""Contracts that are tested now, by the name of the file that pytest collects."""
-TEST_FILE = f"from {__name__} import CONTRACTS\n\nTestContract = CONTRACTS[__name__]\n"
-
-
 def run_contract(title: str, contract: type[Contract], report: Report) -> None:
     """Run pytest on a contract, without configuration. Report each result when its test ends.
 
@@ -240,29 +261,6 @@ def _print(result: CheckResult) -> None:
     click.echo(f"{verdict} {result.plugin}: {result.promise}")
     if result.problem:
         click.echo(f"       {result.problem}")
-
-
-KINDS = {
-    COMMAND: ("print_selections", "pointit.commands", "command", "$name"),
-    "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
-    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
-    "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),
-    "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
-    "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
-}
-"""Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
-
-PARAMETERS = {"imu-source": ImuBridgeConfig.model_fields, "selection-method": SelectorConfig.model_fields}
-"""Parameters beside which those of a plug-in have a section, by kind."""
-
-TEMPLATES = "pointit.testing.templates"
-COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml")
-"""Files of every package."""
-FAKE_DEVICE = """[project.entry-points."pointit.fake_devices"]
-$name = "$module.promises:$contract"
-
-"""
-NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
 
 
 @click.command("new")

@@ -50,6 +50,9 @@ log = logging.getLogger(__name__)
 FIGURES_S = 10.0
 """Interval at which a run without a view logs its metrics."""
 
+NO_PEOPLE = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
+"""Notice at the start of a run with `--users 0` or `--site-only`."""
+
 
 def execute(plan: Plan, log_level: str) -> int:
     """Run the plan. Return the exit code: 0, or 1 if it failed or no cursor ever appeared.
@@ -250,10 +253,6 @@ async def _printing(scenario: RunningScenario, *, is_drawn: bool) -> AsyncGenera
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-NO_PEOPLE = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
-"""Notice at the start of a run with `--users 0` or `--site-only`."""
 
 
 def _check_people(choices: Choices, people: int) -> None:

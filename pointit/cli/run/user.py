@@ -35,6 +35,10 @@ from pointit.runtime.service.process import (
 from pointit.schemas.system import check_user
 from pointit.services.registry import PROCESSES, names, process
 
+ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
+
+USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "duration")
+
 
 def _loader(name: str) -> Callable[[], click.Command]:
     def loaded() -> click.Command:
@@ -45,9 +49,6 @@ def _loader(name: str) -> Callable[[], click.Command]:
             return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
 
     return loaded
-
-
-ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
 
 
 class ServiceCommandGroup(LazyGroup):
@@ -77,9 +78,6 @@ service run NAME --help` documents every parameter with its unit and default.
 Example: pointit service run pointing --user anna
 """,
 )
-
-
-USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "duration")
 
 
 @click.command("add", cls=PanelCommand, panels=PERSON_PANELS, usual=USUAL_OPTIONS)

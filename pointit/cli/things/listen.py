@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from pointit.bridges.speaker.speech_synthesizer import SpeechSynthesizer
     from pointit.speech.interpreter import Interpreter
 
+ROOM_TIMEOUT_S = 2.0
+END_TIMEOUT_S = 15.0
+"""Time for the last utterance to be followed, questions included, s."""
+
 
 def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None]:
     """Return the verbs of `VERB THING=PROGRAM`, `VERB THING=URL` or `VERB THING`, and an error of a program.
@@ -81,11 +85,6 @@ def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str,
         return what
 
     return do
-
-
-ROOM_TIMEOUT_S = 2.0
-END_TIMEOUT_S = 15.0
-"""Time for the last utterance to be followed, questions included, s."""
 
 
 @site_command("listen", cls=PanelCommand, usual=("text", "audio", "recogniser", "verbs", "speak", "connect"))

@@ -51,6 +51,19 @@ PRESSED = "pointed button"
 TRIGGERS = {"pointed": "pointed", "pressed": PRESSED, "released": "released"}
 """Payloads of the triggers of a device by type: pointed at, confirmed by a press, let go by its owner."""
 
+USER = "mqtt"
+"""Name by which it switches things."""
+RETRY_S = 2.0
+"""Pause before the next connection, s."""
+OLD_FOUND_S = 0.5
+"""Timeout for the next retained announcement of the broker, s."""
+RESTORE_TIMEOUT_S = 8.0
+"""Time after a start for which a switch that the broker retains as on counts as on, s."""
+LOG_PERIOD_S = 600.0
+"""Minimum time between two log lines with the same cause, s."""
+MAX_CAUSES = 100
+"""Maximum number of causes whose times are kept. Beyond it all are logged again."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Publication:
@@ -227,19 +240,6 @@ def _id_of(name: str) -> str:
 
 if TYPE_CHECKING:
     import aiomqtt
-
-USER = "mqtt"
-"""Name by which it switches things."""
-RETRY_S = 2.0
-"""Pause before the next connection, s."""
-OLD_FOUND_S = 0.5
-"""Timeout for the next retained announcement of the broker, s."""
-RESTORE_TIMEOUT_S = 8.0
-"""Time after a start for which a switch that the broker retains as on counts as on, s."""
-LOG_PERIOD_S = 600.0
-"""Minimum time between two log lines with the same cause, s."""
-MAX_CAUSES = 100
-"""Maximum number of causes whose times are kept. Beyond it all are logged again."""
 
 
 def broker_of(address: str, ca_file: str = "") -> BrokerConfig:

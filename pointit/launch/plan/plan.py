@@ -41,6 +41,9 @@ REALISTIC: dict[str, Any] = {
 """Simulated person who is localized by pointing: a band with realistic drift (pointing.md §7), and they point
 at a lamp again when the cursor has drifted away."""
 
+OnEvent: TypeAlias = Callable[[str, str], object]
+"""Takes an event line and the person whom it is about, `""` for nobody."""
+
 
 class ScenarioPlace(Config):
     """Position of a person in {W}, and the azimuth of their IMU's yaw 0."""
@@ -152,10 +155,6 @@ class FloorPose:
 def body_of(stature_m: float) -> dict[str, float]:
     """Return the body measures, as parameters, of a person `stature_m` tall."""
     return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}
-
-
-OnEvent: TypeAlias = Callable[[str, str], object]
-"""Takes an event line and the person whom it is about, `""` for nobody."""
 
 
 class Watcher(Protocol):

@@ -51,6 +51,13 @@ STEP = 1.005
 """Ratio of neighbouring histogram bins, which bounds the memory of long runs."""
 MIN_S = 1e-6
 
+LINES = 5
+"""Recent events kept for the view."""
+FOUND = ("static_targets", "moving_target")
+"""Pose methods of localization by pointing."""
+TOGETHER_NS = 500_000_000
+"""Maximum age of a pose relative to its Localization: a pose is stamped with its newest ray."""
+
 
 @dataclass
 class RunScore:
@@ -215,14 +222,6 @@ class Latency:
             raise AssertionError("unreachable: the ranks sum up to the total")
 
         return {"p50": quantile(0.5), "p99": quantile(0.99)}
-
-
-LINES = 5
-"""Recent events kept for the view."""
-FOUND = ("static_targets", "moving_target")
-"""Pose methods of localization by pointing."""
-TOGETHER_NS = 500_000_000
-"""Maximum age of a pose relative to its Localization: a pose is stamped with its newest ray."""
 
 
 @dataclass

@@ -43,6 +43,17 @@ STOP_TIMEOUT_S = 1.2
 LAST_WORDS = 2000
 """Bytes at the end of a child's log that are searched for its last error."""
 
+Line = tuple[Launch, tuple[str, ...]]
+"""A service, and the command that restarts it."""
+
+PRESENCE_TIMEOUT_S = 0.3
+"""Time to listen for services that are already present."""
+GONE_S = UNDECLARE_S + 0.05
+"""Time after which late subscribers receive no retained state of ended services any more."""
+
+Tell = Callable[[str], object]
+"""Shows a message to the operator: in the log, or above the view."""
+
 
 class ServiceGroup:
     """Launches on a bus; `on_end` is called when they end unexpectedly."""
@@ -255,10 +266,6 @@ def last_log_error(path: Path) -> str:
     return (errors or lines or [""])[-1].rstrip(".")
 
 
-Line = tuple[Launch, tuple[str, ...]]
-"""A service, and the command that restarts it."""
-
-
 class DeploymentPublisher:
     """Publishes the deployment of the current run; there is one at a time."""
 
@@ -310,15 +317,6 @@ class DeploymentPublisher:
 
     def _on_deployment(self, deployment: Deployment, _name: str) -> None:
         self._is_anothers |= deployment.stamp_ns > self._stamp_ns
-
-
-PRESENCE_TIMEOUT_S = 0.3
-"""Time to listen for services that are already present."""
-GONE_S = UNDECLARE_S + 0.05
-"""Time after which late subscribers receive no retained state of ended services any more."""
-
-Tell = Callable[[str], object]
-"""Shows a message to the operator: in the log, or above the view."""
 
 
 class _Companion:

@@ -15,6 +15,16 @@ from pointit.maps.file import MapError, read_clouds, to_message
 from pointit.maps.model import FenceEntry, MapFile
 from pointit.runtime.errors import ConfigError
 
+THINNEST_M = 0.001
+
+Point = tuple[float, float]
+
+ROBOT_M = 0.5
+"""Width below which a volume to stay in has hardly room for a robot."""
+
+GRID = 48
+"""Places along x and y at which a common area is looked for."""
+
 
 def about_map(path: Path) -> str:
     """Return the first line of the file at `path` if it is a comment, without its end, or `""`."""
@@ -49,17 +59,6 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
 
 def _with(count: int, what: str) -> str:
     return f" with {count} {what}{'s' if count > 1 else ''}"
-
-
-THINNEST_M = 0.001
-
-Point = tuple[float, float]
-
-ROBOT_M = 0.5
-"""Width below which a volume to stay in has hardly room for a robot."""
-
-GRID = 48
-"""Places along x and y at which a common area is looked for."""
 
 
 def check_map(

@@ -26,6 +26,26 @@ SAMPLES = 50
 
 Lanes = Mapping[str, Lane]
 
+DENSITY_SPREAD = 0.2
+LENGTH_SPREAD = 0.01
+LENGTH_M = 0.01
+SHARPEST_DEG = 120.0
+FEW_PIXELS = 5
+"""Number of pixels below which their density says nothing."""
+TRACED = 0.2
+"""Number of vertices a pixel above which a line follows the pixels, and means its sharp turns."""
+OFF_SHARE = 0.1
+"""Share of a strip that may lie beyond its belt's end."""
+
+MAX_HEIGHT_M = 20.0
+"""Height in a room above which its unit is probably another, m."""
+MAX_BELOW_FLOOR_M = 0.3
+"""Depth of a point cloud below the floor above which its axes are probably others, m."""
+MAX_WIDTH_M = 1000.0
+"""Horizontal extent above which the unit is probably another, m."""
+MIN_DENSITY = 1.5
+"""Pixels per metre of strips below which the unit is probably another. Strips have 30 to 144, strings 5."""
+
 
 def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
     """Yield problems of links and bays; `links` have the indices in the file of those whose lanes exist.
@@ -226,18 +246,6 @@ def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterat
         yield error("links", f"{text} has a bay") if bays else warning("links", f"{text} ends")
 
 
-DENSITY_SPREAD = 0.2
-LENGTH_SPREAD = 0.01
-LENGTH_M = 0.01
-SHARPEST_DEG = 120.0
-FEW_PIXELS = 5
-"""Number of pixels below which their density says nothing."""
-TRACED = 0.2
-"""Number of vertices a pixel above which a line follows the pixels, and means its sharp turns."""
-OFF_SHARE = 0.1
-"""Share of a strip that may lie beyond its belt's end."""
-
-
 def check_strips(file: MapFile) -> Iterator[MapFinding]:
     """Yield problems of strips: beside no belt, too many pixels or too few."""
     lines = {name: Polyline(strip.line) for name, strip in file.strips.items()}
@@ -332,16 +340,6 @@ def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
     at, steps = np.flatnonzero(distinct), steps[distinct] / lengths[distinct, None]
     turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
     return [(int(at[1 + index]), float(turns[index])) for index in np.flatnonzero(turns > SHARPEST_DEG)]
-
-
-MAX_HEIGHT_M = 20.0
-"""Height in a room above which its unit is probably another, m."""
-MAX_BELOW_FLOOR_M = 0.3
-"""Depth of a point cloud below the floor above which its axes are probably others, m."""
-MAX_WIDTH_M = 1000.0
-"""Horizontal extent above which the unit is probably another, m."""
-MIN_DENSITY = 1.5
-"""Pixels per metre of strips below which the unit is probably another. Strips have 30 to 144, strings 5."""
 
 
 def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:

@@ -47,6 +47,23 @@ ALIKE = {word: DIGITS[index] for words in (TEENS, TENS) for index, word in enume
 BEGIN = re.compile(r"(?:[^aeiouy]*[aeiouy]+){3}")
 """Begin of a label that takes `MAX_SPOKEN_S`: all that is heard before the next name."""
 
+EYES_M = 1.64
+"""Height of the eyes of a person of 1.76 m, m."""
+APART_DEG = 5.0
+"""Angle between two things, edge to edge, below which pointing alone does not tell which one is meant."""
+TESTED = 200
+"""Number of things up to which pointing at them is measured."""
+FLOOR_M = 0.01
+BEYOND_M = 3.0
+"""Distance from all else in the map above which a thing is probably misplaced."""
+
+LAMP_FLOOR_M = 0.0
+HIGHEST_LAMP_M = 5.0
+SAME_PLACE_M = 0.01
+ONE_BEARING_M = 0.2
+"""Width of a column of lamps that has the same bearing from everywhere, m."""
+MIN_SPREAD_DEG = 5.0
+
 
 def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
     """Yield labels that sound or begin alike, and one finding for those that take long to speak.
@@ -103,17 +120,6 @@ def syllable_count(word: str) -> int:
 def sound_of(word: str) -> str:
     """Return one letter for each sound of `word`. A single letter is spoken by its name."""
     return word if len(word) == 1 else re.sub(r"(.)\1+", r"\1", word.translate(LETTERS))
-
-
-EYES_M = 1.64
-"""Height of the eyes of a person of 1.76 m, m."""
-APART_DEG = 5.0
-"""Angle between two things, edge to edge, below which pointing alone does not tell which one is meant."""
-TESTED = 200
-"""Number of things up to which pointing at them is measured."""
-FLOOR_M = 0.01
-BEYOND_M = 3.0
-"""Distance from all else in the map above which a thing is probably misplaced."""
 
 
 def check_things(
@@ -270,14 +276,6 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enou
         if apart_rad < math.radians(enough_deg):
             break
     return math.degrees(apart_rad)
-
-
-LAMP_FLOOR_M = 0.0
-HIGHEST_LAMP_M = 5.0
-SAME_PLACE_M = 0.01
-ONE_BEARING_M = 0.2
-"""Width of a column of lamps that has the same bearing from everywhere, m."""
-MIN_SPREAD_DEG = 5.0
 
 
 def check_lamps(

@@ -21,6 +21,23 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
 from pointit.schemas.text import describe_mistake
 
+Array = NDArray[np.float64]
+
+MAX_STRIPS = 4000
+MAX_SLACK = 6.0
+"""Step, in median steps, from which pixels without names of strips are refused if no gap is declared."""
+MAX_OFFSET = 0.1
+"""Distance of a pixel of a strip from that of the file, in steps, up to which it is the same."""
+MAX_OFFSET_M = 0.005
+"""Limit of that distance, m."""
+EVEN = 0.05
+"""Difference of two steps, in steps, up to which both are the same."""
+MAX_BENDS = 0.2
+"""Share of steps round a bend, up to which a run is an even strip."""
+
+Note = Callable[[str], object]
+"""Receives a sentence on what differs from the file."""
+
 
 def first_pixels(strips: Mapping[str, StripEntry]) -> dict[str, int]:
     """Return the number on the wire of the first pixel of each strip."""
@@ -56,21 +73,6 @@ def shared_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[str, str]]
         if first < longest[1]:
             yield name, longest[2]
         longest = max(longest, (first, end, name), key=lambda each: each[1])
-
-
-Array = NDArray[np.float64]
-
-MAX_STRIPS = 4000
-MAX_SLACK = 6.0
-"""Step, in median steps, from which pixels without names of strips are refused if no gap is declared."""
-MAX_OFFSET = 0.1
-"""Distance of a pixel of a strip from that of the file, in steps, up to which it is the same."""
-MAX_OFFSET_M = 0.005
-"""Limit of that distance, m."""
-EVEN = 0.05
-"""Difference of two steps, in steps, up to which both are the same."""
-MAX_BENDS = 0.2
-"""Share of steps round a bend, up to which a run is an even strip."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,10 +217,6 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
             vertices.add(corner)
             stack += [(low, corner), (corner, high)]
     return sorted(vertices)
-
-
-Note = Callable[[str], object]
-"""Receives a sentence on what differs from the file."""
 
 
 def no_note(_: str) -> None:

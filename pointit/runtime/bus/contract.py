@@ -31,6 +31,17 @@ Server = Callable[[Q, str], Awaitable[R]]
 Each answer is a separate task. It ends with the declaration of `serve`, not when the caller gives up.
 """
 
+AnyTopic = Topic[Any]
+"""A topic of the table with any message."""
+
+Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
+"""Yields the retained states of a topic: value of the key's placeholder, and last message."""
+
+MAX_IN_FLIGHT = 256
+"""Maximum number of calls that one server answers at a time. Further callers are refused at once."""
+UNDECLARE_S = 0.25
+"""Time for which other processes still see a retired writer, unless its session closes earlier, s."""
+
 
 class Sent(NamedTuple):
     """Time and process that published a message."""
@@ -65,17 +76,6 @@ class Undecoded(Protocol):
 
 Tap = Callable[[Message | Undecoded, str], None]
 """Takes an undecoded message and the value of the key's placeholder, on any thread. Must not raise."""
-
-AnyTopic = Topic[Any]
-"""A topic of the table with any message."""
-
-Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
-"""Yields the retained states of a topic: value of the key's placeholder, and last message."""
-
-MAX_IN_FLIGHT = 256
-"""Maximum number of calls that one server answers at a time. Further callers are refused at once."""
-UNDECLARE_S = 0.25
-"""Time for which other processes still see a retired writer, unless its session closes earlier, s."""
 
 
 @dataclass(slots=True)

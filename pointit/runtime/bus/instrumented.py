@@ -36,6 +36,15 @@ REFUSED_SHOWN_S = 5.0
 MAX_DURATIONS = 65_536
 """Maximum number of durations between two reports that are counted, the newest ones."""
 
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+MAX_REPLY = ServedRequest.max_bytes // 8
+"""Maximum characters of a published reply. Each takes up to four bytes."""
+MAX_REFUSAL = 4096
+
+log = logging.getLogger(__name__)
+
 
 def steady_time() -> Callable[[], float]:
     """Return the clock of the running loop, s: monotonic, and virtual where a recording is replayed."""
@@ -165,16 +174,6 @@ class TopicMeter:
                 "loses much"
             )
             yield Problem(code=LATE, sentence=sentence, topic=key)
-
-
-M = TypeVar("M", bound=Message)
-Q = TypeVar("Q", bound=Query)
-R = TypeVar("R", bound=Reply)
-MAX_REPLY = ServedRequest.max_bytes // 8
-"""Maximum characters of a published reply. Each takes up to four bytes."""
-MAX_REFUSAL = 4096
-
-log = logging.getLogger(__name__)
 
 
 class InstrumentedPublisher(Generic[M]):

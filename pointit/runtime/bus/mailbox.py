@@ -21,6 +21,8 @@ MAX_ROUNDS = 16
 LOG_PERIOD_S = 1.0
 """Minimum interval of log lines per topic and kind of problem, and per failing handler, s."""
 
+log = logging.getLogger(__name__)
+
 
 class Drainable(Protocol):
     """A buffer that any thread fills and the loop drains, such as `Mailbox`."""
@@ -90,9 +92,6 @@ class Dispatcher:
             self.is_awake = False
             if ready and not self.is_closed:
                 self.wake()
-
-
-log = logging.getLogger(__name__)
 
 
 class Mailbox:

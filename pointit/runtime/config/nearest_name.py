@@ -6,6 +6,8 @@ import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar, cast
 
+F = TypeVar("F", bound=Callable[..., Any])
+
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return `did you mean a or b?` with the up to three of `names` that are similar, or `""`."""
@@ -17,9 +19,6 @@ def nearest(name: str, names: Iterable[str]) -> str:
     """Return `did you mean a or b?`, or `there are a, b, c` (or `none`) if no name is similar."""
     known = list(names)
     return did_you_mean(name, known) or f"there are {', '.join(known) or 'none'}"
-
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def accept_old_names(**names: str) -> Callable[[F], F]:

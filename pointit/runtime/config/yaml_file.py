@@ -43,6 +43,15 @@ FLAGS = dict.fromkeys(_TRUE, "true") | dict.fromkeys(_FALSE, "false")
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
 
+log = logging.getLogger(__name__)
+
+MAX_YAML_DEPTH = 100
+MAX_YAML_UNFOLDED = 200_000
+"""Maximum number of values that come from aliases. Checking that many takes a second."""
+MAX_YAML_BYTES = 4 * 1024 * 1024
+"""Size limit of a file. The C loader takes some seconds for it."""
+MAX_WARNINGS = 1000
+
 
 class YamlContentError(yaml.YAMLError):
     """Problem of valid YAML, and its node."""
@@ -124,16 +133,6 @@ Loader.add_constructor(f"{_TAG}int", _int)
 Loader.add_constructor(f"{_TAG}float", _float)
 Loader.add_constructor(_DISPUTED, _disputed_text)
 Loader.add_constructor(MERGE, Loader.construct_scalar)
-
-
-log = logging.getLogger(__name__)
-
-MAX_YAML_DEPTH = 100
-MAX_YAML_UNFOLDED = 200_000
-"""Maximum number of values that come from aliases. Checking that many takes a second."""
-MAX_YAML_BYTES = 4 * 1024 * 1024
-"""Size limit of a file. The C loader takes some seconds for it."""
-MAX_WARNINGS = 1000
 
 
 def check_nesting_depth(text: str) -> None:

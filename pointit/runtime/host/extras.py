@@ -15,6 +15,12 @@ from pointit.runtime.errors import ConfigError
 
 T = TypeVar("T")
 
+CHECKOUT = Path(__file__).parents[3]
+"""Root of the checkout, if PointIt is installed from one."""
+
+REQUIREMENT = re.compile(r"([\w.-]+).*?extra\s*==\s*['\"]([\w.-]+)['\"]")
+"""Name and extra of a distribution's requirement (PEP 508)."""
+
 
 class OptionalPart(NamedTuple, Generic[T]):
     """An object of an optional room: `MODULE:ATTRIBUTE`, and further packages that it needs."""
@@ -62,14 +68,6 @@ def import_room(module: str, part: str) -> ModuleType:
         if not f"{module}.".startswith(f"{error.name}."):
             raise
         raise ConfigError(f"{part} is not part of this build of PointIt: there is no {error.name}") from error
-
-
-CHECKOUT = Path(__file__).parents[3]
-"""Root of the checkout, if PointIt is installed from one."""
-
-
-REQUIREMENT = re.compile(r"([\w.-]+).*?extra\s*==\s*['\"]([\w.-]+)['\"]")
-"""Name and extra of a distribution's requirement (PEP 508)."""
 
 
 def has_extra(extra: str) -> bool:

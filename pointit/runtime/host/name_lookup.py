@@ -19,6 +19,12 @@ _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", 
 _TOWARDS_IPV6 = ("2001:db8::1", "fd00::1")
 """The same for IPv6: 2001:db8::1 is of no machine (RFC 3849)."""
 
+Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
+"""Family, and the address that sockets of this family take, with the scope of a link-local one."""
+
+MAX_SERVICES = 256
+"""Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
+
 
 def lan_addresses() -> list[str]:
     """Return this machine's IPv4 addresses as `found_addresses`; those of IPv6 where it has no others."""
@@ -55,10 +61,6 @@ def is_reachable(address: str) -> bool:
     return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast or is_scoped)
 
 
-Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
-"""Family, and the address that sockets of this family take, with the scope of a link-local one."""
-
-
 def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
     """Return the addresses of `host`, a name or an address, those of IPv4 first. Blocks.
 
@@ -86,10 +88,6 @@ async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
     with contextlib.suppress(ValueError):
         return [(socket.AF_INET, (str(ipaddress.IPv4Address(host)), port))]
     return await in_daemon_thread(lambda: resolve(host, port, socket.SOCK_DGRAM), f"look up {host}")
-
-
-MAX_SERVICES = 256
-"""Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
 
 
 class NetworkService(NamedTuple):

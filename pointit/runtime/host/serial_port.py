@@ -22,6 +22,9 @@ MAX_RETRY_S = 2.0
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
 
+Work = Callable[[serial.Serial, threading.Event], None]
+"""Uses an open port until the event is set; raises `OSError` when the port is lost."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PortSettings:
@@ -32,10 +35,6 @@ class PortSettings:
     baud: int
     read_timeout_s: float = 0.1
     write_timeout_s: float = 0.4
-
-
-Work = Callable[[serial.Serial, threading.Event], None]
-"""Uses an open port until the event is set; raises `OSError` when the port is lost."""
 
 
 def open_port(settings: PortSettings) -> serial.Serial:

@@ -20,6 +20,13 @@ from pointit.schemas.topics import check_name
 GROUP, OTHERS = 0o070, 0o007
 """Rights of the group and of others."""
 
+T = TypeVar("T", bound=BaseModel)
+VARIABLE = "POINTIT_STATE"
+"""Names another state directory."""
+MAX_BYTES = 64 * 1024
+
+_used: ContextVar[Path | None] = ContextVar("state directory", default=None)
+
 
 def read_limited(path: Path, max_bytes: int) -> bytes:
     """Return the first `max_bytes` bytes of the file at `path`.
@@ -118,15 +125,6 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-T = TypeVar("T", bound=BaseModel)
-VARIABLE = "POINTIT_STATE"
-"""Names another state directory."""
-MAX_BYTES = 64 * 1024
-
-
-_used: ContextVar[Path | None] = ContextVar("state directory", default=None)
 
 
 @contextlib.contextmanager

@@ -47,6 +47,23 @@ AUTHORITY_HINT = (
     f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
 )
 
+MAX_PASSWORD_BYTES = 65535
+"""Maximum length of a password in MQTT."""
+MAX_TOPIC = 100
+"""Characters of an invalid topic that are logged."""
+END_S = 0.3
+"""Maximum time to take leave, s."""
+QUEUED_MESSAGES = 1000
+"""Maximum number of unread messages."""
+log = logging.getLogger(__name__)
+_paho_log = logging.getLogger("pointit.paho")
+
+KINDS = ("_mqtt._tcp", "_secure-mqtt._tcp")
+"""Services by which brokers announce themselves."""
+
+FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
+"""Returns the devices on the broker at a host and a port, after seconds at most."""
+
 
 class BrokerError(OSError):
     """A broker cannot be connected to. The text has the cause and the remedy."""
@@ -172,16 +189,6 @@ def _unverified() -> ssl.SSLContext:
     return context
 
 
-MAX_PASSWORD_BYTES = 65535
-"""Maximum length of a password in MQTT."""
-MAX_TOPIC = 100
-"""Characters of an invalid topic that are logged."""
-END_S = 0.3
-"""Maximum time to take leave, s."""
-QUEUED_MESSAGES = 1000
-"""Maximum number of unread messages."""
-log = logging.getLogger(__name__)
-_paho_log = logging.getLogger("pointit.paho")
 _paho_log.setLevel(logging.CRITICAL)  # its errors are raised, too, and it would log them at every try
 
 
@@ -360,13 +367,6 @@ async def uncancelled(call: Awaitable[object]) -> None:
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
-
-
-KINDS = ("_mqtt._tcp", "_secure-mqtt._tcp")
-"""Services by which brokers announce themselves."""
-
-FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
-"""Returns the devices on the broker at a host and a port, after seconds at most."""
 
 
 async def find_on_brokers(find_on: FindOn, seconds: float) -> list[FoundDevice]:

@@ -27,6 +27,29 @@ from pointit.schemas.problems import EVENT_LOOP
 
 T = TypeVar("T", bound=BaseModel)
 
+ResultT = TypeVar("ResultT")
+log = logging.getLogger(__name__)
+FIRST_WAIT_S = 1.0
+"""Delay before the restart after the first failure, s. It doubles after each further one."""
+MAX_WAIT_S = 30.0
+"""Maximum delay, s. After this time without a failure, earlier failures of a plug-in are forgotten."""
+END_TIMEOUT_S = 1.0
+"""Timeout for the end of a cancelled plug-in, s."""
+LOG_PERIOD_S = 30.0
+"""Minimum interval of log records about a failing call, s. It may be called for each frame."""
+abandoned: set[asyncio.Task[None]] = set()
+"""Tasks of plug-ins that did not end when cancelled. They end with the process."""
+
+PERIOD_S = 0.25
+"""Period of checks, s."""
+STALL_S = 0.5
+"""Time for which a plug-in may block the loop, s."""
+OWN_STALL_S = 3.0
+"""The same for our own services, s: doctor calls them silent by then."""
+SHOWN_S = 30.0
+"""Time for which health reports it, s."""
+_watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = weakref.WeakKeyDictionary()
+
 
 class WarningSink(Protocol):
     """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
@@ -122,20 +145,6 @@ class Surroundings:
         """Return surroundings outside a site, with wall time and a health sink that discards all entries."""
         folder = state_directory() / "detached" / user
         return cls(clock=WallClock(), health=NullHealth(), folder=folder, user=user)
-
-
-ResultT = TypeVar("ResultT")
-log = logging.getLogger(__name__)
-FIRST_WAIT_S = 1.0
-"""Delay before the restart after the first failure, s. It doubles after each further one."""
-MAX_WAIT_S = 30.0
-"""Maximum delay, s. After this time without a failure, earlier failures of a plug-in are forgotten."""
-END_TIMEOUT_S = 1.0
-"""Timeout for the end of a cancelled plug-in, s."""
-LOG_PERIOD_S = 30.0
-"""Minimum interval of log records about a failing call, s. It may be called for each frame."""
-abandoned: set[asyncio.Task[None]] = set()
-"""Tasks of plug-ins that did not end when cancelled. They end with the process."""
 
 
 def guard_of(plugins: PluginGroup[Any], name: str, sink: WarningSink, which: str = "") -> "PluginGuard":
@@ -253,17 +262,6 @@ async def _contained(run: Callable[[], Awaitable[None]]) -> None:
         await run()
     except SystemExit as error:  # it would end the whole process
         raise RuntimeError("it called sys.exit") from error
-
-
-PERIOD_S = 0.25
-"""Period of checks, s."""
-STALL_S = 0.5
-"""Time for which a plug-in may block the loop, s."""
-OWN_STALL_S = 3.0
-"""The same for our own services, s: doctor calls them silent by then."""
-SHOWN_S = 30.0
-"""Time for which health reports it, s."""
-_watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = weakref.WeakKeyDictionary()
 
 
 def watch_for_stalls(module: str, label: str, sink: WarningSink, *, is_service: bool = False) -> None:

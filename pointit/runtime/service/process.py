@@ -47,6 +47,18 @@ STARTED_S = 5.0
 """Time after the start at which existing objects are frozen, s. By then a process has created its permanent
 objects. Full garbage collections, which block a process of 20 users for about 50 ms, skip frozen objects."""
 
+log = logging.getLogger(__name__)
+
+EXIT_USAGE = 2
+EXIT_FAULT = 70
+"""An unforeseen error (sysexits' EX_SOFTWARE)."""
+SETS = "set_"
+"""Prefix of the internal names of options that set a parameter."""
+CLOCK_TIMEOUT_S = 0.3
+"""Timeout for the site's simulated time before a service starts, s. It usually takes ms."""
+CLOCK_REQUEST_TIMEOUT_S = 2.0
+"""The same if the command line requires simulated time, s. Many processes may start at once."""
+
 
 def exit_with_parent() -> None:
     """End this process when its standard input closes: no child survives a killed parent."""
@@ -150,19 +162,6 @@ def _signals(
                 signal.signal(number, signal.SIG_IGN)
             elif handler is not None:  # a handler that Python did not set
                 signal.signal(number, handler)  # a shell starts background processes with SIGINT ignored
-
-
-log = logging.getLogger(__name__)
-
-EXIT_USAGE = 2
-EXIT_FAULT = 70
-"""An unforeseen error (sysexits' EX_SOFTWARE)."""
-SETS = "set_"
-"""Prefix of the internal names of options that set a parameter."""
-CLOCK_TIMEOUT_S = 0.3
-"""Timeout for the site's simulated time before a service starts, s. It usually takes ms."""
-CLOCK_REQUEST_TIMEOUT_S = 2.0
-"""The same if the command line requires simulated time, s. Many processes may start at once."""
 
 
 def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:

@@ -28,6 +28,11 @@ ASK_S = 1.0
 MAX_SITES = 20
 """Maximum number of site names in an error message."""
 
+SUSPICION_S = 2.0
+"""Delay before a lost router is first tested for a refusal of our credentials, s. A restart takes less."""
+MAX_SUSPICION_S = 30.0
+"""Maximum time between two tests, s. It doubles after each test."""
+
 
 async def sites_at(link: Link) -> tuple[str, ...]:
     """Return the names of all sites that have services at the addresses of `link`.
@@ -47,12 +52,6 @@ async def sites_at(link: Link) -> tuple[str, ...]:
         await close_session(session)
     found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
     return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # any session can have written these keys
-
-
-SUSPICION_S = 2.0
-"""Delay before a lost router is first tested for a refusal of our credentials, s. A restart takes less."""
-MAX_SUSPICION_S = 30.0
-"""Maximum time between two tests, s. It doubles after each test."""
 
 
 class Connections:

@@ -49,6 +49,9 @@ Right = tuple[str, str]
 Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
 """Opens a session of the same identity, and closes it."""
 
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
 
 class PermissionProbe:
     """Tests rights when they are first wanted, and all of them when the router is back."""
@@ -248,10 +251,6 @@ def _person(key: str) -> str:
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}
     return min(names, default="")
-
-
-Q = TypeVar("Q", bound=Query)
-R = TypeVar("R", bound=Reply)
 
 
 class RestrictedBus(ZenohBus):

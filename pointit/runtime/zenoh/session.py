@@ -36,6 +36,28 @@ OPEN_FILES = Path("/proc/self/fd")
 LINGER = struct.Struct("ii")
 """Value of `SO_LINGER`: 1 if a closed connection lingers, and for how many seconds."""
 
+log = logging.getLogger(__name__)
+
+CONNECT_TIMEOUT_MS = 1000
+"""Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s. A router
+rejects only ten attempts a second: with a shorter limit, abandoned attempts would keep a router busy for ever
+after a pause (github.com/eclipse-zenoh/zenoh/issues/2685)."""
+SOON_S = 5.0
+"""Shorter attempts to open are not logged."""
+SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
+IN_USE = re.compile(r"\(os error (48|98|10048)\)")
+"""Numbers by which macOS, Linux and Windows report that an address is in use."""
+OPEN_RETRY_S = 0.5
+REFUSAL = "pointit.runtime.link.refusal:connection_refusal"
+"""Function that tells why a router refuses credentials."""
+PASSES_S = 10.0
+"""Time after which a repeated `PassingRefusal` counts as permanent, s."""
+CLOSE_TIMEOUT_S = 1.0
+"""Timeout for closing a session, s. Closing takes some ms, but if the router is lost, it lasts as long as the
+current attempt to reach it."""
+RUNTIME = "(rx: (worker_threads: 1))"
+"""One thread receives, not two: each message would wake both, and both need Python's lock."""
+
 
 def set_tcp_timeouts(ports: Collection[int], after_ms: int) -> int:
     """Set how long connections from or to `ports` wait for a peer that does not answer.
@@ -90,29 +112,6 @@ def ports_of_socket(found: socket.socket) -> set[int]:
     with contextlib.suppress(OSError):  # it listens
         ports.add(found.getpeername()[1])
     return ports
-
-
-log = logging.getLogger(__name__)
-
-CONNECT_TIMEOUT_MS = 1000
-"""Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s. A router
-rejects only ten attempts a second: with a shorter limit, abandoned attempts would keep a router busy for ever
-after a pause (github.com/eclipse-zenoh/zenoh/issues/2685)."""
-SOON_S = 5.0
-"""Shorter attempts to open are not logged."""
-SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
-IN_USE = re.compile(r"\(os error (48|98|10048)\)")
-"""Numbers by which macOS, Linux and Windows report that an address is in use."""
-OPEN_RETRY_S = 0.5
-REFUSAL = "pointit.runtime.link.refusal:connection_refusal"
-"""Function that tells why a router refuses credentials."""
-PASSES_S = 10.0
-"""Time after which a repeated `PassingRefusal` counts as permanent, s."""
-CLOSE_TIMEOUT_S = 1.0
-"""Timeout for closing a session, s. Closing takes some ms, but if the router is lost, it lasts as long as the
-current attempt to reach it."""
-RUNTIME = "(rx: (worker_threads: 1))"
-"""One thread receives, not two: each message would wake both, and both need Python's lock."""
 
 
 def config_of(settings: Mapping[str, Any]) -> zenoh.Config:

@@ -86,6 +86,15 @@ EVENT_CACHE = 500
 HEARTBEAT_S = 0.2
 """Period of sequence numbers published by a writer of states and events. Bounds the time to recover."""
 
+EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
+"""Delays between attempts without an answer, s. A server that was just declared may not be known yet."""
+
+RESTRICTED = "pointit.runtime.zenoh.restricted_bus:RestrictedBus"
+"""Class of the bus of a process with credentials."""
+
+LIST_S = 1.0
+"""Timeout for listing the present names, s. It takes ms."""
+
 
 class _LatestWriter:
     """Sends the newest message, and none while no other process reads it."""
@@ -165,10 +174,6 @@ class ZenohPublisher(MemoryPublisher[M]):
             self._writer.undeclare()
 
 
-EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
-"""Delays between attempts without an answer, s. A server that was just declared may not be known yet."""
-
-
 def answer_others(
     session: zenoh.Session, handler: RequestHandler[Q, R], key: str, overflows: OverflowCounter
 ) -> QueuedQueryable:
@@ -231,13 +236,6 @@ async def send_query(
         if wait_s is not None:
             await asyncio.sleep(wait_s)
     raise no_answer(request, key)
-
-
-RESTRICTED = "pointit.runtime.zenoh.restricted_bus:RestrictedBus"
-"""Class of the bus of a process with credentials."""
-
-LIST_S = 1.0
-"""Timeout for listing the present names, s. It takes ms."""
 
 
 class ZenohBus(MemoryBus):

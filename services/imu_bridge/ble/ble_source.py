@@ -43,6 +43,29 @@ from pointit.services.imu_bridge.sources import (
     Signal,
 )
 
+SCAN_S = 5.0
+"""Duration of a scan, s. After one without a result there is a warning, and the next begins."""
+COMPARE_S = 1.0
+"""Time for which further wrists are searched when the first is found and no address was given, s."""
+NAMED = 5
+"""Number of wrists within reach that a warning names."""
+
+log = logging.getLogger(__name__)
+SILENCE_S = 2.0
+"""Time without a reading after which a connected wrist is configured again, then reset, s."""
+ASK_S = 60.0
+"""Period of asking for the battery, s."""
+STOP_S = 0.3
+"""Time to stop the stream at the end, s; imu-bridge gives a source one second in all."""
+FIRST_WAIT_S = 0.2
+MAX_WAIT_S = 5.0
+"""Waits between connections: doubled from the first to the last while they are short."""
+MANY = 10
+"""Number of notifications without a reading from which a wrist is not called silent."""
+SHORT_S = 10.0
+"""Connections below this count as short, s."""
+SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
+
 
 class TimedButton:
     """Gestures of a button in the time of the event loop."""
@@ -79,14 +102,6 @@ class TimedButton:
     def _on_due(self) -> None:
         gesture = self._gestures.wait(asyncio.get_running_loop().time())
         self._tell(gesture)
-
-
-SCAN_S = 5.0
-"""Duration of a scan, s. After one without a result there is a warning, and the next begins."""
-COMPARE_S = 1.0
-"""Time for which further wrists are searched when the first is found and no address was given, s."""
-NAMED = 5
-"""Number of wrists within reach that a warning names."""
 
 
 class WristSearch:
@@ -194,23 +209,6 @@ class WristSearch:
             f"{what} {verb}; searching: switch it on, bring it near, and disconnect it from other programs "
             f"and phones (others within reach: {others})"
         )
-
-
-log = logging.getLogger(__name__)
-SILENCE_S = 2.0
-"""Time without a reading after which a connected wrist is configured again, then reset, s."""
-ASK_S = 60.0
-"""Period of asking for the battery, s."""
-STOP_S = 0.3
-"""Time to stop the stream at the end, s; imu-bridge gives a source one second in all."""
-FIRST_WAIT_S = 0.2
-MAX_WAIT_S = 5.0
-"""Waits between connections: doubled from the first to the last while they are short."""
-MANY = 10
-"""Number of notifications without a reading from which a wrist is not called silent."""
-SHORT_S = 10.0
-"""Connections below this count as short, s."""
-SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
 
 
 @contextlib.contextmanager

@@ -57,6 +57,14 @@ FLASH_MS = 300
 _LED_CHANNELS = ((0, 1), (1, 0), (2, 2))
 """Number of a colour on the board, and its place in red, green, blue."""
 
+REPLY_S = 2.0
+"""Time limit of a reply, s."""
+RESUME_S = 0.3
+"""Time in which a board that has run on after a lost connection sends again, s."""
+RESUMED = 3
+"""Number of quaternions that show this; a single one may be a stale one of the operating system."""
+FUSION, GYRO, ACCELEROMETER = 0x19, 0x13, 0x03
+
 
 @dataclass(frozen=True, slots=True)
 class ModuleInfo:
@@ -147,15 +155,6 @@ def cue(feedback: Feedback) -> list[tuple[float, bytes]]:
     lights = () if feedback.color is None else flash(feedback.color)
     commands[1:1] = [(0.0, each) for each in lights]
     return commands
-
-
-REPLY_S = 2.0
-"""Time limit of a reply, s."""
-RESUME_S = 0.3
-"""Time in which a board that has run on after a lost connection sends again, s."""
-RESUMED = 3
-"""Number of quaternions that show this; a single one may be a stale one of the operating system."""
-FUSION, GYRO, ACCELEROMETER = 0x19, 0x13, 0x03
 
 
 class MetaMotionConfig(BleConfig):

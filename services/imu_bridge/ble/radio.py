@@ -22,6 +22,21 @@ END_S = 0.5
 CONNECT_S = 15.0
 """Time limit of connecting and reading the services, s."""
 
+_scans: "weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Scan]]" = weakref.WeakKeyDictionary()
+
+_NO_ADAPTER = (
+    "this machine has no Bluetooth adapter that works: plug one in, and look whether `rfkill` blocks it"
+)
+_OFF = "Bluetooth is switched off: switch it on (`bluetoothctl power on`)"
+_NO_PERMISSION = (
+    "this program may not use Bluetooth: permit it in the system's settings (macOS: for the terminal), or on "
+    "Linux join the group `bluetooth` and log in again"
+)
+_NO_SERVICE = (
+    "the Bluetooth service of this machine does not answer: start it (`sudo systemctl start bluetooth`); a "
+    "container needs the host's /run/dbus"
+)
+
 
 @dataclass(frozen=True)
 class Radio:
@@ -88,9 +103,6 @@ class _Scan:
             await ended.stop()
 
 
-_scans: "weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Scan]]" = weakref.WeakKeyDictionary()
-
-
 def require_bleak(name: str) -> None:
     """Check that bleak is installed, for the plug-in `name`. Raises ConfigError if it is not."""
     if find_spec("bleak") is None:
@@ -150,20 +162,6 @@ def describe_error(error: BaseException) -> str:
     if isinstance(error, TimeoutError):
         return "it did not answer in time: bring it nearer, or charge it"
     return f"Bluetooth failed ({text.partition(chr(10))[0][:200]})"
-
-
-_NO_ADAPTER = (
-    "this machine has no Bluetooth adapter that works: plug one in, and look whether `rfkill` blocks it"
-)
-_OFF = "Bluetooth is switched off: switch it on (`bluetoothctl power on`)"
-_NO_PERMISSION = (
-    "this program may not use Bluetooth: permit it in the system's settings (macOS: for the terminal), or on "
-    "Linux join the group `bluetooth` and log in again"
-)
-_NO_SERVICE = (
-    "the Bluetooth service of this machine does not answer: start it (`sudo systemctl start bluetooth`); a "
-    "container needs the host's /run/dbus"
-)
 
 
 def _load(adapter: str) -> None:

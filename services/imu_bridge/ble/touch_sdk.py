@@ -58,64 +58,10 @@ MAX_DELTA_MS = 10_000
 """Longest time between two frames that is believed, ms."""
 MAX_UNIX_MS = 2**62 // NS_PER_MS
 
-
-class FrameTimes:
-    """Clock of one watch: its Unix time if it sends it, else the sum of its times between frames.
-
-    The last frame of a message has the time of the message, each other one its distance before.
-    """
-
-    def __init__(self) -> None:
-        self._newest_ms: int | None = None
-
-    def read(self, update: Update) -> Sequence[int | None]:
-        """Return the time of each frame of the next message, ns, or None if the watch sends no times."""
-        deltas = [each.delta_ms if 0 < each.delta_ms <= MAX_DELTA_MS else 0 for each in update.frames]
-        if not deltas:
-            return ()
-        before_ms = self._newest_ms
-        if 0 < update.unix_ms < MAX_UNIX_MS:
-            last_ms = update.unix_ms
-        else:
-            span_ms = sum(deltas) or (update.delta_ms if 0 < update.delta_ms <= MAX_DELTA_MS else 0)
-            if not span_ms:
-                return (None,) * len(deltas)
-            last_ms = (before_ms or 0) + span_ms
-        self._newest_ms = last_ms
-        # A time of the message before is not reached again, unless the clock was set back.
-        first_ms = before_ms if before_ms is not None and before_ms <= last_ms else 0
-        return [max(last_ms - sum(deltas[index + 1 :]), first_ms) * NS_PER_MS for index in range(len(deltas))]
-
-
 MIN_SHARE = 0.2
 """Shortest swipe, as a share of the screen's width."""
 USUAL_WIDTH_PX = 450.0
 """Width of the screen of a watch that does not state it, px."""
-
-
-class SwipeDetector:
-    """Detects swipes of one finger to the right or left."""
-
-    def __init__(self) -> None:
-        self.width_px = USUAL_WIDTH_PX
-        self._began_px: tuple[float, float] | None = None
-
-    def step(self, event: TouchEvent) -> int:
-        """Return 1 if `event` ends a swipe to the right, -1 if to the left, else 0."""
-        if event.kind == BEGIN:
-            self._began_px = event.coordinates_px[0] if len(event.coordinates_px) == 1 else None
-            return 0
-        if len(event.coordinates_px) > 1 or event.kind == CANCEL:
-            self._began_px = None
-            return 0
-        if event.kind != END or self._began_px is None or not event.coordinates_px:
-            return 0
-        began_px, self._began_px = self._began_px, None
-        right_px, down_px = (b - a for a, b in zip(began_px, event.coordinates_px[0], strict=True))
-        if not abs(right_px) >= max(MIN_SHARE * self.width_px, abs(down_px)):  # also if it is not a number
-            return 0
-        return 1 if right_px > 0.0 else -1
-
 
 log = logging.getLogger(__name__)
 ID_COMPANY = 0xFFFF
@@ -148,6 +94,58 @@ _NO_ORIENTATION = Obstacle(
     f"{set_option('imu-bridge', 'touch_sdk.orientation', 'fusion')}, or update its app",
     20.0,
 )
+
+
+class FrameTimes:
+    """Clock of one watch: its Unix time if it sends it, else the sum of its times between frames.
+
+    The last frame of a message has the time of the message, each other one its distance before.
+    """
+
+    def __init__(self) -> None:
+        self._newest_ms: int | None = None
+
+    def read(self, update: Update) -> Sequence[int | None]:
+        """Return the time of each frame of the next message, ns, or None if the watch sends no times."""
+        deltas = [each.delta_ms if 0 < each.delta_ms <= MAX_DELTA_MS else 0 for each in update.frames]
+        if not deltas:
+            return ()
+        before_ms = self._newest_ms
+        if 0 < update.unix_ms < MAX_UNIX_MS:
+            last_ms = update.unix_ms
+        else:
+            span_ms = sum(deltas) or (update.delta_ms if 0 < update.delta_ms <= MAX_DELTA_MS else 0)
+            if not span_ms:
+                return (None,) * len(deltas)
+            last_ms = (before_ms or 0) + span_ms
+        self._newest_ms = last_ms
+        # A time of the message before is not reached again, unless the clock was set back.
+        first_ms = before_ms if before_ms is not None and before_ms <= last_ms else 0
+        return [max(last_ms - sum(deltas[index + 1 :]), first_ms) * NS_PER_MS for index in range(len(deltas))]
+
+
+class SwipeDetector:
+    """Detects swipes of one finger to the right or left."""
+
+    def __init__(self) -> None:
+        self.width_px = USUAL_WIDTH_PX
+        self._began_px: tuple[float, float] | None = None
+
+    def step(self, event: TouchEvent) -> int:
+        """Return 1 if `event` ends a swipe to the right, -1 if to the left, else 0."""
+        if event.kind == BEGIN:
+            self._began_px = event.coordinates_px[0] if len(event.coordinates_px) == 1 else None
+            return 0
+        if len(event.coordinates_px) > 1 or event.kind == CANCEL:
+            self._began_px = None
+            return 0
+        if event.kind != END or self._began_px is None or not event.coordinates_px:
+            return 0
+        began_px, self._began_px = self._began_px, None
+        right_px, down_px = (b - a for a, b in zip(began_px, event.coordinates_px[0], strict=True))
+        if not abs(right_px) >= max(MIN_SHARE * self.width_px, abs(down_px)):  # also if it is not a number
+            return 0
+        return 1 if right_px > 0.0 else -1
 
 
 class TouchSdkConfig(BleConfig):

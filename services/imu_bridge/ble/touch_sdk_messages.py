@@ -21,6 +21,21 @@ _FLOAT = struct.Struct("<f")
 Value = int | float | bytes
 """Varint without sign, float of 32 bits, or bytes of a message, a text or a packed list."""
 
+ADVERTISED_SERVICE = "008e74d0-7bb3-4ac5-8baf-e5e372cced76"
+OUTPUT = "f9d60371-5325-4c64-b874-a68c7c555bad"
+INPUT = "f9d60372-5325-4c64-b874-a68c7c555bad"
+PINCH = 1
+"""Type of a gesture: thumb and forefinger tap each other."""
+BEGIN, END, MOVE, CANCEL = 1, 2, 3, 4
+"""Types of a touch."""
+DISCONNECT = 1
+"""Signal: the person declines or forgets this program, or the watch's app ends."""
+RIGHT, LEFT = 1, 2
+"""Hands that wear the watch."""
+MAX_HAPTIC_MS = 5000
+"""Longest vibration, ms."""
+Quat = tuple[float, float, float, float]
+
 
 class MessageFields:
     """Values of one message by the number of their field. Absent ones are 0, as the format demands."""
@@ -139,22 +154,6 @@ def _varint(value: int) -> bytes:
         value >>= 7
     encoded.append(value)
     return bytes(encoded)
-
-
-ADVERTISED_SERVICE = "008e74d0-7bb3-4ac5-8baf-e5e372cced76"
-OUTPUT = "f9d60371-5325-4c64-b874-a68c7c555bad"
-INPUT = "f9d60372-5325-4c64-b874-a68c7c555bad"
-PINCH = 1
-"""Type of a gesture: thumb and forefinger tap each other."""
-BEGIN, END, MOVE, CANCEL = 1, 2, 3, 4
-"""Types of a touch."""
-DISCONNECT = 1
-"""Signal: the person declines or forgets this program, or the watch's app ends."""
-RIGHT, LEFT = 1, 2
-"""Hands that wear the watch."""
-MAX_HAPTIC_MS = 5000
-"""Longest vibration, ms."""
-Quat = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,9 @@ _CHARGE_VOLTS = (3.40, 3.50, 3.68, 3.70, 3.73, 3.77, 3.79, 3.82, 3.87, 3.93, 3.9
 _CHARGE_LEVELS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60, 0.75, 0.90, 1.0)
 """Charge of the cell at each of the `_CHARGE_VOLTS`."""
 
+COMMAND_S = 0.1
+"""Pause that the device needs behind a command, s."""
+
 
 def charge_level(volts: float) -> float:
     """Return the charge of the battery, 0 to 1, as its voltage suggests."""
@@ -91,10 +94,6 @@ def _item(frame: bytes, stamp_ns: int) -> RawReading | Battery | None:
         volts = int.from_bytes(frame[4:6], "little") / 100.0
         return Battery(charge_level(volts), volts)
     return None
-
-
-COMMAND_S = 0.1
-"""Pause that the device needs behind a command, s."""
 
 
 class WitMotionBleConfig(BleConfig):

@@ -15,6 +15,12 @@ from pointit.services.imu_bridge.sources import Item
 if TYPE_CHECKING:
     from bleak import BleakClient
 
+Gesture = Literal["press", "double", "hold"]
+HOLD_S = 0.8
+"""Minimum duration of a hold, s."""
+DOUBLE_S = 0.32
+"""Longest time between the releases of a double press, s."""
+
 
 def vibration_pulses(haptic_ms: Sequence[int]) -> list[tuple[float, int]]:
     """Return pause before, s, and duration, ms, of each pulse of alternating times on and off."""
@@ -26,13 +32,6 @@ def vibration_pulses(haptic_ms: Sequence[int]) -> list[tuple[float, int]]:
             pause_ms = 0
         pause_ms += duration_ms
     return pulses
-
-
-Gesture = Literal["press", "double", "hold"]
-HOLD_S = 0.8
-"""Minimum duration of a hold, s."""
-DOUBLE_S = 0.32
-"""Longest time between the releases of a double press, s."""
 
 
 class ButtonGestures:

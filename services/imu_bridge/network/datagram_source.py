@@ -17,19 +17,6 @@ from pointit.services.imu_bridge.network.udp_server import Address, PortSource
 from pointit.services.imu_bridge.sources import Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.streams import ContentError, SensorChoice
 
-
-def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
-    """Return the first three `numbers`, multiplied by `scale`.
-
-    Raises:
-        ContentError: If they are fewer, or one is not finite.
-    """
-    if len(numbers) < 3 or not all(math.isfinite(number) for number in numbers[:3]):
-        raise ContentError("has a vector that is not three finite numbers")
-    x, y, z = numbers[:3]
-    return (scale * x, scale * y, scale * z)
-
-
 REPLACED_S = 10.0
 """Time without a datagram after which another machine takes the place of one that nobody has named, s."""
 RESTARTED_S = 3.0
@@ -41,6 +28,24 @@ MAX_OTHERS = 8
 MAX_RIVALS = 64
 ROAMING = 8
 """Number of other ports of its machine, while it is silent, that show a new port for each datagram."""
+
+STEP_S = 0.5
+LOST_S = 3.0
+"""Time without a reading after which the sender is out of reach, s."""
+BAD_S = 10.0
+"""Time for which datagrams that cannot be read are told, s."""
+
+
+def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
+    """Return the first three `numbers`, multiplied by `scale`.
+
+    Raises:
+        ContentError: If they are fewer, or one is not finite.
+    """
+    if len(numbers) < 3 or not all(math.isfinite(number) for number in numbers[:3]):
+        raise ContentError("has a vector that is not three finite numbers")
+    x, y, z = numbers[:3]
+    return (scale * x, scale * y, scale * z)
 
 
 class SenderChoice:
@@ -116,13 +121,6 @@ class SenderChoice:
         host, port = address
         is_beside = self.used is not None and host == self.used[0] and not self.is_used(address)
         return f"{host}:{port}" if is_beside else host
-
-
-STEP_S = 0.5
-LOST_S = 3.0
-"""Time without a reading after which the sender is out of reach, s."""
-BAD_S = 10.0
-"""Time for which datagrams that cannot be read are told, s."""
 
 
 class DatagramConfig(AddressConfig):

@@ -41,6 +41,25 @@ _SIZES = {"t": 8, "c": 4, "r": 4, "m": 4, "N": 0, "[": 0, "]": 0}
 """Sizes of arguments that are passed over, bytes."""
 _CONSTANTS: dict[str, float] = {"T": 1.0, "F": 0.0, "I": 1.0}
 
+GRAVITY_MPS2 = 9.80665
+ORDER_OPTION = set_option("imu-bridge", "osc.order", "xyzw")
+ORDERS: Final[dict[str, Order]] = {
+    "/quaternion": "wxyz",  # NGIMU
+    "/gyrosc/quat": "wxyz",
+    "/SceneRotator/quaternions": "wxyz",
+    "/rotationvector": "xyzw",  # Sensors2OSC, as Android states it
+    "/gamerotationvector": "xyzw",
+}
+"""Orders of the numbers at addresses of known devices."""
+ACCURATE = frozenset({"/rotationvector", "/gamerotationvector"})
+"""Addresses of messages that begin with the quaternion, and may have its accuracy behind it."""
+ZIG_SIM = "/ZIGSIM/"
+"""Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
+SENSORS = "/sensors"
+"""NGIMU's rates, °/s, then its accelerations, g."""
+MAX_SHOWN = 4
+"""Number of addresses without an orientation that a warning names."""
+
 
 @dataclass(frozen=True, slots=True)
 class OscMessage:
@@ -182,26 +201,6 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     return text, end + 4 - (end - at) % 4
-
-
-GRAVITY_MPS2 = 9.80665
-ORDER_OPTION = set_option("imu-bridge", "osc.order", "xyzw")
-ORDERS: Final[dict[str, Order]] = {
-    "/quaternion": "wxyz",  # NGIMU
-    "/gyrosc/quat": "wxyz",
-    "/SceneRotator/quaternions": "wxyz",
-    "/rotationvector": "xyzw",  # Sensors2OSC, as Android states it
-    "/gamerotationvector": "xyzw",
-}
-"""Orders of the numbers at addresses of known devices."""
-ACCURATE = frozenset({"/rotationvector", "/gamerotationvector"})
-"""Addresses of messages that begin with the quaternion, and may have its accuracy behind it."""
-ZIG_SIM = "/ZIGSIM/"
-"""Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
-SENSORS = "/sensors"
-"""NGIMU's rates, °/s, then its accelerations, g."""
-MAX_SHOWN = 4
-"""Number of addresses without an orientation that a warning names."""
 
 
 class OscConfig(DatagramConfig):

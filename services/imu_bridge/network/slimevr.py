@@ -40,6 +40,17 @@ CALLING_S = 5.0
 LATE = 100
 """Numbers by which a datagram may be late. A tracker whose numbers fall by more was restarted."""
 
+TAKEN = (
+    "end the program that has it, such as a SlimeVR server, or use another port, here "
+    f"({set_option('imu-bridge', 'slimevr.port', protocol.PORT + 1)}) and in the tracker's app"
+)
+MAX_FOUND = 64
+BAD_S = 10.0
+"""Time for which packets that cannot be read are told, s."""
+STEP_S = 0.4
+"""Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
+_MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
+
 
 @dataclass(slots=True)
 class SlimevrTracker:
@@ -179,18 +190,6 @@ class SlimevrTrackers:
         mac = tracker.handshake.mac
         is_same = self.used is not None and mac != "" and mac == self.used.handshake.mac
         return self._senders.may_use(tracker.address, now_s, SILENT_S if is_same else REPLACED_S)
-
-
-TAKEN = (
-    "end the program that has it, such as a SlimeVR server, or use another port, here "
-    f"({set_option('imu-bridge', 'slimevr.port', protocol.PORT + 1)}) and in the tracker's app"
-)
-MAX_FOUND = 64
-BAD_S = 10.0
-"""Time for which packets that cannot be read are told, s."""
-STEP_S = 0.4
-"""Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
-_MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
 
 
 async def discover(seconds: float) -> Sequence[FoundDevice]:

@@ -26,6 +26,10 @@ RETRY_S = 2.0
 ANY_HOST = "0.0.0.0"  # noqa: S104 - no default of any parameter
 """Host of all networks of this machine."""
 
+PERIOD_S = 0.002
+"""Shortest time between two orientations that are delivered, s. imu-bridge refuses more than 1000 items a
+second, events among them."""
+
 
 class UdpServer(asyncio.DatagramProtocol):
     """Receives datagrams at a port, and sends from it."""
@@ -232,11 +236,6 @@ class DatagramLimit:
         if self._flooded_s < 0 or now_s - self._flooded_s > 3.0:
             return ""
         return f"sends more than {self._max_per_s} datagrams a second; the rest is dropped: lower its rate"
-
-
-PERIOD_S = 0.002
-"""Shortest time between two orientations that are delivered, s. imu-bridge refuses more than 1000 items a
-second, events among them."""
 
 
 class PortSource(ABC):

@@ -22,6 +22,22 @@ from pointit.services.imu_bridge.streams import Order, SensorChoice
 
 Format = Literal["text", "witmotion", "bno085", "ximu3"]
 
+TRY_S = 1.0
+"""Time for which a speed is tried after its first byte, s."""
+TRY_TEXT_S = 5.0
+"""The same while only text arrives, which may be a board's report of its start, s."""
+_TEXT = bytes(range(0x20, 0x7F)) + b"\t\r\n"
+SILENT_S = 2.0
+"""Shortest silence in which a sensor may have been restarted, s."""
+LISTENING_S = 0.5
+"""Most of the time between two looks at the port that counts as silence, s: a process that had no time heard
+nothing."""
+NEAR_RAD = math.radians(3.0)
+"""Largest yaw of a sensor that has just been started: six-axis fusions begin at 0, rad. The wider, the more
+often an arm that turns there in a pause of its radio is taken for a start."""
+JUMP_RAD = math.radians(10.0)
+"""Smallest change of the yaw that counts, rad. An arm at rest moves less in a pause of its radio."""
+
 
 class SerialConfig(Config):
     """A device on a serial port, or on a Bluetooth port that looks like one."""
@@ -65,23 +81,6 @@ class SerialConfig(Config):
     )
 
     _form = field_validator("line")(validated_form)
-
-
-TRY_S = 1.0
-"""Time for which a speed is tried after its first byte, s."""
-TRY_TEXT_S = 5.0
-"""The same while only text arrives, which may be a board's report of its start, s."""
-_TEXT = bytes(range(0x20, 0x7F)) + b"\t\r\n"
-SILENT_S = 2.0
-"""Shortest silence in which a sensor may have been restarted, s."""
-LISTENING_S = 0.5
-"""Most of the time between two looks at the port that counts as silence, s: a process that had no time heard
-nothing."""
-NEAR_RAD = math.radians(3.0)
-"""Largest yaw of a sensor that has just been started: six-axis fusions begin at 0, rad. The wider, the more
-often an arm that turns there in a pause of its radio is taken for a start."""
-JUMP_RAD = math.radians(10.0)
-"""Smallest change of the yaw that counts, rad. An arm at rest moves less in a pause of its radio."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,6 +21,8 @@ MAX_COMMANDS = 16
 FLASH_S = 0.3
 """Duration of a cue on a device with a lamp, s."""
 
+G_MPS2 = 9.80665
+
 
 class SerialFramer(ABC):
     """Converts bytes of a device to items."""
@@ -113,6 +115,3 @@ class Preference:
         self._ages = [age + 1 for age in self._ages]
         self._ages[kind] = 0
         return all(age > RESET_TIMEOUTS for age in self._ages[:kind])
-
-
-G_MPS2 = 9.80665

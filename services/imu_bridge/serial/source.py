@@ -41,6 +41,23 @@ log = logging.getLogger(__name__)
 NOTHING_S = 4.0
 """Time after which a port that sends nothing is released, s. Some boards need 2 s to start."""
 
+SHOWN_BYTES = 32
+"""Number of first bytes in the warning."""
+
+CAPACITY = 1024
+"""Items buffered while the event loop is busy; the oldest are dropped."""
+CLEAR_BAD_AFTER_S = 10.0
+"""Time without unreadable data after which its warning is cleared."""
+COMMAND_PAUSE_S = 0.1
+"""Pause between two commands to a device, s."""
+SEARCH_S = (4.0, 11.0)
+"""Times for which a port is listened to when it is new, and later: all speeds take 9 s."""
+SEARCH_PAUSE_S = (6.0, 60.0)
+"""Pauses before all ports are listened to again, doubled from the first to the most, so that other programs
+can open them: led-driver tries every 2 s."""
+SEARCH_STEP_S = 1.0
+"""Time between two looks for new ports, s."""
+
 
 @dataclass(frozen=True)
 class PortAnswer:
@@ -126,10 +143,6 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
     return PortAnswer(port.path, port.description, None, problem)
 
 
-SHOWN_BYTES = 32
-"""Number of first bytes in the warning."""
-
-
 class SilenceWatch:
     """Detects that nothing readable arrives."""
 
@@ -176,21 +189,6 @@ class SilenceWatch:
             f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; "
             "check baud and format, or what the device sends"
         )
-
-
-CAPACITY = 1024
-"""Items buffered while the event loop is busy; the oldest are dropped."""
-CLEAR_BAD_AFTER_S = 10.0
-"""Time without unreadable data after which its warning is cleared."""
-COMMAND_PAUSE_S = 0.1
-"""Pause between two commands to a device, s."""
-SEARCH_S = (4.0, 11.0)
-"""Times for which a port is listened to when it is new, and later: all speeds take 9 s."""
-SEARCH_PAUSE_S = (6.0, 60.0)
-"""Pauses before all ports are listened to again, doubled from the first to the most, so that other programs
-can open them: led-driver tries every 2 s."""
-SEARCH_STEP_S = 1.0
-"""Time between two looks for new ports, s."""
 
 
 class SerialSource:

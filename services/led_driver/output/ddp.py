@@ -32,6 +32,15 @@ SEQUENCED_PACKETS = 10
 before."""
 _HEADER = struct.Struct(">BBBBIH")
 
+SERVICE = "_wled._tcp"
+ANSWER_S = 1.0
+"""Maximum time for the description of a controller, s."""
+MAX_INFO_BYTES = 65536
+MAX_WORD = 64
+"""Characters of a controller's name and version that are shown."""
+MAX_PIXELS = 65536
+"""Largest number of pixels that a controller is believed to have."""
+
 
 def encode_frame(pixels: bytes, colors: int, number: int) -> list[bytes]:
     """Return the packets that show `pixels`. The last one makes the controller show all.
@@ -50,16 +59,6 @@ def encode_frame(pixels: bytes, colors: int, number: int) -> list[bytes]:
         sequence = (first + index) % SEQUENCES + 1 if len(starts) <= SEQUENCED_PACKETS else 0
         packets.append(_HEADER.pack(flags, sequence, DATA_TYPES[colors], DEFAULT_ID, start, len(data)) + data)
     return packets
-
-
-SERVICE = "_wled._tcp"
-ANSWER_S = 1.0
-"""Maximum time for the description of a controller, s."""
-MAX_INFO_BYTES = 65536
-MAX_WORD = 64
-"""Characters of a controller's name and version that are shown."""
-MAX_PIXELS = 65536
-"""Largest number of pixels that a controller is believed to have."""
 
 
 async def find_wled(seconds: float) -> Sequence[FoundDevice]:

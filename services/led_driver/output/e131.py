@@ -39,6 +39,9 @@ _FLAGS = 0x7000
 _STREAM_TERMINATED = 0x40
 _NAME_BYTES = 63
 
+MULTICAST = "multicast"
+"""Value of `host` that means the multicast group of each universe."""
+
 
 @dataclass(frozen=True, slots=True)
 class E131Sender:
@@ -99,10 +102,6 @@ def data_packet(
 
 def _length(size: int) -> int:
     return _FLAGS | size
-
-
-MULTICAST = "multicast"
-"""Value of `host` that means the multicast group of each universe."""
 
 
 class E131Config(UdpOutputConfig):

@@ -38,6 +38,12 @@ PIXEL_TIME_S = 30e-6
 LATCH_TIME_S = 300e-6
 """Duration of drawing. The board drops a draw command that comes earlier."""
 
+CHANNELS = 64
+"""Number of channels: board number (0-7) times 8 plus port (0-7)."""
+
+CHANNEL_PIXELS = 1 << 20
+"""Pixels of a channel as far as the pixel map knows: none of its segments reaches into the next channel."""
+
 
 def set_channel(channel: int, order: str, rgb: bytes) -> bytes:
     """Return the frame that sets the pixels of `channel`.
@@ -76,10 +82,6 @@ def _framed(content: bytes) -> bytes:
     return frame + struct.pack("<I", zlib.crc32(frame))
 
 
-CHANNELS = 64
-"""Number of channels: board number (0-7) times 8 plus port (0-7)."""
-
-
 class ExpanderConfig(SerialOutputConfig):
     """A serial LED expander (UPXL: ElectroMage, Pixelblaze).
 
@@ -102,10 +104,6 @@ class ExpanderConfig(SerialOutputConfig):
         if any(segment.universe not in range(CHANNELS) for segment in self.segments):
             raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
         return self
-
-
-CHANNEL_PIXELS = 1 << 20
-"""Pixels of a channel as far as the pixel map knows: none of its segments reaches into the next channel."""
 
 
 @dataclass(frozen=True, slots=True)

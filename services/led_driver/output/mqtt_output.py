@@ -55,6 +55,21 @@ SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
 Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
 
+RETRY_S = 1.0
+"""Wait after an error, s."""
+ACK_S = 5.0
+"""Time for a broker to acknowledge a command, after which the connection counts as lost, s."""
+OFF_S = 0.4
+"""Maximum time for the commands that switch the lamps off at the end, s."""
+MAX_LAMPS = 500
+"""Limit of lamps on one broker."""
+TLS_SHARE = 0.2
+"""Share of the time of a search that is left to find out if a broker that does not answer encrypts."""
+MAX_PAYLOAD = 20_000
+"""Limit of an availability message, bytes."""
+MAX_SHOWN = 40
+"""Characters of a message that are shown."""
+
 
 def _payload(value: object) -> object:
     """Return a word of a device. YAML does not tell which word it read as true."""
@@ -150,22 +165,6 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
         """Return the value of the field `name` of a lamp, or that of the output if the lamp has none."""
         own = getattr(self.lamps[lamp_id], name) if lamp_id in self.lamps else ""
         return own or getattr(self, name)
-
-
-RETRY_S = 1.0
-"""Wait after an error, s."""
-ACK_S = 5.0
-"""Time for a broker to acknowledge a command, after which the connection counts as lost, s."""
-OFF_S = 0.4
-"""Maximum time for the commands that switch the lamps off at the end, s."""
-MAX_LAMPS = 500
-"""Limit of lamps on one broker."""
-TLS_SHARE = 0.2
-"""Share of the time of a search that is left to find out if a broker that does not answer encrypts."""
-MAX_PAYLOAD = 20_000
-"""Limit of an availability message, bytes."""
-MAX_SHOWN = 40
-"""Characters of a message that are shown."""
 
 
 class MqttLamps:

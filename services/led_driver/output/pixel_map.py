@@ -12,6 +12,11 @@ from pointit.services.led_driver.outputs import OutputConfig, Segment
 FULL_PIXEL = 3 * 255
 """Sum of a white pixel's bytes."""
 
+Indices = NDArray[np.intp]
+WHOLE = 1 << 40
+"""Pixels of a block where an output is not divided."""
+_COLORS = "RGB"
+
 
 @dataclass(frozen=True, slots=True)
 class PowerLoad:
@@ -55,12 +60,6 @@ class Power:
 
     def _current_a(self, sent: bytes) -> float:
         return int(np.frombuffer(sent, dtype=np.uint8).sum(dtype=np.uint32)) * self._a_per_count
-
-
-Indices = NDArray[np.intp]
-WHOLE = 1 << 40
-"""Pixels of a block where an output is not divided."""
-_COLORS = "RGB"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,16 @@ MAX_BAUD = 4_000_000
 BITS_PER_BYTE = 10
 """Bits on the wire, with start and stop bit."""
 
+KEEP_ALIVE_S = 1.0
+"""Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""
+PIECE_BYTES = 256
+"""Size of one write. A link that accepts this within the port's timeout is slow, not stuck."""
+SENT_FRAMES = 5
+"""A link counts as slow if the fastest of this many frames was slow."""
+SLOW_SHARE = 1.5
+"""A link is slow if its frames take more than this many times their time by the baud rate."""
+DRAIN_POLL_S = 0.002
+
 
 class SerialOutputConfig(OutputConfig):
     """A controller on a serial port."""
@@ -36,17 +46,6 @@ class SerialOutputConfig(OutputConfig):
 def wire_time_s(size_bytes: int, baud: int) -> float:
     """Return the time until the last of `size_bytes` has left a wire of `baud` bits per second."""
     return size_bytes * BITS_PER_BYTE / baud
-
-
-KEEP_ALIVE_S = 1.0
-"""Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""
-PIECE_BYTES = 256
-"""Size of one write. A link that accepts this within the port's timeout is slow, not stuck."""
-SENT_FRAMES = 5
-"""A link counts as slow if the fastest of this many frames was slow."""
-SLOW_SHARE = 1.5
-"""A link is slow if its frames take more than this many times their time by the baud rate."""
-DRAIN_POLL_S = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

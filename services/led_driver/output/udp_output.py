@@ -38,6 +38,11 @@ SETTLED_SENDS = 2
 makes a later one fail."""
 UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN, errno.ENETRESET)
 
+UNIVERSE_SLOTS = 512
+"""Number of values of a universe, a byte each."""
+Universe = tuple[int, bytes]
+"""Number of a universe, and its values from the first slot on."""
+
 
 class Datagram(NamedTuple):
     """Bytes to send."""
@@ -279,12 +284,6 @@ class UdpOutput(PixelOutput):
     def _on_map(self, problems: list[str]) -> None:
         self._sender.send(bytes(self.pixel_map.size))
         super()._on_map(problems)
-
-
-UNIVERSE_SLOTS = 512
-"""Number of values of a universe, a byte each."""
-Universe = tuple[int, bytes]
-"""Number of a universe, and its values from the first slot on."""
 
 
 class DmxStream(Protocol):

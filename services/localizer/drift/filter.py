@@ -32,6 +32,16 @@ from pointit.services.localizer.drift.state import (
     nearest_psd,
 )
 
+NEAREST_M = 0.2
+"""Smallest horizontal distance from the eyes to a target."""
+
+ANYWHERE_M = 1e4
+ANY_YAW_RAD = 10.0 * math.pi
+"""Standard deviations of a position and of a yaw of which nothing is known."""
+
+MAX_REST_AGE_S = 60.0
+"""Age up to which rests count: rates change slowly."""
+
 
 def innovation(means: Array, measurement: AnchorMeasurement, late_s: float) -> Innovation:
     """Return azimuth and elevation of a pointing, `late_s` old, minus those that each state expects."""
@@ -71,17 +81,6 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
     slope[:, 1, X], slope[:, 1, Y] = -lower * east / away, -lower * north / away
     slope[:, 1, YAW] = lower * (east * eye_y - north * eye_x) / away
     return np.stack([np.arctan2(north, east) - yaw, np.arctan2(up, away)], axis=1), slope, away
-
-
-NEAREST_M = 0.2
-"""Smallest horizontal distance from the eyes to a target."""
-
-ANYWHERE_M = 1e4
-ANY_YAW_RAD = 10.0 * math.pi
-"""Standard deviations of a position and of a yaw of which nothing is known."""
-
-MAX_REST_AGE_S = 60.0
-"""Age up to which rests count: rates change slowly."""
 
 
 class DriftFilter:

@@ -48,6 +48,9 @@ HANGING_RAD = math.radians(-50.0)
 GATE = 3.0
 """Number of standard deviations of the tilt rate beyond which the arm moves."""
 
+_Turn = tuple[int, float, float, float]
+"""Time (ns) and turn up to it about x, y, z of {H}, averaged over a bin."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RestYawRate:
@@ -62,10 +65,6 @@ class RestYawRate:
     is_raised: bool
     """True unless the arm hangs: a raised arm creeps."""
     span_s: float
-
-
-_Turn = tuple[int, float, float, float]
-"""Time (ns) and turn up to it about x, y, z of {H}, averaged over a bin."""
 
 
 class RestDetector:

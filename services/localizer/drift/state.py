@@ -23,6 +23,15 @@ Array = NDArray[np.float64]
 X, Y, YAW, RATE, CREEP = range(5)
 """State indices: m, m, rad, rad/s, rad/s. Creep is the rate at which a person's raised arm turns at rest."""
 
+MAX_COMPONENTS = 8
+"""Number of components that are kept."""
+
+MIN_WEIGHT = 1e-6
+"""Components that are less probable are dropped."""
+
+MIN_SIGMA = 1e-6
+"""Lower bound of measurement noise (rad, rad/s, m)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DriftSettings:
@@ -140,16 +149,6 @@ class AnchorResult:
     """Reason for rejection and what to do, or `""` if accepted."""
     note: str = ""
     """Remark on an accepted measurement for technicians, mostly `""`."""
-
-
-MAX_COMPONENTS = 8
-"""Number of components that are kept."""
-
-MIN_WEIGHT = 1e-6
-"""Components that are less probable are dropped."""
-
-MIN_SIGMA = 1e-6
-"""Lower bound of measurement noise (rad, rad/s, m)."""
 
 
 class Innovation(NamedTuple):

@@ -27,6 +27,37 @@ PLUMB_RAD = 0.5 * math.pi - 1e-6
 
 _TINY = 1e-9
 
+PARALLEL = 1e-6
+"""Relative weight of the pull towards the targets. It counts where the rays leave a direction open."""
+
+STARTS = 24
+"""Number of evenly spaced yaws to evaluate first."""
+
+MAX_POSES = 5
+"""Largest number of starts: the lowest yaws among those that are lower than their neighbours."""
+
+HUBER = 1.5
+"""Standard deviations beyond which the influence of a sample no longer grows."""
+
+ITERATIONS = 40
+
+SETTLED = 3
+"""Number of steps after which descents into one minimum can be told from those into rivals."""
+
+RIVAL_COST = 20.0
+"""Descents this far above the lowest one do not lead to a rival."""
+
+SAME_POSE = 0.3
+"""Metres and radians: poses nearer to each other count as one."""
+
+CONVERGED, NEARLY = 3e-4, 3e-3
+"""Metres and radians: largest step of a converged descent, and of rivals, of which the cost is needed."""
+
+_DAMPING = 1e-3
+_MIN_DAMPING, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
+"""Damping: lower bound, least value after a bad step, and the value at which a descent is stuck."""
+_EYE = np.eye(PARAMETERS)
+
 
 @dataclass(frozen=True)
 class Rays:
@@ -135,38 +166,6 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
     slope *= gain[:, None, None]
     return out, slope
-
-
-PARALLEL = 1e-6
-"""Relative weight of the pull towards the targets. It counts where the rays leave a direction open."""
-
-STARTS = 24
-"""Number of evenly spaced yaws to evaluate first."""
-
-MAX_POSES = 5
-"""Largest number of starts: the lowest yaws among those that are lower than their neighbours."""
-
-HUBER = 1.5
-"""Standard deviations beyond which the influence of a sample no longer grows."""
-
-ITERATIONS = 40
-
-SETTLED = 3
-"""Number of steps after which descents into one minimum can be told from those into rivals."""
-
-RIVAL_COST = 20.0
-"""Descents this far above the lowest one do not lead to a rival."""
-
-SAME_POSE = 0.3
-"""Metres and radians: poses nearer to each other count as one."""
-
-CONVERGED, NEARLY = 3e-4, 3e-3
-"""Metres and radians: largest step of a converged descent, and of rivals, of which the cost is needed."""
-
-_DAMPING = 1e-3
-_MIN_DAMPING, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
-"""Damping: lower bound, least value after a bad step, and the value at which a descent is stuck."""
-_EYE = np.eye(PARAMETERS)
 
 
 @dataclass(frozen=True, kw_only=True)

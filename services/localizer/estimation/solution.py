@@ -53,6 +53,53 @@ SHORTEST_S = 1e-3
 LEAP_RAD = math.radians(20.0)
 """Largest turn of a ray between samples of one block."""
 
+STATES = PARAMETERS + 2
+"""Those of the descent; yaw rate of {H} (rad/s); latency (s)."""
+
+MAX_LINEARIZATIONS = 2
+CONVERGED_STEP = 0.2
+"""Largest change of x, y (m) and yaw (rad) after which the linearization still holds."""
+
+PRIOR_UPDATES = 2
+"""Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
+
+DAMPING = 1.0
+"""Information (1/m², 1/rad²) added in each step: what the rays hardly tell stays as the descent found it."""
+
+PRIOR_WEIGHT = 3.0
+"""Weight of the assumed sigmas against the residuals, in measured angles."""
+
+MAX_RESIDUAL_SIGMAS = 5.0
+"""Residuals are clipped here, as outliers."""
+
+MIN_COS_ELEVATION = 0.2
+"""A steeper ray has no usable azimuth."""
+
+MIN_INFORMATION = 1e-3
+"""Information (1/m², 1/rad²) below which a direction is unknown; rounding stays far below."""
+
+UNKNOWN_VARIANCE = 1e6
+"""Variance of unknown directions: m², rad²."""
+
+LATENCY = STATES - 1
+_EYE = np.eye(STATES)
+
+KNOWN = 1e-4
+"""Standard deviation (m, s, rad) of what is known."""
+
+THINGS: Complex = np.array([cmath.rect(3.0, 0.25 * math.pi * turn) for turn in range(8)], dtype=np.complex128)
+"""Eight things around a person (x + iy, m) by which a pose of following is judged: robots are 2 to 4 m away.
+The right one is selected if the ray is off by at most half of the angle between two of them.
+"""
+
+DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
+    (0.5 + np.outer(np.arange(1, 501), 1.2207440846 ** -np.arange(1.0, 4.0))) % 1.0
+)
+"""Normal errors of x, y and yaw (500 x 3), evenly spread (the sequence R3 of Roberts, 2018)."""
+
+MAX_LATENCY_SHIFT_M = 0.46
+"""Largest sigma of a position by the latency alone: 3 % are more than 1 m off."""
+
 
 @dataclass(frozen=True)
 class Pointings:
@@ -174,38 +221,6 @@ def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Arra
     before = np.where(hold[before] == hold, before, index)
     steps_s = np.maximum(times_s[after] - times_s[before], SHORTEST_S)
     return np.asarray((places_m[after] - places_m[before]) / steps_s, dtype=np.float64)
-
-
-STATES = PARAMETERS + 2
-"""Those of the descent; yaw rate of {H} (rad/s); latency (s)."""
-
-MAX_LINEARIZATIONS = 2
-CONVERGED_STEP = 0.2
-"""Largest change of x, y (m) and yaw (rad) after which the linearization still holds."""
-
-PRIOR_UPDATES = 2
-"""Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
-
-DAMPING = 1.0
-"""Information (1/m², 1/rad²) added in each step: what the rays hardly tell stays as the descent found it."""
-
-PRIOR_WEIGHT = 3.0
-"""Weight of the assumed sigmas against the residuals, in measured angles."""
-
-MAX_RESIDUAL_SIGMAS = 5.0
-"""Residuals are clipped here, as outliers."""
-
-MIN_COS_ELEVATION = 0.2
-"""A steeper ray has no usable azimuth."""
-
-MIN_INFORMATION = 1e-3
-"""Information (1/m², 1/rad²) below which a direction is unknown; rounding stays far below."""
-
-UNKNOWN_VARIANCE = 1e6
-"""Variance of unknown directions: m², rad²."""
-
-LATENCY = STATES - 1
-_EYE = np.eye(STATES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -404,23 +419,6 @@ def _inverse(information: Array) -> tuple[Array, Array]:
     is_known = values > MIN_INFORMATION
     known = vectors[:, is_known]
     return np.asarray((known / values[is_known]) @ known.T, dtype=np.float64), vectors[:, ~is_known]
-
-
-KNOWN = 1e-4
-"""Standard deviation (m, s, rad) of what is known."""
-
-THINGS: Complex = np.array([cmath.rect(3.0, 0.25 * math.pi * turn) for turn in range(8)], dtype=np.complex128)
-"""Eight things around a person (x + iy, m) by which a pose of following is judged: robots are 2 to 4 m away.
-The right one is selected if the ray is off by at most half of the angle between two of them.
-"""
-
-DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
-    (0.5 + np.outer(np.arange(1, 501), 1.2207440846 ** -np.arange(1.0, 4.0))) % 1.0
-)
-"""Normal errors of x, y and yaw (500 x 3), evenly spread (the sequence R3 of Roberts, 2018)."""
-
-MAX_LATENCY_SHIFT_M = 0.46
-"""Largest sigma of a position by the latency alone: 3 % are more than 1 m off."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,6 +27,38 @@ PASS_M = 0.1
 SHARP_RAD = math.radians(20.0)
 """Turn at a point of the path from which the robot stops there, as it would leave the path otherwise."""
 
+CLIMB_MPS = 0.5
+"""Speed of the take-off, m/s."""
+
+DESCENT_MPS = 0.3
+"""Speed of the landing, m/s."""
+
+TURN_RADPS = math.radians(90.0)
+"""Yaw rate, rad/s."""
+
+THERE_M = 0.08
+"""Distance from the target at which it has arrived, m: more than it wanders."""
+
+STILL_MPS = 0.1
+"""Speed at which it hovers, m/s."""
+
+ABOVE_M = 0.05
+"""Horizontal distance from the place of landing at which it descends, m."""
+
+CLEARANCE_M = 0.2
+"""Minimum height above the place of landing on the way there, m."""
+
+WANDER_SD_M: Vec3 = (0.015, 0.015, 0.008)
+"""Standard deviation per axis, m: that of a small quadrotor under motion capture."""
+
+WANDER_S = 1.0
+"""Correlation time, s."""
+
+WANDER_LIMIT = 2.5
+"""Limit per axis, in standard deviations."""
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
@@ -96,39 +128,6 @@ class FollowedPath:
         """Drop the points that `position_m` has reached, except the last one."""
         while len(self._left) > 1 and vector.norm(vector.subtract(self._left[0], position_m)) <= PASS_M:
             del self._left[0], self._free_m[0]
-
-
-CLIMB_MPS = 0.5
-"""Speed of the take-off, m/s."""
-
-DESCENT_MPS = 0.3
-"""Speed of the landing, m/s."""
-
-TURN_RADPS = math.radians(90.0)
-"""Yaw rate, rad/s."""
-
-THERE_M = 0.08
-"""Distance from the target at which it has arrived, m: more than it wanders."""
-
-STILL_MPS = 0.1
-"""Speed at which it hovers, m/s."""
-
-ABOVE_M = 0.05
-"""Horizontal distance from the place of landing at which it descends, m."""
-
-CLEARANCE_M = 0.2
-"""Minimum height above the place of landing on the way there, m."""
-
-WANDER_SD_M: Vec3 = (0.015, 0.015, 0.008)
-"""Standard deviation per axis, m: that of a small quadrotor under motion capture."""
-
-WANDER_S = 1.0
-"""Correlation time, s."""
-
-WANDER_LIMIT = 2.5
-"""Limit per axis, in standard deviations."""
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class SimulatedQuadrotor:

@@ -47,6 +47,12 @@ THERE_M = 0.02
 FACING_RAD = math.radians(2.0)
 """Angle from the direction to face at which it has turned, rad."""
 
+REPORT_HZ = 50.0
+"""Rate of steps and reports, Hz."""
+STEP_NS = round(STEP_S * NS_PER_S)
+STALL_S = 1.0
+"""Wall time without a step after which the robot has stood still meanwhile, instead of jumping, s."""
+
 
 class SimulatedGroundRobot:
     """A robot on a level floor. Heights in commands are ignored. Refused commands change nothing."""
@@ -234,13 +240,6 @@ def _problem(command: Command) -> str:
         case Stop():
             numbers = []
     return "" if all(map(math.isfinite, numbers)) else "its position, direction or height is not a number"
-
-
-REPORT_HZ = 50.0
-"""Rate of steps and reports, Hz."""
-STEP_NS = round(STEP_S * NS_PER_S)
-STALL_S = 1.0
-"""Wall time without a step after which the robot has stood still meanwhile, instead of jumping, s."""
 
 
 class SimDriver:

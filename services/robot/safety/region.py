@@ -26,6 +26,16 @@ MAX_SAMPLES = 100
 BEYOND_M = 1e-3
 """Distance by which the nearest permitted place is farther than needed."""
 
+MARGIN_M = 0.1
+"""Clearance of places that a robot is sent to, for its wander and overshoot."""
+ROUNDS = 12
+"""Attempts to find a place that is clear of all obstacles."""
+BISECTIONS = 14
+PASSING_M = 0.4
+"""Step beside a person or robot that is exactly between the robot and its target."""
+STEP_M = 1e-3
+"""Step of the numeric gradient of the clearance."""
+
 
 class _Fence:
     kind: ObstacleKind = "fence"
@@ -169,17 +179,6 @@ def _samples(start_m: Vec3, end_m: Vec3) -> tuple[Vec3, ...]:
     way = subtract(end_m, start_m)
     count = min(max(math.ceil(math.dist(start_m, end_m) / SAMPLE_M), 1), MAX_SAMPLES)
     return tuple(add(start_m, scale(way, index / count)) for index in range(count + 1))
-
-
-MARGIN_M = 0.1
-"""Clearance of places that a robot is sent to, for its wander and overshoot."""
-ROUNDS = 12
-"""Attempts to find a place that is clear of all obstacles."""
-BISECTIONS = 14
-PASSING_M = 0.4
-"""Step beside a person or robot that is exactly between the robot and its target."""
-STEP_M = 1e-3
-"""Step of the numeric gradient of the clearance."""
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,15 @@ LONGEST_GAP_S = 0.25
 MAX_CACHED = 4096
 """Limit of objects as seen from some eyes whose values are kept: most stand still, as do people's eyes."""
 
+_Angles = tuple[float, float, float, float]
+"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
+centre."""
+
+_FLAT = math.sqrt(2.0 * math.pi)
+
+_Sight = tuple[float, float]
+"""Azimuth and elevation, rad."""
+
 
 class EstimateConfig(MethodConfig):
     """Parameters of method `estimate`."""
@@ -90,11 +99,6 @@ class EstimateConfig(MethodConfig):
     dwell_s: float = Field(default=1.0, gt=0, le=10, description="time on an object that selects it, s")
     announce: AnnounceConfig = Field(default=AnnounceConfig(), description="names spoken to people")
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
-
-
-_Angles = tuple[float, float, float, float]
-"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
-centre."""
 
 
 class EstimateMethod:
@@ -276,13 +280,6 @@ def _corrected_rad(view: View, object_id: str) -> float:
         (math.dist(own.center_m, one.center_m) for one in view.seen if one is not own), default=math.inf
     )
     return min(MOVED * math.atan(apart_m / own.range_m), MAX_MOVED_RAD)
-
-
-_FLAT = math.sqrt(2.0 * math.pi)
-
-
-_Sight = tuple[float, float]
-"""Azimuth and elevation, rad."""
 
 
 def _may_be_on(one: VisibleObject, cursor: Cursor) -> bool:

@@ -20,6 +20,9 @@ DRAIN_SHARE = 0.5
 LEAVE_NS = round(0.3 * NS_PER_S)
 """Time off an object after which its full gauge can fill again, ns."""
 
+MIN_RAYS = 2
+"""Number of rays needed for a speed."""
+
 
 class Gauges:
     """Fill levels of one person's gauges, updated at each cursor.
@@ -118,10 +121,6 @@ class Gauges:
                 self._latched[object_id] = stamp_ns
             elif stamp_ns - since_ns >= LEAVE_NS:
                 del self._latched[object_id]
-
-
-MIN_RAYS = 2
-"""Number of rays needed for a speed."""
 
 
 class RaySpeedEstimator:

@@ -23,6 +23,27 @@ from pointit.services.selector.selection_methods import (
 MakeMethod = Callable[[SelectorConfig, str], PersonMethod]
 """Makes the configured method for a user."""
 
+CLOCK_STEP_NS = 2 * NS_PER_S
+"""A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
+
+HISTORY_NS = 3 * NS_PER_S
+"""Time for which hovered objects are remembered, ns: presses of headsets come up to 2 s late."""
+
+LOOK_BACK_NS = 150_000_000
+"""A press selects what was hovered this long before it, ns: pressing moves the arm."""
+
+SHOW_AFTER_S = 0.15
+"""Time of filling before progress is shown and the object is reserved, s."""
+
+MAX_PRESSES = 8
+"""Number of presses that are remembered, to ignore those that come again."""
+
+FIRST_WAIT_NS = NS_PER_S
+"""Time for which it is left out after its first failure, ns. It doubles with each further one."""
+
+MAX_WAIT_NS = 30 * NS_PER_S
+"""Longest such time, ns. After working for as long, it counts as sound again."""
+
 
 def make_method(config: SelectorConfig, user: str) -> PersonMethod:
     """Return the configured method for `user`, outside a site."""
@@ -82,28 +103,6 @@ def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
             f"{config.method}: choose a longer time, or the gauge"
         )
     return config.model_copy(update=own)
-
-
-CLOCK_STEP_NS = 2 * NS_PER_S
-"""A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
-
-HISTORY_NS = 3 * NS_PER_S
-"""Time for which hovered objects are remembered, ns: presses of headsets come up to 2 s late."""
-
-LOOK_BACK_NS = 150_000_000
-"""A press selects what was hovered this long before it, ns: pressing moves the arm."""
-
-SHOW_AFTER_S = 0.15
-"""Time of filling before progress is shown and the object is reserved, s."""
-
-MAX_PRESSES = 8
-"""Number of presses that are remembered, to ignore those that come again."""
-
-FIRST_WAIT_NS = NS_PER_S
-"""Time for which it is left out after its first failure, ns. It doubles with each further one."""
-
-MAX_WAIT_NS = 30 * NS_PER_S
-"""Longest such time, ns. After working for as long, it counts as sound again."""
 
 
 class PointerResult(NamedTuple):

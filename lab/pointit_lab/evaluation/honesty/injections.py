@@ -35,6 +35,8 @@ ROLLING_RAD = math.radians(5.0)
 KNOT_S = 1.0
 """Interval at which the roll of an arm changes."""
 
+NONE = "as they are"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Injection:
@@ -174,8 +176,6 @@ def _roll_rad(stamps_s: Array, rng: np.random.Generator) -> Array:
     wander = np.interp(stamps_s, knots_s, rng.normal(0.0, ROLLING_RAD, len(knots_s)))
     return np.asarray(float(rng.normal(0.0, ROLL_RAD)) + wander, dtype=np.float64)
 
-
-NONE = "as they are"
 
 INJECTIONS = (
     Injection(name=NONE),

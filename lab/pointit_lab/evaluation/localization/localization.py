@@ -38,15 +38,6 @@ ANY = STATED.any_fit()
 LIMITS = SolverSettings()
 """The localizer's own priors and limits, as configured by default."""
 
-
-def ours(pointings: Pointings) -> Solution | Refusal:
-    """Return the result of the localizer's solver."""
-    return solve(pointings, STATED)
-
-
-SOLVERS: dict[str, Solver] = {OURS: ours, "mean-angle-4dof": mean_angle_4dof, "mean-angle-z0": mean_angle_z0}
-"""Solvers by name."""
-
 CHUNK = 12
 """Trials in one piece of work, solved by all solvers in turn, so that disturbances affect all equally."""
 
@@ -55,6 +46,15 @@ FARTHEST_M = 1e6
 
 BASELINE_TRIALS = 400
 """Maximum of trials of a set and condition for the slow baselines; of more, every second, third, …."""
+
+
+def ours(pointings: Pointings) -> Solution | Refusal:
+    """Return the result of the localizer's solver."""
+    return solve(pointings, STATED)
+
+
+SOLVERS: dict[str, Solver] = {OURS: ours, "mean-angle-4dof": mean_angle_4dof, "mean-angle-z0": mean_angle_z0}
+"""Solvers by name."""
 
 
 @dataclass(frozen=True, kw_only=True)

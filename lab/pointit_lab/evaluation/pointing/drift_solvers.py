@@ -15,6 +15,15 @@ from pointit_lab.evaluation.selection.difference import Interval
 PLACE_SIGMA_M = 0.05
 """Sigma of the recorded people's position."""
 
+PLAIN = "re-anchored"
+"""Solver whose yaw is that of the last anchor."""
+
+RESAMPLED = 1000
+"""Number of bootstrap samples; people are drawn, with all their trials (Efron 1979)."""
+
+MIN_PEOPLE = 3
+"""Smallest number of people for an interval."""
+
 
 @dataclass(frozen=True)
 class YawEstimate:
@@ -127,16 +136,6 @@ SOLVERS: dict[str, Solver] = {
     "pointit, rests": _filter_and_rests,
 }
 """Predictors by name; `raw` sets the yaw once at the start."""
-
-
-PLAIN = "re-anchored"
-"""Solver whose yaw is that of the last anchor."""
-
-RESAMPLED = 1000
-"""Number of bootstrap samples; people are drawn, with all their trials (Efron 1979)."""
-
-MIN_PEOPLE = 3
-"""Smallest number of people for an interval."""
 
 
 def ratios(

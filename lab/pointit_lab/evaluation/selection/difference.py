@@ -22,6 +22,9 @@ TAIL = 20
 CHUNK = 2000
 """Resamples drawn at once."""
 
+Groups = Mapping[tuple[Condition, str], Sequence[Score]]
+"""Scores by condition and method, of the same trials in the same order."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
@@ -66,10 +69,6 @@ class Difference:
     def as_json(self) -> dict[str, Any]:
         """Return the difference for a JSON file."""
         return {**asdict(self), "claims": self.claims}
-
-
-Groups = Mapping[tuple[Condition, str], Sequence[Score]]
-"""Scores by condition and method, of the same trials in the same order."""
 
 
 def differences_of(groups: Groups) -> list[Difference]:

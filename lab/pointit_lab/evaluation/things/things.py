@@ -34,6 +34,18 @@ POSE_RAD = (math.radians(1.5), math.radians(0.7))
 
 Vector = NDArray[np.float64]
 
+EYES_M: Vec3 = (0.0, 0.0, 1.64)
+LIMIT_S = 8.0
+"""Time after which a reach counts as nothing."""
+PERSON = "person"
+MissKind = Literal["strip", "nothing"]
+MISS_KINDS: tuple[MissKind, ...] = get_args(MissKind)
+HOLDS_S: dict[MissKind, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
+"""Times for which people hold what is no thing."""
+BESIDE_RAD = math.radians(20.0)
+"""Angle from the middle of every thing beyond which a point is nothing: people err by up to 10 degrees."""
+START_NS = 1_000 * NS_PER_S
+
 
 class ArmReach:
     """Azimuth and elevation of the ray of one person, who begins somewhere and reaches for a target."""
@@ -127,19 +139,6 @@ class ArmReach:
 def angles(sight: Vec3) -> Vector:
     """Return azimuth and elevation, rad."""
     return np.array([vector.azimuth(sight), vector.elevation(sight)])
-
-
-EYES_M: Vec3 = (0.0, 0.0, 1.64)
-LIMIT_S = 8.0
-"""Time after which a reach counts as nothing."""
-PERSON = "person"
-MissKind = Literal["strip", "nothing"]
-MISS_KINDS: tuple[MissKind, ...] = get_args(MissKind)
-HOLDS_S: dict[MissKind, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
-"""Times for which people hold what is no thing."""
-BESIDE_RAD = math.radians(20.0)
-"""Angle from the middle of every thing beyond which a point is nothing: people err by up to 10 degrees."""
-START_NS = 1_000 * NS_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,8 @@ LATENCY_S = 0.02
 
 def train(strip: Strip, now_s: float) -> TrackedObject:
     """Return the train at the time `now_s`; a real tracker would ask its camera."""
-    start, end = np.array(strip.line_m[0]), np.array(strip.line_m[-1])
+    start = np.array(strip.line_m[0])
+    end = np.array(strip.line_m[-1])
     length_m = float(np.linalg.norm(end - start))
     phase = math.tau * now_s / LAP_S
     share = 0.5 - 0.4 * math.cos(phase)  # of the way from the strip's start to its end

@@ -209,10 +209,12 @@ def _remove(
     """Remove from `data` what is in `error`, and add it to `problems`. Return False if nothing is left."""
     paths: set[tuple[str | int, ...]] = set()
     for each in error.errors(include_url=False):
-        path, value = each["loc"], each["input"]
+        path = each["loc"]
+        value = each["input"]
         name = next((step for step in reversed(path) if isinstance(step, str)), "")
         if each["type"] == "missing":
-            path, value = path[:-1], "missing"
+            path = path[:-1]
+            value = "missing"
             problems.setdefault(name, "is missing")
         elif value is not None:
             problems.setdefault(name, f"is {one_line(repr(value), MAX_SHOWN)}")
@@ -324,8 +326,10 @@ class Visualization(_MessageWithHeader):
         theta_rad = self.agv_position.theta if self.agv_position else None
         if self.velocity is None or theta_rad is None:
             return (0.0, 0.0)
-        cos, sin = math.cos(theta_rad), math.sin(theta_rad)
-        vx, vy = self.velocity.vx, self.velocity.vy
+        cos = math.cos(theta_rad)
+        sin = math.sin(theta_rad)
+        vx = self.velocity.vx
+        vy = self.velocity.vy
         return (cos * vx - sin * vy, sin * vx + cos * vy)
 
 

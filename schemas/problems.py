@@ -7,10 +7,23 @@ from pydantic import Field
 from pointit.schemas.base import SchemaModel
 from pointit.schemas.text import hide_secrets
 
-CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
-IDLE_ARM, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
-UNWRITABLE, EVENT_LOOP, REVOKED, OTHER = "unwritable", "event-loop", "revoked", "other"
-CLOCK_CLAIM, EXCESS, REFUSED_ACTS, VOICE = "clock-claim", "excess", "refused-acts", "voice"
+CLOCK = "clock"
+CLOCK_LIMIT = "clock-limit"
+DENIED = "denied"
+INVALID = "invalid"
+LATE = "late"
+IDLE_ARM = "nobody"
+ROUTER_LOST = "router-lost"
+TWICE = "twice"
+UNCERTAIN = "uncertain"
+UNWRITABLE = "unwritable"
+EVENT_LOOP = "event-loop"
+REVOKED = "revoked"
+OTHER = "other"
+CLOCK_CLAIM = "clock-claim"
+EXCESS = "excess"
+REFUSED_ACTS = "refused-acts"
+VOICE = "voice"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
 SILENCING = (*NO_DATA, "connection", "silence", IDLE_ARM)

@@ -99,7 +99,8 @@ def round_beyond(value: float, limit: float = 0.0, digits: int = 1) -> str:
 
     A message that compares both stays true: 0.52 beyond a limit of 0.5 is "0.6", not "0.5".
     """
-    rounded, step = round(value, digits), 10.0**-digits
+    rounded = round(value, digits)
+    step = 10.0**-digits
     if value > limit >= rounded:
         rounded += step
     elif value < limit <= rounded:

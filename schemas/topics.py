@@ -167,7 +167,9 @@ __all__ = [
     "Topic", "check_name", "topic_of",
 ]
 
-_LATEST, _EVENT, _STATE = Delivery.LATEST, Delivery.EVENT, Delivery.STATE
+_LATEST = Delivery.LATEST
+_EVENT = Delivery.EVENT
+_STATE = Delivery.STATE
 
 IMU = Topic(
     key="users/{user}/imu", message=person.ImuSample, delivery=_LATEST, rate_hz=50,

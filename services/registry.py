@@ -357,7 +357,8 @@ def names() -> list[str]:
 
 def with_service_name(instance: str) -> str:
     """Return `instance` with the name of its service: `home-assistant` for `home_assistant`."""
-    name, known = split_instance(instance)[0], names()
+    name = split_instance(instance)[0]
+    known = names()
     service = name if name in known else name.replace("_", "-")
     return service + instance.removeprefix(name) if service in known else instance
 

@@ -114,7 +114,8 @@ def _check_key(row: Row) -> None:
 
 def _overlap(one: str, other: str) -> bool:
     """Return True if a key can fit both patterns."""
-    parts, others = one.split("/"), other.split("/")
+    parts = one.split("/")
+    others = other.split("/")
     return len(parts) == len(others) and all(
         part == each or "{" in (part[:1], each[:1]) for part, each in zip(parts, others, strict=True)
     )

@@ -105,8 +105,10 @@ def own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 @pytest.fixture(autouse=True)
 def no_log_handler_is_left() -> Iterator[None]:
     """Take back the logging that a command has set up here: its handler hides tracebacks from later tests."""
-    root, other = logging.getLogger(), logging.getLogger("asyncio")
-    handlers, levels = [*root.handlers], (root.level, other.level)
+    root = logging.getLogger()
+    other = logging.getLogger("asyncio")
+    handlers = [*root.handlers]
+    levels = (root.level, other.level)
     yield
     root.handlers[:] = handlers
     root.setLevel(levels[0])

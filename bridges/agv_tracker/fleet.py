@@ -69,7 +69,8 @@ class Fleet:
             return False
         kinds: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
         message = parse(kinds.get(source.kind, Visualization), payload)
-        agv, kind = self._agv(source), source.kind
+        agv = self._agv(source)
+        kind = source.kind
         if agv is None or agv.prefix != source.prefix:
             return message is not None
         if agv.place is None:
@@ -124,7 +125,8 @@ class Fleet:
             return
         agv.velocity = message.velocity_mps
         agv.place = (position.x, position.y)
-        agv.yaw_rad, agv.sigma_m = position.theta, position.deviation_range
+        agv.yaw_rad = position.theta
+        agv.sigma_m = position.deviation_range
 
     def _object(self, name: str, agv: _Agv, place: tuple[float, float], now_ns: int) -> TrackedObject:
         is_moving = math.hypot(*agv.velocity) > MOVING_MPS

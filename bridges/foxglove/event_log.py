@@ -92,7 +92,8 @@ class EventLog:
         return lines
 
     def _health(self, health: Health, previous: Health | None) -> Iterator[tuple[LogLevel, str]]:
-        now, before = _warnings(health), _warnings(previous)
+        now = _warnings(health)
+        before = _warnings(previous)
         for identity, sentence in now.items():
             if identity not in before:
                 yield LogLevel.Warning, sentence

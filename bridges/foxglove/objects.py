@@ -30,7 +30,9 @@ USUAL_LENGTH_M = 0.12
 ROBOT_M = 0.3
 """Diameter of an object that is on no line and has no length."""
 
-SELECTED_PIXELS, HOVERED_PIXELS, RESERVED_PIXELS = 4.0, 2.0, 1.0
+SELECTED_PIXELS = 4.0
+HOVERED_PIXELS = 2.0
+RESERVED_PIXELS = 1.0
 MOVES_MPS = 0.05
 
 
@@ -97,7 +99,8 @@ class ObjectRenderer:
             facts["bay"] = item.bay
         line, size_m = self._box(item)
         if line is None:
-            center, turned = item.position_m, rotation.IDENTITY
+            center = item.position_m
+            turned = rotation.IDENTITY
         else:
             ahead = line.tangent_at(item.surface_position_m)
             turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
@@ -108,7 +111,8 @@ class ObjectRenderer:
         drawn: dict[str, Any] = {"lines": lines, "texts": texts}
         if line is not None:
             color = shapes.color(rgb, 1.0 if item.id in ownership.owners else 0.85)
-            pose, size = shapes.pose(center, turned), shapes.size(*size_m)
+            pose = shapes.pose(center, turned)
+            size = shapes.size(*size_m)
             drawn["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
         else:
             drawn["spheres"] = [shapes.sphere(center, size_m[0], rgb)]
@@ -142,7 +146,8 @@ class ObjectRenderer:
         """Return outlines and labels of owners, the owner's outline the thickest. Adds them to `facts`."""
         outlines: list[tuple[Rgb, float]] = []
         words: list[str] = []
-        owner, reserver = ownership.owners.get(item.id), ownership.reservers.get(item.id)
+        owner = ownership.owners.get(item.id)
+        reserver = ownership.reservers.get(item.id)
         if owner is not None:
             outlines.append((colors.get(owner, shapes.WHITE), SELECTED_PIXELS))
             words.append(owner)

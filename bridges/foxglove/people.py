@@ -31,7 +31,10 @@ GOAL_M = 0.5
 """Length of the arrow at a goal."""
 GOAL_ABOVE_M = 0.03
 """Height of the arrow above the floor, to be visible."""
-TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
+TORSO_M = 0.34
+HEAD_M = 0.22
+ARM_M = 0.07
+RAY_M = 0.012
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
@@ -93,7 +96,8 @@ def entities(user: str, person: DrawnPerson, now_ns: int) -> list[NamedEntity]:
 
 
 def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedEntity:
-    profile, rgb = person.profile, person.color
+    profile = person.profile
+    rgb = person.color
     stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
     neck_m = profile.body.footprint_to_neck_m
     limbs = [shapes.cylinder(pose.position_m, neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)]

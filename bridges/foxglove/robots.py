@@ -29,7 +29,8 @@ def robot(
 ) -> NamedEntity:
     """Return the entity of a robot, in the colour of the person in `colors` who steers it."""
     rgb = colors.get(state.user, shapes.WHITE) if state.user else FREE
-    at, radius_m = state.position_m, state.radius_m
+    at = state.position_m
+    radius_m = state.radius_m
     floor: Vec3 = (at[0], at[1], 0.01)
     is_flying = state.kind == "quadrotor" and at[2] >= FLYING_M
     lines = [shapes.line(_circle(at if is_flying else floor, 1.35 * radius_m), rgb, kind="loop", pixels=3.0)]
@@ -74,7 +75,8 @@ def waypoints(user: str, steering: Steering, rgb: Rgb, now_ns: int) -> NamedEnti
 
 
 def _body(state: RobotState) -> list[CylinderPrimitive]:
-    at, radius_m = state.position_m, state.radius_m
+    at = state.position_m
+    radius_m = state.radius_m
     if state.kind == "ground":
         return [shapes.cylinder(at, radius_m, 2.0 * radius_m, BODY)]
     rotors = [

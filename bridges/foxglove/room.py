@@ -69,21 +69,25 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     across = np.column_stack([-line.tangents[:, 1], line.tangents[:, 0]])
     lengths = np.linalg.norm(across, axis=1)
     upright = lengths < 1e-6
-    across[upright], lengths[upright] = (0.0, 1.0), 1.0
+    across[upright] = (0.0, 1.0)
+    lengths[upright] = 1.0
     across /= lengths[:, None]
     for index in np.flatnonzero(upright[1:]) + 1:
         across[index] = across[index - 1]
-    before, after = np.vstack([across[:1], across]), np.vstack([across, across[-1:]])
+    before = np.vstack([across[:1], across])
+    after = np.vstack([across, across[-1:]])
     middle = before + after
     length = np.linalg.norm(middle, axis=1)
     turns_back = length < 1e-6
-    middle[turns_back], length[turns_back] = before[turns_back], 1.0
+    middle[turns_back] = before[turns_back]
+    length[turns_back] = 1.0
     middle /= length[:, None]
     cosine = np.maximum(np.einsum("nk,nk->n", middle, after), SHARPEST)
     reach_m = np.zeros_like(line.vertices_m)
     reach_m[:, :2] = middle * (width_m / 2.0 / cosine)[:, None]
     places = np.empty((2 * len(reach_m), 3))
-    places[0::2], places[1::2] = line.vertices_m + reach_m, line.vertices_m - reach_m
+    places[0::2] = line.vertices_m + reach_m
+    places[1::2] = line.vertices_m - reach_m
     first = range(0, 2 * (len(reach_m) - 1), 2)
     return places, [corner for i in first for corner in (i, i + 1, i + 2, i + 2, i + 1, i + 3)]
 
@@ -105,7 +109,8 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
     ]
     for kind, box in boxes:
         turned = rotation.from_yaw(box.yaw_rad)
-        pose, size = shapes.pose(box.center_m, turned), shapes.size(*box.size_m)
+        pose = shapes.pose(box.center_m, turned)
+        size = shapes.size(*box.size_m)
         cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
         edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
         above = vector.add(box.center_m, (0.0, 0.0, box.size_m[2] / 2.0 + LAMP_M))
@@ -144,7 +149,8 @@ def _belt(line: Polyline, belt: Belt) -> dict[str, object]:
 def _plane(plane: Plane) -> dict[str, object]:
     u, v = plane_axes(plane.normal)
     wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
-    across, up = vector.scale(u, wide_m / 2.0), vector.scale(v, high_m / 2.0)
+    across = vector.scale(u, wide_m / 2.0)
+    up = vector.scale(v, high_m / 2.0)
     signs = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
     offsets = [vector.add(vector.scale(across, a), vector.scale(up, b)) for a, b in signs]
     corners = np.array([vector.add(plane.center_m, offset) for offset in offsets])
@@ -155,7 +161,8 @@ def _plane(plane: Plane) -> dict[str, object]:
 
 
 def _cloud(cloud: Cloud) -> dict[str, object]:
-    low, high = cloud.low_m, cloud.high_m
+    low = cloud.low_m
+    high = cloud.high_m
     center = vector.scale(vector.add(low, high), 0.5)
     edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
     lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]

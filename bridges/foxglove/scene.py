@@ -73,7 +73,9 @@ class FoxgloveScene:
 
     def show(self, change: Change) -> None:
         """Update what follows from a change of the site."""
-        topic, name, message = change.topic, change.name, change.message
+        topic = change.topic
+        name = change.name
+        message = change.message
         if topic in EXPIRING:
             (self._fresh[topic].add if message is not None else self._fresh[topic].discard)(name)
         if isinstance(message, Environment):
@@ -127,7 +129,9 @@ class FoxgloveScene:
             return lamps(self._map.lamps, site.all(topics.LAMP_COLOR), now_ns)
         if part == "bays":
             return bays(self._map, self._lines, site.get(topics.CONVEYOR_STATE), now_ns)
-        poses, cursors, profiles = site.all(topics.POSE), self._new(topics.CURSOR), site.all(topics.PROFILE)
+        poses = site.all(topics.POSE)
+        cursors = self._new(topics.CURSOR)
+        profiles = site.all(topics.PROFILE)
         drawn = {
             user: DrawnPerson(
                 profiles.get(user, NO_PROFILE), poses.get(user), cursors.get(user), self._goals.get(user)
@@ -139,7 +143,8 @@ class FoxgloveScene:
         colors = {user: person.color for user, person in drawn.items()}
         robots = self._new(topics.ROBOT_STATE)
         if part == "robots":
-            plans, routes = site.all(topics.ROBOT_PLAN), site.all(topics.STEERING)
+            plans = site.all(topics.ROBOT_PLAN)
+            routes = site.all(topics.STEERING)
             return [
                 *(robot(name, each, plans.get(name), colors, now_ns) for name, each in robots.items()),
                 *(
@@ -168,7 +173,8 @@ class FoxgloveScene:
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
         if part == "room":  # without a lifetime: a viewer that missed a deletion must not keep it
-            gone, kind = [""], SceneEntityDeletionType.All
+            gone = [""]
+            kind = SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
         return SceneUpdate(
             deletions=[SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in gone],

@@ -31,7 +31,8 @@ from pointit.schemas.text import one_line
 
 log = logging.getLogger(__name__)
 
-OLD, NEW = "foxglove.websocket.v1", "foxglove.sdk.v1"
+OLD = "foxglove.websocket.v1"
+NEW = "foxglove.sdk.v1"
 HEADER = "sec-websocket-protocol"
 SWITCHING = 101
 TLS_HANDSHAKE = b"\x16"

@@ -123,7 +123,9 @@ class Foxglove(Service[FoxgloveConfig]):
             self._loop.call_soon_threadsafe(call)
 
     def _on_change(self, change: Change) -> None:
-        topic, name, message = change.topic, change.name, change.message
+        topic = change.topic
+        name = change.name
+        message = change.message
         self._scene.show(change)
         if message is None:
             if mirrored := self._mirrored.pop(topic.at(name), None):
@@ -145,7 +147,8 @@ class Foxglove(Service[FoxgloveConfig]):
             channel = self._server.channel(channel_name(key), json_channel.schema)
             mirrored = _Mirrored(channel, json_channel, topic, name, message)
             self._mirrored[key] = mirrored
-        mirrored.message, mirrored.is_new = message, True
+        mirrored.message = message
+        mirrored.is_new = True
         if topic.delivery is Delivery.EVENT:  # each event counts, not only the newest
             self._send(mirrored, now_ns)
 
@@ -199,7 +202,8 @@ class Foxglove(Service[FoxgloveConfig]):
             self._frame_timer.start(max(0.0, 1.0 / self.config.rate_hz - since_s))
 
     def _send_frame(self) -> None:
-        now_s, now_ns = self._loop.time(), self.clock.now_ns()
+        now_s = self._loop.time()
+        now_ns = self.clock.now_ns()
         self._sent_s = now_s
         self._scene.forget(now_s)
         self._site.tick(now_s)

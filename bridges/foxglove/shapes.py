@@ -44,7 +44,8 @@ _LINES = {
     "list": LinePrimitiveLineType.LineList,
 }
 _Z_TO_X = rotation.from_axis_angle((0.0, 1.0, 0.0), np.pi / 2.0)
-_HEAD_M, _HEAD_WIDTH_M = 0.14, 0.06
+_HEAD_M = 0.14
+_HEAD_WIDTH_M = 0.06
 
 _EDGES = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
 

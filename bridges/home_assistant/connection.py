@@ -58,7 +58,9 @@ _ENTRIES = json.JSONDecoder()
 LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200
 """Characters of an error of Home Assistant that are shown."""
-REDIRECT, BAD_REQUEST, NOT_FOUND = range(300, 400), 400, 404
+REDIRECT = range(300, 400)
+BAD_REQUEST = 400
+NOT_FOUND = 404
 _GATEWAY = "the proxy at {url} does not reach Home Assistant ({status}): start it"
 STATUS_PROBLEMS: Mapping[int, str] = {
     BAD_REQUEST: "a server answers at {url}, and refuses the connection (400): add the proxy in front of "
@@ -108,7 +110,8 @@ class Pace:
         """Give others their turn if the task has taken enough."""
         self._used_s += time.perf_counter() - self._begin_s
         if self._used_s >= MAX_TURN_S:
-            pause_s, self._used_s = self._used_s * (1 / MAX_SHARE - 1), 0.0
+            pause_s = self._used_s * (1 / MAX_SHARE - 1)
+            self._used_s = 0.0
             await asyncio.sleep(pause_s)
         self.begin()
 
@@ -208,7 +211,8 @@ class HomeAssistantConnection:
             except (ValueError, RecursionError):  # the end of the list, an entry that is too long, or no JSON
                 if (following := _NEXT_STATE.search(text, start + MAX_ENTRY_CHARS)) is None:
                     break
-                entry, length = None, following.start() - start
+                entry = None
+                length = following.start() - start
             start += length
             if isinstance(entry, dict):
                 entries.append(cast("Mapping[str, Any]", entry))
@@ -233,10 +237,12 @@ class HomeAssistantConnection:
             del self._replies[number]
 
     def _on_message(self, message: Mapping[str, Any]) -> None:
-        number, kind = message.get("id"), message.get("type")
+        number = message.get("id")
+        kind = message.get("type")
         if not isinstance(number, int):
             return
-        reply, handler = self._replies.get(number), self._handlers.get(number)
+        reply = self._replies.get(number)
+        handler = self._handlers.get(number)
         if kind == "event" and handler is not None:
             handler(_fields(_fields(message.get("event")).get("data")))
         elif kind == "result" and reply is not None and not reply.done():
@@ -376,7 +382,8 @@ def _is_none(config: HomeAssistantConfig, reason: str) -> str:
 
 def _status_problem(config: HomeAssistantConfig, status: int, headers: Mapping[str, str]) -> str:
     """Return the meaning of a status of HTTP, with the remedy, or `""` if it is that of any server."""
-    location, path = headers.get("Location", ""), urlsplit(config.url).path
+    location = headers.get("Location", "")
+    path = urlsplit(config.url).path
     with contextlib.suppress(ValueError):  # some text that is no address
         location = "://".join(urlsplit(location)[:2])
     if status in REDIRECT and location.startswith(("https://", "http://")):
@@ -400,7 +407,8 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415 - an extra
 
     parts = urlsplit(config.url)
-    host, is_encrypted = parts.hostname or "", config.address.startswith("wss")
+    host = parts.hostname or ""
+    is_encrypted = config.address.startswith("wss")
     plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
     problem = f"no Home Assistant answers at {config.url} ({_plain(error)})"
     problem += ": start it, or correct `url`, its usual port is 8123"

@@ -182,7 +182,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     def _announce_change(self) -> None:
         """Wake what waits for a change."""
-        change, self._change = self._change, asyncio.Event()
+        change = self._change
+        self._change = asyncio.Event()
         change.set()
 
     async def _read_states(self, connection: HomeAssistantConnection) -> None:
@@ -241,10 +242,12 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     async def switch(self, thing: Thing, action: HomeAction, *, on: bool) -> None:
         """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
-        reported, entity = self.state_of(action), action.entity
+        reported = self.state_of(action)
+        entity = action.entity
         if reported.state == UNAVAILABLE:
             raise ActFailedError("unavailable", reported.reason)
-        is_on, wanted = self._is_on(action), None
+        is_on = self._is_on(action)
+        wanted = None
         if thing.mode == "switch":
             wanted = on
         elif is_on is not None and not action.action:
@@ -293,7 +296,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         return {action.entity for name, (_thing, action) in self._things.items() if name in names}
 
     def _on_state_changed(self, data: Mapping[str, Any]) -> None:
-        entity, state = data.get("entity_id"), data.get("new_state")
+        entity = data.get("entity_id")
+        state = data.get("new_state")
         if not isinstance(entity, str) or not self._is_used(entity):
             return
         before = self._states.pop(entity, {})
@@ -344,7 +348,9 @@ class HomeTarget:
 
     def __init__(self, home: HomeAssistant, thing: Thing, action: HomeAction) -> None:
         """Switch by `home` what `action` names."""
-        self._home, self._thing, self._action = home, thing, action
+        self._home = home
+        self._thing = thing
+        self._action = action
 
     @property
     def state(self) -> ThingState:

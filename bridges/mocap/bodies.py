@@ -26,7 +26,8 @@ UNSEEN_NS = 2 * NS_PER_S
 """Time after which it is reported."""
 REPORT_NS = 10 * NS_PER_S
 """Time for which a jump is reported."""
-MAX_SPEED_MPS, JUMP_M = 10.0, 0.1
+MAX_SPEED_MPS = 10.0
+JUMP_M = 0.1
 MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
 """A body that moves or turns by more than the speed allows, and this much, has jumped."""
 MIN_ALIKE = math.cos(JUMP_RAD / 2.0)
@@ -94,7 +95,8 @@ def body_sample(
 ) -> BodySample:
     """Return a body; one whose values are not finite, too large or no rotation is not tracked."""
     (x, y, z), (qx, qy, qz, qw) = position_m, orientation_xyzw
-    length, limit = math.hypot(qx, qy, qz, qw), MAX_COORDINATE
+    length = math.hypot(qx, qy, qz, qw)
+    limit = MAX_COORDINATE
     if not (-limit < x < limit and -limit < y < limit and -limit < z < limit and 0.9 < length < 1.1):
         return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
     turn = (qx / length, qy / length, qz / length, qw / length)
@@ -131,7 +133,8 @@ class _Track:
     @property
     def velocity_mps(self) -> Vec3:
         """Return the mean velocity in `poses`, which is 0 if they are too few."""
-        first, last = self.poses[0], self.poses[-1]
+        first = self.poses[0]
+        last = self.poses[-1]
         since_ns = last.stamp_ns - first.stamp_ns
         if since_ns <= VELOCITY_NS / 2:
             return (0.0, 0.0, 0.0)
@@ -158,7 +161,8 @@ class Bodies:
         counts = Counter(name for name, _ in timed.bodies)
         poses: list[tuple[_Track, BodyPose]] = []
         head_tracks: list[_Track] = []
-        is_y_up, scale = (self._config.up or timed.up) == "y", 0.001 if self._config.unit == "mm" else 1.0
+        is_y_up = (self._config.up or timed.up) == "y"
+        scale = 0.001 if self._config.unit == "mm" else 1.0
         for name, body in timed.bodies:
             track = self._tracks.setdefault(name, _Track())
             track.streamed_ns, track.fault = timed.stamp_ns, _fault(name, body, counts[name])
@@ -250,7 +254,9 @@ class Bodies:
 
     def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
         """Return False if the body has just jumped."""
-        last, seen_ns, track.seen_ns = track.pose, track.seen_ns, pose.stamp_ns
+        last = track.pose
+        seen_ns = track.seen_ns
+        track.seen_ns = pose.stamp_ns
         if last is None or not _has_jumped(last, pose, (pose.stamp_ns - seen_ns) / NS_PER_S):
             track.jumped_ns = 0
             return True
@@ -296,7 +302,8 @@ def _in_world(
     name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *, is_y_up: bool, scale: float
 ) -> BodyPose:
     position_m = vector.scale(body.position_m, scale)
-    turn, sigma_m = body.orientation_xyzw, scale * body.error_m
+    turn = body.orientation_xyzw
+    sigma_m = scale * body.error_m
     if is_y_up:
         position_m = (position_m[0], -position_m[2], position_m[1])
         turn = (turn[0], -turn[2], turn[1], turn[3])

@@ -117,7 +117,10 @@ class NatNetSession:
 
     def restart(self, now_ns: int) -> None:
         """Forget the server, in order to connect again."""
-        self.info, self._clock, self._names, self._last = None, None, None, None
+        self.info = None
+        self._clock = None
+        self._names = None
+        self._last = None
         self._since_ns = self._packet_ns = now_ns
         self._arrived_ns = self._used_ns = 0
 
@@ -215,7 +218,8 @@ class NatNetSession:
     def _frame(self, frame: MocapFrame, now_ns: int) -> None:
         if frame.flags & natnet_packets.MODEL_CHANGED or self._names is None:
             self._is_model_stale = True
-        last, self._last = self._last, frame
+        last = self._last
+        self._last = frame
         if last is not None and _is_repeated(frame, last):
             self._frame_fault = "its frames stand still: leave the edit mode or the pause in Motive"
             return
@@ -232,7 +236,8 @@ class NatNetSession:
             return
         if any(body.id not in self._names for body in frame.bodies):
             self._is_model_stale = True
-        self._used_ns, self._frame_fault = now_ns, ""
+        self._used_ns = now_ns
+        self._frame_fault = ""
         bodies = tuple(each for body in frame.bodies for each in _named(body, self._names.get(body.id)))
         self._on_frame(TimedFrame(stamp_ns, sigma_s, bodies))
 
@@ -370,7 +375,8 @@ def _join(sock: socket.socket, group: str, interfaces: Sequence[str]) -> None:
     """
     if sys.platform == "linux":
         sock.setsockopt(socket.IPPROTO_IP, _MULTICAST_ALL, 0)
-    error, is_joined = OSError(), False
+    error = OSError()
+    is_joined = False
     for interface in interfaces:
         try:
             membership = socket.inet_aton(group) + socket.inet_aton(interface)

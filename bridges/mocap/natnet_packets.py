@@ -16,8 +16,15 @@ COMMAND_PORT = 1510
 DATA_PORT = 1511
 GROUP = "239.255.42.99"
 """Multicast group of servers before 3.0, which do not state it."""
-CONNECT, SERVER_INFO, MODEL_REQUEST, MODEL, FRAME, KEEP_ALIVE = 0, 1, 4, 5, 7, 10
-ECHO_REQUEST, ECHO, DISCOVERY = 12, 13, 14
+CONNECT = 0
+SERVER_INFO = 1
+MODEL_REQUEST = 4
+MODEL = 5
+FRAME = 7
+KEEP_ALIVE = 10
+ECHO_REQUEST = 12
+ECHO = 13
+DISCOVERY = 14
 MODEL_CHANGED, IS_EDITING, BITSTREAM_CHANGED = 2, 4, 8
 """Bits of a frame's flags."""
 OCCLUDED, MODEL_FILLED = 1, 4
@@ -99,7 +106,8 @@ class PacketReader:
         end = self.data.find(b"\0", self.at)
         if end < 0:
             raise MalformedPacketError(f"a text does not end after byte {self.at}")
-        begin, self.at = self.at, end + 1
+        begin = self.at
+        self.at = end + 1
         return decode_name(self.data[begin:end])
 
 
@@ -154,7 +162,10 @@ def read_server_info(payload: bytes) -> ServerInfo:
     if len(payload) < _INFO.size:
         raise MalformedPacketError(f"{len(payload)} bytes are no description of a server")
     name, *_, major, minor, _build, _revision = _INFO.unpack_from(payload)
-    clock_hz, port, is_multicast, group = 0, DATA_PORT, 1, bytes(map(int, GROUP.split(".")))
+    clock_hz = 0
+    port = DATA_PORT
+    is_multicast = 1
+    group = bytes(map(int, GROUP.split(".")))
     if len(payload) >= _INFO.size + _CONNECTION.size:
         clock_hz, port, is_multicast, group = _CONNECTION.unpack_from(payload, _INFO.size)
     text = name.partition(b"\0")[0].decode("utf-8", "replace")
@@ -175,7 +186,8 @@ def read_frame(payload: bytes, version: Version) -> MocapFrame:
 
 
 def _frame(reader: PacketReader, version: Version) -> MocapFrame:
-    data, is_sized = reader.data, version >= SIZED
+    data = reader.data
+    is_sized = version >= SIZED
     (number,) = struct.unpack_from("<i", data)
     reader.at = 4
     for skip in (_skip_marker_sets, _skip_markers):
@@ -206,9 +218,11 @@ def _frame(reader: PacketReader, version: Version) -> MocapFrame:
         for at in _strides(
             reader.at, reader.at + count * item_bytes if end is None else end, count, item_bytes
         ):
-            marker, flags = struct.unpack_from("<i", data, at)[0], struct.unpack_from("<H", data, at + 20)[0]
+            marker = struct.unpack_from("<i", data, at)[0]
+            flags = struct.unpack_from("<H", data, at + 20)[0]
             measured[marker >> 16] = measured.get(marker >> 16, 0) + (not flags & (OCCLUDED | MODEL_FILLED))
-    exposure, sent = 0, 0
+    exposure = 0
+    sent = 0
     if version >= (3, 0):
         exposure, _, sent = _TICKS.unpack_from(data, len(data) - (SUFFIX_BYTES if is_sized else 46) + 16)
     (flags,) = struct.unpack_from("<H", data, len(data) - 6)
@@ -265,7 +279,8 @@ def read_models(payload: bytes, version: Version) -> dict[int, tuple[str, ...]]:
     Raises:
         MalformedPacketError: If the list is damaged.
     """
-    reader, names = PacketReader(payload), dict[int, tuple[str, ...]]()
+    reader = PacketReader(payload)
+    names = dict[int, tuple[str, ...]]()
     try:
         for _ in range(reader.count()):
             kind = reader.count(0)

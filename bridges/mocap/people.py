@@ -105,7 +105,8 @@ class WornBodies:
         """
         objects: list[TrackedObject] = []
         for person, worn in self._people.items():
-            head, yaw = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns)
+            head = self._fresh_head(worn, now_ns)
+            yaw = worn.yaw.known(now_ns)
             if head is None or (yaw is not None and not self._is_truth):
                 continue
             if self._is_truth and frame_ns - head.stamp_ns > TRUE_HEAD_NS:
@@ -147,7 +148,9 @@ class WornBodies:
 
     def _error(self, person: str, worn: _Worn, now_ns: int) -> PoseError | None:
         """Return the error of the pose in force at `now_ns`, or None if it or the truth is unknown."""
-        head, yaw, pose = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns), self._last_poses.get(person)
+        head = self._fresh_head(worn, now_ns)
+        yaw = worn.yaw.known(now_ns)
+        pose = self._last_poses.get(person)
         if head is None or pose is None:
             return None
         yaw_rad = None if yaw is None else yaw.yaw_rad

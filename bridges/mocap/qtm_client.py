@@ -42,7 +42,8 @@ SETTINGS_CHANGED = frozenset({1, 3, 8, 11})
 Body6D = tuple[Sequence[float], Sequence[float], float]
 """Position in mm, rotation matrix by columns, and residual in mm."""
 
-PORT, DISCOVERY_PORT = 22223, 22226
+PORT = 22223
+DISCOVERY_PORT = 22226
 VERSION = "1.8"
 """Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
 RETRY_S = 2.0
@@ -61,9 +62,16 @@ MAX_ROUND_PACKETS = 256
 """Number of packets that are used before others get their turn, at most one frame among them."""
 RATE = "frequency:100"
 """Frames that are asked for. Cameras with a higher rate would only cost time."""
-_HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
-_BODY, _BODIES_AT = struct.Struct("<13f"), 8
-_ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
+_HEADER = struct.Struct("<II")
+_COMPONENTS_AT = 12
+_BODY = struct.Struct("<13f")
+_BODIES_AT = 8
+_ERROR = 0
+_DATA = 3
+_NO_DATA = 4
+_EVENT = 6
+_DISCOVERY = 7
+_LAST_TYPE = 9
 
 
 class QtmSession:
@@ -88,9 +96,12 @@ class QtmSession:
 
     def restart(self, now_ns: int, *, is_connected: bool) -> None:
         """Begin or end a connection."""
-        self._is_connected, self._is_playback, self._since_ns = is_connected, False, now_ns
+        self._is_connected = is_connected
+        self._is_playback = False
+        self._since_ns = now_ns
         self._arrived_ns = self._used_ns = 0
-        self._last_us, self.are_settings_stale = -1, True
+        self._last_us = -1
+        self.are_settings_stale = True
         self._delays.clear()
 
     def set_parameters(self, text: bytes) -> None:
@@ -142,7 +153,8 @@ class QtmSession:
     def receive(self, time_us: int, bodies: Sequence[Body6D], now_ns: int) -> None:
         """Use a frame that was exposed `time_us` after the measurement began."""
         self._arrived_ns = now_ns
-        is_repeated, is_restarted = time_us == self._last_us, time_us < self._last_us
+        is_repeated = time_us == self._last_us
+        is_restarted = time_us < self._last_us
         self._last_us = time_us
         if is_restarted:
             self._delays.clear()
@@ -279,7 +291,9 @@ class QtmClient(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
-        self._packets, self._is_waiting, self._transport = bytearray(), False, transport
+        self._packets = bytearray()
+        self._is_waiting = False
+        self._transport = transport
         self._end.clear()
         self._protocol = self._commands.QTMProtocol(loop=asyncio.get_running_loop())
         self._protocol.connection_made(transport)
@@ -292,7 +306,9 @@ class QtmClient(asyncio.Protocol):
             self._use_round()
 
     def _use_round(self) -> None:
-        self._is_waiting, at, is_cut = False, 0, False
+        self._is_waiting = False
+        at = 0
+        is_cut = False
         for count in range(MAX_ROUND_PACKETS):
             if is_cut or len(self._packets) - at < _HEADER.size:
                 break
@@ -358,7 +374,9 @@ class QtmClient(asyncio.Protocol):
             self._session.receive(frame.timestamp, bodies, self._now_ns())
 
     async def _receive(self) -> None:
-        self._transport, self._end_reason, self._refusal = None, "", ""
+        self._transport = None
+        self._end_reason = ""
+        self._refusal = ""
         loop = asyncio.get_running_loop()
         addresses = await look_up(self._session.server, self._port)
         local = (self._interface, 0) if self._interface else None
@@ -381,7 +399,8 @@ class QtmClient(asyncio.Protocol):
         idle_s = 0.0
         while not self._end.is_set():
             await wait_up_to(self._end, POLL_S)
-            idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
+            idle_s = 0.0 if self._has_packets else idle_s + POLL_S
+            self._has_packets = False
             if idle_s >= PROBE_S and not self._end.is_set():
                 await connection.qtm_version()
             if self._session.are_settings_stale and not self._end.is_set():

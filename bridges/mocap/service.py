@@ -131,7 +131,8 @@ class Mocap(Service[MocapConfig]):
     def _on_frame(self, timed: TimedFrame) -> None:
         if self.config.frame and self._frame is None:
             return
-        self._stamp_ns, self._sigma_s = timed.stamp_ns, timed.sigma_s
+        self._stamp_ns = timed.stamp_ns
+        self._sigma_s = timed.sigma_s
         self._used_ns = self.clock.now_ns()
         self._used_frames += 1
         for pose in self._bodies.update(timed, self._frame):

@@ -25,7 +25,8 @@ from pointit.schemas.text import first_of, one_line
 
 log = logging.getLogger(__name__)
 
-BAYS, LINKS = "bays", "links"
+BAYS = "bays"
+LINKS = "links"
 SECTIONS = frozenset(
     (
         "lamps",

@@ -101,7 +101,9 @@ class TransformBuffer:
             at_ns: the time for which it is needed, Unix ns.
             stale_s: maximum time between `at_ns` and a moving transform.
         """
-        pose, stamp_ns, here = AT_ORIGIN, None, frame_name(frame)
+        pose = AT_ORIGIN
+        stamp_ns = None
+        here = frame_name(frame)
         for _ in range(MAX_CHAIN):
             self.want(here)
             if here in roots:
@@ -122,12 +124,14 @@ class TransformBuffer:
                         f"{off_s} s {side}, limit {stale_s:g} s: check its publisher and clock"
                     )
                 stamp_ns = link.stamp_ns if stamp_ns is None else stamp_ns
-            pose, here = compose(link.pose, pose), link.parent
+            pose = compose(link.pose, pose)
+            here = link.parent
         return f"the transforms of {checks.named(frame)} go round in a circle: end one of their publishers"
 
     def _store(self, each: Any, now_ns: int | None) -> str:
         """Store a transform; `now_ns` is None if it is static."""
-        child, parent = frame_name(each.child_frame_id), frame_name(each.header.frame_id)
+        child = frame_name(each.child_frame_id)
+        parent = frame_name(each.header.frame_id)
         what = f"the transform from {checks.named(parent)} to {checks.named(child)}"
         if child == parent:
             return f"{what} leads from a frame to itself: end its publisher"
@@ -285,7 +289,9 @@ def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
 
 
 def _package(value: Any, state: ConversionState) -> Sighting | str:
-    uid, name, share = int(value.uid), value.position.name, float(value.position.position)
+    uid = int(value.uid)
+    name = value.position.name
+    share = float(value.position.position)
     what = f"package {uid}"
     strip = name.removeprefix("strip_")
     places: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))

@@ -110,7 +110,8 @@ class Tracker:
         self, seen: Sighting, stamp_ns: int, context: ConversionContext, notes: list[str]
     ) -> TrackedObject | str:
         """Return the object, or why there is none; adds to `notes` what of the message is left out."""
-        config, state = self._config, context.state
+        config = self._config
+        state = context.state
         lookup = FrameLookup(self._buffer, roots(state), context.stamp_ns, config.stale_s)
         frame = lookup.pose(seen.frame or config.frame)
         if isinstance(frame, str):

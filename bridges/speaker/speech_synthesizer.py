@@ -71,7 +71,8 @@ class SpeechSynthesizer:
         if self._saying is not None:
             self._saying.cancel()
         if self._until_ns < 2**62:  # else it goes on speaking
-            self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
+            self._from_ns = self._clock.now_ns()
+            self._until_ns = 2**62
         self._saying = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
         self._tasks.add(self._saying)
         self._saying.add_done_callback(self._tasks.discard)
@@ -99,7 +100,8 @@ class SpeechSynthesizer:
 
     async def _run(self, text: str) -> None:
         """Run the program. The text comes by standard input, so that none is an option."""
-        began_ns, is_whole = self._clock.now_ns(), False
+        began_ns = self._clock.now_ns()
+        is_whole = False
         options = {"stdin": PIPE, "stdout": DEVNULL, "stderr": PIPE, "start_new_session": True}
         starting = asyncio.ensure_future(
             asyncio.create_subprocess_exec(PROGRAM, *self._language, "--stdin", **options)

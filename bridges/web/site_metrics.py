@@ -89,7 +89,8 @@ class Totals:
         """Uptime at which the rates of this report begin."""
         if before is None:
             if health.seq != 1:  # it runs for longer than anybody listens here
-                since_s, counts_before = health.uptime_s, counts
+                since_s = health.uptime_s
+                counts_before = counts
         elif (health.uptime_s, health.seq) > (before.uptime_s, before.seq):
             since_s = before.uptime_s
         elif health.stamp_ns <= before.stamp_ns:
@@ -274,7 +275,8 @@ class SiteMetrics:
         yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
 
     def _of_people(self) -> Iterator["Metric"]:
-        users, newest = sorted(self.state.people)[:MAX_USERS], self.state.all(POSE)
+        users = sorted(self.state.people)[:MAX_USERS]
+        newest = self.state.all(POSE)
         yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
         poses = [(user, newest[user].covariance) for user in users if user in newest]
         yield _gauge(

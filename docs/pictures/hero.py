@@ -41,7 +41,8 @@ SEEK = """(at_s) => {
   slider.dispatchEvent(new Event("input"));
 }"""
 
-CONVEYOR, ROBOTS = (0.05, 0.0, 0.92), (0.12, 0.17, 0.54)
+CONVEYOR = (0.05, 0.0, 0.92)
+ROBOTS = (0.12, 0.17, 0.54)
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ async def photograph() -> None:
 async def pictures_of(browser: Browser, take: Take, theme: Any) -> list[Image.Image]:
     """Return the pictures of `take`, one every `STEP_S`."""
     with tempfile.TemporaryDirectory() as folder:
-        commands, file = Commands(Path(folder)), Path(folder) / "session.mcap"
+        commands = Commands(Path(folder))
+        file = Path(folder) / "session.mcap"
         write_recording(file, await asyncio.to_thread(session, take.scenario, take.to_s + 1.0, take.users))
         try:
             command = commands.start("page", str(file), "--port", "0", "--no-browser")

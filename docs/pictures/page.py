@@ -85,7 +85,8 @@ async def photograph() -> None:
 async def run(*arguments: str) -> AsyncGenerator[SitePage]:
     """Yield a running site."""
     with tempfile.TemporaryDirectory() as folder:
-        commands, state = Commands(Path(folder)), Path(folder) / "state"
+        commands = Commands(Path(folder))
+        state = Path(folder) / "state"
         try:
             site = await running(commands, *ARGUMENTS, *arguments, "--set", "web.lan_port=0", state=state)
             async with onlooker(site.endpoint) as seen, site.operator() as operator:
@@ -99,7 +100,8 @@ async def run(*arguments: str) -> AsyncGenerator[SitePage]:
 async def plan_editor(browser: Browser) -> None:
     """Take the plan editor's picture: a strip on its wall, and a lamp that was moved below the floor."""
     with tempfile.TemporaryDirectory() as folder:
-        commands, path = Commands(Path(folder)), Path(folder) / "my_room.yaml"
+        commands = Commands(Path(folder))
+        path = Path(folder) / "my_room.yaml"
         path.write_text(ROOM, encoding="utf-8")
         try:
             arguments = ("scenario_2", "--set", f"pui.map={path}", "--pose", "2,0.8")

@@ -14,7 +14,8 @@ import grimp
 import pointit  # noqa: F401  # loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 1650, 1176
+WIDTH = 1650
+HEIGHT = 1176
 BOX_HEIGHT = 66
 LAB = "lab"
 ROOMS = {
@@ -76,9 +77,11 @@ def count_lines() -> dict[str, tuple[int, int]]:
     loader = SourceFileLoader("house", str(ROOT / "scripts/house"))
     house = loader.load_module()  # pyrefly: ignore[deprecated]
     _, optional = house.core_contract((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    core, every = Counter[str](), Counter({LAB: house.line_count(house.python_files([house.LAB]))})
+    core = Counter[str]()
+    every = Counter({LAB: house.line_count(house.python_files([house.LAB]))})
     for path in house.python_files(house.PRODUCT):
-        module, lines = house.module_of(path), house.line_count([path])
+        module = house.module_of(path)
+        lines = house.line_count([path])
         every[room_of(module)] += lines
         core[room_of(module)] += 0 if house.is_below(module, optional) else lines
     return {room: (core[room], lines) for room, lines in every.items()}
@@ -103,7 +106,8 @@ def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
 
 def picture() -> str:
     """Return the SVG."""
-    lines, arrows = count_lines(), count_imports()
+    lines = count_lines()
+    arrows = count_imports()
     drawn = direct(arrows)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">',
@@ -116,10 +120,12 @@ def picture() -> str:
     labels: list[str] = []
     for source, target in sorted(drawn):
         (from_x, from_y, from_width, _), (to_x, to_y, to_width, _) = ROOMS[source], ROOMS[target]
-        half, to_half = from_width / 2 - 24, to_width / 2 - 24
+        half = from_width / 2 - 24
+        to_half = to_width / 2 - 24
         x1 = min(max(to_x, from_x - half), from_x + half)
         x2 = min(max(from_x, to_x - to_half), to_x + to_half)
-        y1, y2 = from_y + BOX_HEIGHT, to_y
+        y1 = from_y + BOX_HEIGHT
+        y2 = to_y
         parts.append(f'<path d="M{x1:.0f} {y1} L{x2:.0f} {y2}" marker-end="url(#tip)"/>')
         at = f'x="{(x1 + x2) / 2:.0f}" y="{(y1 + y2) / 2 + 4:.0f}"'
         labels.append(f'<text class="count" {at}>{arrows[source, target]}</text>')
@@ -131,7 +137,8 @@ def picture() -> str:
         ][:MOST_OTHERS]
         core, all_lines = lines[room]
         sizes = f"{all_lines / 1000:.1f} k lines" + (f", core {core / 1000:.1f} k" if core else "")
-        at, style = f'x="{x - width / 2:.0f}" y="{y}" height="{BOX_HEIGHT}"', f'class="{room}" rx="6"'
+        at = f'x="{x - width / 2:.0f}" y="{y}" height="{BOX_HEIGHT}"'
+        style = f'class="{room}" rx="6"'
         parts += [
             f'<rect {at} width="{width}" {style}/>',
             f'<rect {at} width="{width * core / all_lines:.0f}" class="core"/>',

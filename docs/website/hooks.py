@@ -68,10 +68,12 @@ def on_page_markdown(markdown: str, page: Page, **_others: Any) -> str:
             return match[0]
         there = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
         if message := MESSAGE.fullmatch(there):
-            there, fragment = "docs/reference/messages.md", f"{message[1].lower()}v{message[2]}"
+            there = "docs/reference/messages.md"
+            fragment = f"{message[1].lower()}v{message[2]}"
         if not source.startswith("docs/explanation/"):  # there, the files themselves are meant
             if service := PARAMETERS.fullmatch(there):
-                there, fragment = "docs/reference/parameters.md", service[1].replace("_", "-")
+                there = "docs/reference/parameters.md"
+                fragment = service[1].replace("_", "-")
             there = f"docs/{SOURCES[there]}" if there in SOURCES else there
         there = f"docs/{ELSEWHERE[there]}" if there in ELSEWHERE else there
         if not there.startswith("docs/"):

@@ -35,7 +35,8 @@ class Leaky:
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Return the object under the cursor, its progress, and what to select now."""
-        now_ns, under = pointing.cursor.stamp_ns, pointing.under
+        now_ns = pointing.cursor.stamp_ns
+        under = pointing.under
         passed_s = min((now_ns - self._stamp_ns) / NS_PER_S, LONGEST_STEP_S)
         self._stamp_ns = now_ns
         for each in [each for each in self._gathered_s if each != under]:

@@ -286,7 +286,8 @@ class DeniedOperations:
         if line.startswith(TARGET, end + 2):  # a newcomer controls parts of the rest
             self._take_other(line, where, "")
             return
-        decision, works_out = line.find(DECISION), line.find(WORKS_OUT)
+        decision = line.find(DECISION)
+        works_out = line.find(WORKS_OUT)
         if works_out >= 0 and (decision < 0 or works_out < decision):  # the key that follows may be any text
             self._working_out[where] = KINDS
         elif line.startswith(SLOWED_TARGET, end + 2):
@@ -427,7 +428,8 @@ class DeniedOperations:
         who = self._name_of(connection)
         if who not in self._attempts and len(self._attempts) >= MAX_NAMES:
             return
-        attempts, attempt = self._attempts[who], (verb, _without(key))
+        attempts = self._attempts[who]
+        attempt = (verb, _without(key))
         if attempt in attempts or len(attempts) < MAX_NAMES:
             attempts[attempt] += times
 

@@ -108,7 +108,8 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
     tested = [f"{root}/{ROOM}/{name}/*"]
     for verb in VERBS:
         tested += tests(getattr(rights, verb), verb)
-    written, read = [*at(rights.writes), *late(rights.writes)], [*at(rights.reads), *late(rights.reads)]
+    written = [*at(rights.writes), *late(rights.writes)]
+    read = [*at(rights.reads), *late(rights.reads)]
     site_wide = list(all_key_expressions(site)[:2])
     grants: Sequence[tuple[str, Sequence[str], str, list[str]]] = (
         ("write", ("put",), "ingress", [*written, *tested]),
@@ -208,7 +209,8 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
             named = f"{subject}/{member.role}"
             policies.append({"id": named, "rules": [rule["id"] for rule in own], "subjects": [subject]})
         if router_site.former:
-            nothing, former = f"{router_site.site}/nothing", f"{router_site.site}/former ones"
+            nothing = f"{router_site.site}/nothing"
+            former = f"{router_site.site}/former ones"
             rules.append(_nothing(router_site.site, nothing))
             subjects.append({"id": former, who: list(router_site.former)})
             policies.append({"rules": [nothing], "subjects": [former]})

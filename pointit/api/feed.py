@@ -89,7 +89,8 @@ class ReceiveBuffer(Generic[U]):
     def close(self, error: Exception | None = None) -> None:
         """Stop adding. Readers get the pending messages, then `error` or the end."""
         if not self._is_closed:
-            self._is_closed, self._error = True, error
+            self._is_closed = True
+            self._error = error
             self._changed.set()
             if self.source is not None:
                 self.source.close()
@@ -359,7 +360,8 @@ class FunctionTarget:
     """A function that carries out acts. Its return means that the act is done."""
 
     def __init__(self, function: Reaction, limit_s: float) -> None:
-        self._function, self._limit_s = function, limit_s
+        self._function = function
+        self._limit_s = limit_s
         self._name = getattr(function, "__name__", repr(function))
         self._running: dict[asyncio.Task[None], Act] = {}
         """Calls that run, also those in threads whose act has ended: a thread cannot be cancelled."""

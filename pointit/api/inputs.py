@@ -86,7 +86,8 @@ class _Person:
 
     async def next(self, patience_s: float) -> Interaction | None:
         """Return the interaction after the next Interaction or cue, or None if neither arrives."""
-        before, self._is_cued = self._newest, False
+        before = self._newest
+        self._is_cued = False
         await self._until(lambda: self._newest is not before or self._is_cued, patience_s)
         if self._is_cued:
             await self._until(lambda: self._newest is not before, CUE_FIRST_S)

@@ -55,7 +55,8 @@ class Run:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        running, self._running = self._running, None
+        running = self._running
+        self._running = None
         return None if running is None else await running.__aexit__(kind, error, trace)
 
     def __enter__(self) -> SyncSite:
@@ -65,7 +66,8 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        site, self._sync = self._sync, None
+        site = self._sync
+        self._sync = None
         if site is not None:
             site.close()
 

@@ -82,7 +82,8 @@ class TokenMiddleware:
         """Serve one request."""
         if scope["type"] != "http":
             return
-        asked, now_s = request_info(scope), time.monotonic()
+        asked = request_info(scope)
+        now_s = time.monotonic()
         role = self._access.admit(asked, now_s) if asked.bearer else None
         if not self._access.is_known_host(asked.host) or (
             asked.origin and not self._access.is_own_origin(asked)

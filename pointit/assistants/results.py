@@ -149,7 +149,8 @@ async def people(site: Site) -> People:
     steered = {state.user: robot for robot, state in site.latest.robot.items() if state.user}
     people: list[Person] = []
     for name in sorted(await present(site)):
-        pose, interaction = site.latest.pose.get(name), site.latest.interaction.get(name)
+        pose = site.latest.pose.get(name)
+        interaction = site.latest.interaction.get(name)
         people.append(
             Person(
                 name=name,

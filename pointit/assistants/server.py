@@ -58,7 +58,8 @@ class SiteServer(MCPServer[Any]):
 def make_server(tools: Tools) -> MCPServer[Any]:
     """Return the server."""
     server = SiteServer("pointit", title="PointIt", instructions=INSTRUCTIONS, version=pointit_version())
-    add, guarded = server.add_tool, tools.guarded
+    add = server.add_tool
+    guarded = tools.guarded
     add(guarded(tools.who_is_here, needs="viewer"), annotations=LOOK)
     add(guarded(tools.things, needs="viewer"), annotations=LOOK)
     add(guarded(tools.what_is_pointed_at, needs="operator"), annotations=LOOK)

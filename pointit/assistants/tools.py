@@ -119,7 +119,8 @@ async def wait_for(site: Site, user: str, names: Collection[str], timeout_s: flo
         PointItError: If they are not there, or nobody keeps where they point.
     """
     last = await pointed(site, user, None)
-    before, looked_ns = "", 0
+    before = ""
+    looked_ns = 0
     feed = site.cursors(user)
     try:
         async for cursor in feed.during(timeout_s):
@@ -179,7 +180,8 @@ class Tools:
         shown = inspect.signature(tool)
         context = inspect.Parameter("ctx", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Ctx)
         parameters = [context, *list(shown.parameters.values())[1:]]
-        called.__name__, called.__doc__ = tool.__name__, tool.__doc__
+        called.__name__ = tool.__name__
+        called.__doc__ = tool.__doc__
         called.__annotations__ = {each.name: each.annotation for each in parameters}
         vars(called)["__signature__"] = shown.replace(parameters=parameters)
         return called
@@ -197,12 +199,14 @@ class Tools:
             PointItError: If that cannot be written, before the block.
         """
         call = self._audit.begin(caller, role, what, asked)
-        outcome, text = "failed", ""
+        outcome = "failed"
+        text = ""
         try:
             yield
             outcome = "done"
         except PointItError as error:
-            outcome, text = "refused", hide_secrets(str(error))
+            outcome = "refused"
+            text = hide_secrets(str(error))
             raise
         except asyncio.CancelledError:
             outcome = "cancelled"
@@ -361,7 +365,8 @@ async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3)
     Raises:
         PointItError: If it is not in time. Gives the robot's reason.
     """
-    reason, first_ns = "it does not answer", 0
+    reason = "it does not answer"
+    first_ns = 0
     async for state in states.during(SET_OFF_S):
         first_ns = first_ns or state.stamp_ns
         if state.user != user:

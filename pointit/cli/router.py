@@ -129,7 +129,8 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
 
 
 async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
-    loop, limits = asyncio.get_running_loop(), ConnectionLimits(max_connections)
+    loop = asyncio.get_running_loop()
+    limits = ConnectionLimits(max_connections)
 
     def close_blocked() -> None:
         """Close connections of identities that are cut off, as soon as those by passwords are known."""
@@ -179,8 +180,10 @@ async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimi
 
     Connections beyond the limit of an identity are closed.
     """
-    loop, recent = asyncio.get_running_loop(), RecentDenials()
-    before_s, logged = loop.time(), set[str]()
+    loop = asyncio.get_running_loop()
+    recent = RecentDenials()
+    before_s = loop.time()
+    logged = set[str]()
     while True:
         await asyncio.sleep(TELL_S)
         now_s = loop.time()

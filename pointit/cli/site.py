@@ -57,7 +57,8 @@ def rows_of(state: SiteFolderState, names: Iterable[str], now: dt.datetime) -> l
 def _about(
     one: Identity | LinkFile, until: dt.datetime | None, state: str, now: dt.datetime
 ) -> dict[str, Any]:
-    standing, day = _standing(state, until, now), until and until.date().isoformat()
+    standing = _standing(state, until, now)
+    day = until and until.date().isoformat()
     return {"role": one.role, "generation": one.generation, "state": standing, "until": day}
 
 

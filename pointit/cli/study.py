@@ -296,7 +296,8 @@ class TerminalView:
             if key == "s":
                 if not self._is_paused:  # the trial does not go on while the reason is typed
                     self._commands.append(StudyCommand("pause"))
-                self._typed, self._asks_reason = "", True
+                self._typed = ""
+                self._asks_reason = True
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif key in KEYS:
                 self._commands.append(KEYS[key])
@@ -304,7 +305,8 @@ class TerminalView:
             self._write("\n")
             if self._asks_reason:
                 self._commands.append(StudyCommand("skip", self._typed.strip()))
-                self._typed, self._asks_reason = None, False
+                self._typed = None
+                self._asks_reason = False
             else:
                 self._entered.set()
         elif key in "\x7f\b":
@@ -316,10 +318,12 @@ class TerminalView:
 
     async def _read(self, text: str) -> str:
         self._write(f"\r\x1b[K{text}")
-        self._typed, self._asks_reason = "", False
+        self._typed = ""
+        self._asks_reason = False
         self._entered.clear()
         await self._entered.wait()
-        typed, self._typed = self._typed or "", None
+        typed = self._typed or ""
+        self._typed = None
         return typed
 
     def _write(self, text: str) -> None:

@@ -149,7 +149,8 @@ def activity_lines(monitor: Monitor, width: int) -> RenderableType:
             where = f"{place}{cursor.position_m:.2f} m"
         elif cursor is not None and cursor.solid:
             where = cursor.solid if narrow else f"{cursor.solid} {cursor.surface_id}"
-        kind, filled = "-", 0
+        kind = "-"
+        filled = 0
         if hover is not None and hover.object_id:
             kind = monitor.score.kinds.get(hover.object_id) or "?"
             filled = round(bar * hover.progress)
@@ -161,7 +162,8 @@ def activity_lines(monitor: Monitor, width: int) -> RenderableType:
 
 
 def _pose(pose: UserPose, now_ns: int) -> list[Text]:
-    sigma_m, sigma_deg = position_sigma_m(pose.covariance), yaw_sigma_deg(pose)
+    sigma_m = position_sigma_m(pose.covariance)
+    sigma_deg = yaw_sigma_deg(pose)
     place = Text(f"{pose.position_m[0]:.2f}, {pose.position_m[1]:.2f}")
     yaw = Text(f"{math.degrees(math.remainder(pose.yaw_rad, math.tau)):.1f}°")
     if sigma_m > 0.0:
@@ -254,7 +256,8 @@ class ConsoleView:
         )
 
     def _subtitle(self, whole_width: int) -> str:
-        is_roomy, left_s = whole_width >= ROOMY_WIDTH, self.remaining_s()
+        is_roomy = whole_width >= ROOMY_WIDTH
+        left_s = self.remaining_s()
         if self.is_looked_on:
             if left_s <= 0:
                 is_open = "a page is open"

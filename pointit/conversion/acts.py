@@ -127,7 +127,8 @@ class ActDetector:
 
     def on_hover(self, user: str, hover: Hover) -> None:
         """Begin, continue or end an act."""
-        act, now_ns = self._acts.get(user), hover.stamp_ns
+        act = self._acts.get(user)
+        now_ns = hover.stamp_ns
         if act is not None and (
             now_ns - act.last_ns > GAP_S * NS_PER_S or hover.object_id not in ("", act.object_id)
         ):
@@ -184,7 +185,8 @@ class ActDetector:
         cursor = self._cursors.get(user)
         act = _OpenAct(object_id=object_id, kind=self._kind(object_id), begin_ns=now_ns, last_ns=now_ns)
         if cursor is not None:
-            act.surface, act.surface_id = cursor.solid or cursor.surface, cursor.surface_id
+            act.surface = cursor.solid or cursor.surface
+            act.surface_id = cursor.surface_id
         self._acts[user] = act
         return act
 
@@ -199,7 +201,8 @@ class ActDetector:
         is_open = event.user in self._acts
         act = self._acts.get(event.user) if is_open else self._ended_acts.get(event.user)
         if act is not None and act.object_id != event.object_id:
-            is_open, act = False, self._ended_acts.get(event.user)
+            is_open = False
+            act = self._ended_acts.get(event.user)
         if (
             act is None
             or act.object_id != event.object_id

@@ -45,10 +45,12 @@ BIDS_VERSION = "1.10.0"
 """Version of the standard that the files keep to."""
 TICK = 1000
 """Entries between two reports of progress."""
-AXES, QUATERNION = ("x", "y", "z"), ("quat_x", "quat_y", "quat_z", "quat_w")
+AXES = ("x", "y", "z")
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 PERSON_KINDS = ("person", "person_frame")
 """Kinds of tracked objects whose ids are people."""
-_DESCRIPTION, _PARTICIPANTS = "dataset_description.json", "participants.tsv"
+_DESCRIPTION = "dataset_description.json"
+_PARTICIPANTS = "participants.tsv"
 
 _EVENT_COLUMNS = {
     "trial_type": {"Description": "event of the object"},
@@ -168,7 +170,8 @@ class _RecordedMotion:
         """Number of messages by topic of those that have no file."""
 
     def add(self, entry: Entry) -> None:
-        message, name = entry.body, entry.name
+        message = entry.body
+        name = entry.name
         match message:
             case ImuSample():
                 self._add(name, "imu", message.stamp_ns, _imu_cells(message))
@@ -219,7 +222,8 @@ class _RecordedMotion:
         stamps_ns = [event.stamp_ns for event in self._events]
         for table in self._tables.values():
             stamps_ns += min(table.stamps_ns), max(table.stamps_ns)
-        onset_ns, duration_s = min(stamps_ns), (max(stamps_ns) - min(stamps_ns)) / NS_PER_S
+        onset_ns = min(stamps_ns)
+        duration_s = (max(stamps_ns) - min(stamps_ns)) / NS_PER_S
         rows: dict[Path, int] = {}
         for (owner, system), table in self._tables.items():
             channels = table.channels(person)

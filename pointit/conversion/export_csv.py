@@ -98,7 +98,9 @@ FILES = {
 }
 """Tables of the streams, by the topic's key. Other topics, such as pixels and health, are no tables."""
 
-SELECTIONS, ACTS, REQUESTS = "selections.csv", "acts.csv", "requests.csv"
+SELECTIONS = "selections.csv"
+ACTS = "acts.csv"
+REQUESTS = "requests.csv"
 NAMES = (SELECTIONS, ACTS, REQUESTS, *FILES.values())
 
 TICK = 1000
@@ -171,7 +173,8 @@ def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
     base, suffix = (name.rpartition("_")[0], f"_{name.rpartition('_')[2]}") if unit else (name, "")
     head, _, last = base.rpartition("_")
     if last in AXES:
-        base, parts = head, AXES[last]
+        base = head
+        parts = AXES[last]
     elif "color" in name:
         parts = COLORS
     else:
@@ -340,7 +343,8 @@ class _Export:
         self.left_out: Counter[str] = Counter()
 
     def add(self, entry: Entry) -> None:
-        row, body = entry.row, entry.body
+        row = entry.row
+        body = entry.body
         if isinstance(row, topics.Request) and isinstance(body, Exchange):
             self._request(entry.key, body)
         elif isinstance(row, topics.Topic) and isinstance(body, Message):
@@ -393,7 +397,8 @@ class _Export:
     def _request(self, key: str, exchange: Exchange[Any, Any]) -> None:
         if REQUESTS not in self._tables.rows:
             self._tables.create(REQUESTS, _REQUEST_COLUMNS)
-        stamp_ns, reply = exchange.stamp_ns, exchange.reply
+        stamp_ns = exchange.stamp_ns
+        reply = exchange.reply
         cells = (
             (stamp_ns - self._began_ns) / NS_PER_S,
             stamp_ns,

@@ -123,14 +123,16 @@ class BagMessages:
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
         _check_frame(value.header.frame_id, WORLD, f"the pose of {user}")
-        at, turned = value.pose.position, value.pose.orientation
+        at = value.pose.position
+        turned = value.pose.orientation
         yield self._pose(at, turned, value.header, user, time_ns, method="external")
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
         problems: list[UnusableError] = []
         for each in value.transforms:
-            frame, moved = frame_name(each.child_frame_id), each.transform
+            frame = frame_name(each.child_frame_id)
+            moved = each.transform
             if not frame.endswith(PERSON):
                 continue
             user = frame.removesuffix(PERSON)
@@ -156,10 +158,12 @@ class BagMessages:
         """Convert a conveyor_msgs/PackageList."""
         stamp_ns = self._stamp_ns(value.header, time_ns)
         objects: list[TrackedObject] = []
-        before, self._before = self._before, {}
+        before = self._before
+        self._before = {}
         for each in value.packages:
             surface, surface_id, line, along_m = self._along(each.position)
-            name, uid = each.position.name, int(each.uid)
+            name = each.position.name
+            uid = int(each.uid)
             was_ns, was_on, was_m = before.get(uid, (stamp_ns, name, along_m))
             apart_s = (stamp_ns - was_ns) / NS_PER_S
             speed_mps = (along_m - was_m) / apart_s if was_on == name and apart_s > 0.0 else 0.0
@@ -195,7 +199,8 @@ class BagMessages:
     def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PointerList: cursors, and what they are on."""
         for each in value.pointers:
-            user, over = each.user_name, [str(int(uid)) for uid in each.overlay.uids]
+            user = each.user_name
+            over = [str(int(uid)) for uid in each.overlay.uids]
             if each.position.name:
                 surface, surface_id, line, along_m = self._along(each.position)
                 cursor = Cursor(
@@ -329,7 +334,8 @@ class Bag:
             raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
-        types, messages = Types("jazzy"), BagMessages(self.room, self.stamps)
+        types = Types("jazzy")
+        messages = BagMessages(self.room, self.stamps)
         routes: dict[int, tuple[BagRoute, str]] = {}
         for connection in bag.connections:
             why, route, user = self._route(types, connection)

@@ -140,7 +140,8 @@ def _arm(recorded: ImuRecording, user: str, arm: ArmFrame) -> Iterator[Entry]:
 
 
 def _rays(recorded: FloorRecording, user: str) -> Iterator[Entry]:
-    eyes_m, times_ns = recorded.eye_height_m, _times_ns(recorded)
+    eyes_m = recorded.eye_height_m
+    times_ns = _times_ns(recorded)
     for count, (row, (x, y)) in enumerate(rows_of(recorded.floor_m), start=1):
         way = vector.normalized((x, y, -eyes_m))
         ray = PointingRay(stamp_ns=times_ns[row], seq=count, origin_m=(0.0, 0.0, eyes_m), direction=way)

@@ -260,7 +260,8 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for (name, _), group in by_name.items():
         own = sorted(group, key=lambda each: (each.problem == DENIED, is_router(each.service)))
         services = {each.service for each in group}
-        cause, follow = _first_of(own, "denied"), find_consequences(services, seen)
+        cause = _first_of(own, "denied")
+        follow = find_consequences(services, seen)
         if own[0].problem == DENIED and is_router(own[0].service):
             remedy = (
                 f"start it with its own credentials instead of those of {name}, or end it"
@@ -332,7 +333,8 @@ def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for group in by_remark.values():
         group.sort(key=lambda each: each.code != "twice")
         services = {each.service for each in group}
-        cause, follow = _first_of(group, "twice"), find_consequences(services, seen)
+        cause = _first_of(group, "twice")
+        follow = find_consequences(services, seen)
         yield _also(cause, follow)
 
 

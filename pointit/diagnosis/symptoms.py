@@ -59,7 +59,8 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         yield from _counters(instance, reports[0].health, health)
         yield from _certainty(instance, health)
         for problem in health.all_problems:
-            sentence, subject = one_line(problem.sentence), one_line(problem.subject, LONGEST_HOST)
+            sentence = one_line(problem.sentence)
+            subject = one_line(problem.subject, LONGEST_HOST)
             if problem.code == REFUSED_ACTS and subject in seen.present:
                 continue  # it reports its own problem
             if problem.code == IDLE_ARM and _is_simulated(person_of(instance), seen):
@@ -142,7 +143,8 @@ def _is_simulated(user: str, seen: Observation) -> bool:
 
 def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     """Find a pose that is uncertain, and the remedy."""
-    where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
+    where_m = figure(health, POSITION_SIGMA)
+    yaw_deg = figure(health, YAW_SIGMA)
     age_s = figure(health, ANCHOR_AGE)
     if any(each.code == UNCERTAIN for each in health.all_problems):
         return  # it reports this itself, with a remedy

@@ -133,19 +133,23 @@ def solve_lasting(linearization: Linearization) -> YawStep | None:
     freedom = 3 * max(1, len(ages_s) - count)
     white = max(MIN_WHITE_RAD**2, float((linearization.weights[:, None] * within).sum()) / freedom)
     apart_s = np.abs(means[:, -1, None] - means[None, :, -1])
-    steps, variances, scores = list[Array](), list[float](), list[float]()
+    steps = list[Array]()
+    variances = list[float]()
+    scores = list[float]()
     for sigma_rad, time_s in LASTING_ERRORS:
         covariance = np.diag(white / sizes) + sigma_rad**2 * np.exp(-apart_s / time_s)
         root = np.linalg.cholesky(covariance)
         whitened = solve_triangular(root, means[:, :-1], lower=True, check_finite=False)
-        matrix, residuals = whitened[:, :-3].reshape(3 * count, -1), whitened[:, -3:].ravel()
+        matrix = whitened[:, :-3].reshape(3 * count, -1)
+        residuals = whitened[:, -3:].ravel()
         information = matrix.T @ matrix + linearization.precision
         try:
             inverse = np.linalg.inv(information)
         except np.linalg.LinAlgError:  # level turns without any noise, of simulations: the yaw does not show
             return None
         step = inverse @ (matrix.T @ residuals - linearization.precision @ linearization.offset)
-        left, offset = residuals - matrix @ step, linearization.offset + step
+        left = residuals - matrix @ step
+        offset = linearization.offset + step
         misfit = float(left @ left) + float(offset @ linearization.precision @ offset)
         log_volume = 6.0 * float(np.log(np.diag(root)).sum()) + float(np.linalg.slogdet(information)[1])
         steps.append(step)
@@ -228,7 +232,8 @@ class ForearmYaw:
 
     def stated(self, now_ns: int) -> ForearmYawEstimate | None:
         """Return `known`. Once after it is lost, return that any yaw is possible, else a pose would stay."""
-        last, self._stated_estimate = self._stated_estimate, self.known(now_ns)
+        last = self._stated_estimate
+        self._stated_estimate = self.known(now_ns)
         if self._stated_estimate is None and last is not None:
             return replace(last, sigma_rad=ANY_YAW_SIGMA_RAD, stamp_ns=now_ns)
         return self._stated_estimate
@@ -241,7 +246,8 @@ class ForearmYaw:
         if estimate is None:
             reason = self._reason or ":"
             return f"the yaw of {person} is not known{reason} {MOVE}"
-        sigma_deg, limit_deg = math.degrees(estimate.sigma_rad), math.degrees(MAX_YAW_SIGMA_RAD)
+        sigma_deg = math.degrees(estimate.sigma_rad)
+        limit_deg = math.degrees(MAX_YAW_SIGMA_RAD)
         return f"the yaw of {person} is uncertain by {sigma_deg:.1f}°, limit {limit_deg:.1f}°: {MOVE}"
 
     def add_arm(self, stamp_ns: int, orientation: Quaternion, epoch: int) -> None:
@@ -269,7 +275,8 @@ class ForearmYaw:
         self._end_contradicted()
         if len(self._pairs) >= MIN_PAIRS and self._pairs[-1].stamp_ns - self._solved_ns >= SOLVE_PERIOD_NS:
             self._solved_ns = self._pairs[-1].stamp_ns
-            fit, old = _solve(list(self._pairs)), self._estimate and self._estimate.aged(self._solved_ns)
+            fit = _solve(list(self._pairs))
+            old = self._estimate and self._estimate.aged(self._solved_ns)
             if isinstance(fit, _Fit) and (old is None or _replaces(fit.estimate, old)):
                 self._estimate, self._mount_rotation, self._level_rad, self._reason = *fit, 0.0, ""
             elif old is None:
@@ -281,7 +288,9 @@ class ForearmYaw:
 
     def _end_contradicted(self) -> None:
         """End the estimate if the newest samples contradict it: most by more than noise and drift explain."""
-        old, mount, newest = self._estimate, self._mount_rotation, self._newest
+        old = self._estimate
+        mount = self._mount_rotation
+        newest = self._newest
         if old is None or mount is None or len(newest) < MIN_CONTRADICTIONS:
             return
         now_ns = newest[-1].stamp_ns
@@ -379,7 +388,8 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     arms, bodies, rates = turns
     stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
     columns = np.zeros((len(pairs), 3, 6))
-    columns[:, 2, 0], columns[:, :, 4] = 1.0, rates
+    columns[:, 2, 0] = 1.0
+    columns[:, :, 4] = rates
     columns[:, 2, 5] = (stamps_ns - stamps_ns[-1]) / NS_PER_S
     parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw
     parameters[0] = _first_yaw(arms, bodies)
@@ -408,7 +418,8 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     if result is None:
         return None
     parameters += result.parameters
-    yaw_rad, sigma_rad = math.remainder(float(parameters[0]), math.tau), math.sqrt(result.variance)
+    yaw_rad = math.remainder(float(parameters[0]), math.tau)
+    sigma_rad = math.sqrt(result.variance)
     estimate = ForearmYawEstimate(yaw_rad, sigma_rad, pairs[-1].stamp_ns, float(parameters[4]))
     return _Fit(estimate, Rotation.from_rotvec(result.parameters[1:4]) * mount)
 
@@ -426,7 +437,8 @@ def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
     chosen = np.linspace(0, len(arm_rotations) - 1, min(len(arm_rotations), 40)).astype(int)
     first, second = np.triu_indices(len(chosen), 1)
-    first, second = chosen[first], chosen[second]
+    first = chosen[first]
+    second = chosen[second]
     a = (arm_rotations[second] * arm_rotations[first].inv()).as_rotvec()
     b = (body_rotations[second] * body_rotations[first].inv()).as_rotvec()
     across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())

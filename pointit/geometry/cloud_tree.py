@@ -99,7 +99,8 @@ class CloudTree:
         self, level: _Level, remaining: Indices, ray: _Ray, bound: float
     ) -> tuple[Indices, Indices, float]:
         """Return the children of `remaining` that may hold the closest point, and a bound of its miss."""
-        places, radii = level.places.take(remaining, axis=0), level.radii.take(remaining, axis=0)
+        places = level.places.take(remaining, axis=0)
+        radii = level.radii.take(remaining, axis=0)
         along, square = _seen(places, ray)
         costs = self._costs(along, square, ray)
         best = int(costs.argmin())

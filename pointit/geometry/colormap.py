@@ -119,6 +119,7 @@ def colormap(name: str) -> Colormap:
             f"there is no colormap {name!r}; use one of {', '.join(_TABLES)}, with _r for reversed"
         )
     nodes = np.frombuffer(bytes.fromhex(table), dtype=np.uint8).reshape(NODES, 3)
-    at, places = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, NODES)
+    at = np.linspace(0.0, 1.0, 256)
+    places = np.linspace(0.0, 1.0, NODES)
     colors = np.column_stack([np.rint(np.interp(at, places, nodes[:, channel])) for channel in range(3)])
     return Colormap(name, (colors[::-1] if name.endswith(REVERSED) else colors).astype(np.uint8))

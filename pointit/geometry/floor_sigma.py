@@ -54,7 +54,8 @@ def place_sigma_m(
     turn = np.array([[1.0, 0.0, -over[1]], [0.0, 1.0, over[0]]])
     spread = turn @ np.array(covariance).reshape(3, 3) @ turn.T
     reach = np.array(place_m) - np.array(origin_m)
-    range_m, level_m = float(np.linalg.norm(reach)), float(np.hypot(reach[0], reach[1]))
+    range_m = float(np.linalg.norm(reach))
+    level_m = float(np.hypot(reach[0], reach[1]))
     aim_m = aim_sigma_rad * range_m
     if aim_m > 0.0:
         slope = abs(float(reach[2])) / range_m if is_level else 1.0

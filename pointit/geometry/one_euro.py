@@ -47,7 +47,10 @@ class OneEuro:
         """
         passed_s = None if self._at_s is None else at_s - self._at_s
         if passed_s is None or not 0.0 <= passed_s <= GAP_S:
-            self._at_s, self._came, self._gave, self._rate = at_s, direction, direction, _STILL
+            self._at_s = at_s
+            self._came = direction
+            self._gave = direction
+            self._rate = _STILL
             return direction
         if passed_s == 0.0:  # same time: only the position is updated
             self._came = direction
@@ -57,14 +60,19 @@ class OneEuro:
         weight = turn / (1.0 + turn)  # 1/(1 + 1/(2π f Δt)), here and below
         # cross and dot products are written out: this runs for every sample
         (x, y, z), (ax, ay, az) = direction, self._came
-        turn_x, turn_y, turn_z = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        turn_x = ay * z - az * y
+        turn_y = az * x - ax * z
+        turn_z = ax * y - ay * x
         sine = math.hypot(turn_x, turn_y, turn_z)
         angle = math.atan2(sine, ax * x + ay * y + az * z)
         gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
         keep = 1.0 - weight
         x, y, z = self._rate
-        x, y, z = keep * x + gain * turn_x, keep * y + gain * turn_y, keep * z + gain * turn_z
-        self._rate, self._came = (x, y, z), direction
+        x = keep * x + gain * turn_x
+        y = keep * y + gain * turn_y
+        z = keep * z + gain * turn_z
+        self._rate = (x, y, z)
+        self._came = direction
         turn = (self._min_cutoff + RISE * math.hypot(x, y, z)) * passed_s
         self._gave = gave = _between(self._gave, direction, turn / (1.0 + turn))
         return gave
@@ -78,5 +86,6 @@ def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
     if sine < 1e-9:  # no arc, or not a unique one
         return start if cosine > 0.0 else end
     angle = math.atan2(sine, cosine)
-    first, second = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine
+    first = math.sin((1.0 - share) * angle) / sine
+    second = math.sin(share * angle) / sine
     return vector.normalized((first * ax + second * bx, first * ay + second * by, first * az + second * bz))

@@ -47,7 +47,9 @@ class Hit(NamedTuple):
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
     (px, py, pz), (ox, oy, oz), (dx, dy, dz) = point_m, origin_m, direction
-    x, y, z = px - ox, py - oy, pz - oz
+    x = px - ox
+    y = py - oy
+    z = pz - oz
     along = dx * x + dy * y + dz * z
     across = math.hypot(dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
     range_m = math.hypot(x, y, z)
@@ -63,20 +65,26 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     nearest. The point at the ray's own origin has no angle and is chosen last.
     """
     (ax, ay, az), (ux, uy, uz), (dx, dy, dz) = a, u, d
-    p, q = dx * ax + dy * ay + dz * az, dx * ux + dy * uy + dz * uz
-    aa, au, uu = ax * ax + ay * ay + az * az, ax * ux + ay * uy + az * uz, ux * ux + uy * uy + uz * uz
-    best_t, best_cost = 0.0, (-p / math.sqrt(aa) if aa > TINY else 1.0)
+    p = dx * ax + dy * ay + dz * az
+    q = dx * ux + dy * uy + dz * uz
+    aa = ax * ax + ay * ay + az * az
+    au = ax * ux + ay * uy + az * uz
+    uu = ux * ux + uy * uy + uz * uz
+    best_t = 0.0
+    best_cost = -p / math.sqrt(aa) if aa > TINY else 1.0
     square = aa + (2.0 * au + uu)
     cost = -(p + q) / math.sqrt(square) if square > TINY else 1.0
     if cost < best_cost:
-        best_t, best_cost = 1.0, cost
+        best_t = 1.0
+        best_cost = cost
     along = p * uu - q * au
     t = (q * aa - p * au) / (along if along > TINY else TINY)  # noqa: FURB136 - `max` costs as much as all this
     if 0.0 < t < 1.0:  # beyond, it is an end
         square = aa + t * (2.0 * au + t * uu)
         cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0
         if cost < best_cost:
-            best_t, best_cost = t, cost
+            best_t = t
+            best_cost = cost
     return best_t, best_cost
 
 
@@ -148,7 +156,8 @@ class Polyline:
     def nearest_to(self, points_m: Array) -> tuple[Array, Array]:
         """Return the arc length nearest to each of `points_m` (k x 3), and its distance, m (k each)."""
         steps_m = np.diff(self.starts_m)
-        positions_m, apart_m = np.zeros(len(points_m)), np.zeros(len(points_m))
+        positions_m = np.zeros(len(points_m))
+        apart_m = np.zeros(len(points_m))
         rows = max(AT_ONCE // len(steps_m), 1)
         for start in range(0, len(points_m), rows):
             part = slice(start, start + rows)

@@ -114,7 +114,8 @@ class SolidCaster:
             hit = make_hit(i, 0.0, point, origin_m, direction)
             miss = hit.miss_rad
             if miss <= best_miss and (best is None or miss < best_miss - SAME or hit.range_m < best.range_m):
-                best, best_miss = hit, miss
+                best = hit
+                best_miss = miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
@@ -240,12 +241,16 @@ class RayCaster:
                 if within is None:
                     continue
                 low, high = within
-                a, u = vector.add(a, vector.scale(span, low)), vector.scale(span, high - low)
+                a = vector.add(a, vector.scale(span, low))
+                u = vector.scale(span, high - low)
             else:
-                low, high, u = 0.0, 1.0, span
+                low = 0.0
+                high = 1.0
+                u = span
             t, cost = nearest_in_angle(a, u, direction)
             if cost < min_distance:
-                best, min_distance = (segment, low + t * (high - low)), cost
+                best = (segment, low + t * (high - low))
+                min_distance = cost
         return best
 
     def _among_many(
@@ -258,13 +263,20 @@ class RayCaster:
             return None
         segments = self._runs.take(candidates, axis=1)
         flat = segments.reshape(7, -1)
-        a, u, uu = flat[:3] - origin, flat[3:6], flat[6]
-        p, q = d @ a, d @ u
+        a = flat[:3] - origin
+        u = flat[3:6]
+        uu = flat[6]
+        p = d @ a
+        q = d @ u
         low, high = _spans_within(p, q, reach_m) if reach_m < math.inf else (None, None)
         if low is not None and high is not None:
-            a, u, uu = a + low * u, (high - low) * u, (high - low) ** 2 * uu
-            p, q = p + low * q, (high - low) * q
-        aa, au = np.einsum("ij,ij->j", a, a), np.einsum("ij,ij->j", a, u)
+            a = a + low * u
+            u = (high - low) * u
+            uu = (high - low) ** 2 * uu
+            p = p + low * q
+            q = (high - low) * q
+        aa = np.einsum("ij,ij->j", a, a)
+        au = np.einsum("ij,ij->j", a, u)
         t, cost = _nearest_in_angle(p, q, aa, au, uu)
         if low is not None and high is not None:
             cost[:, high < low] = math.inf
@@ -312,7 +324,8 @@ def _segments(line: Polyline, target: int) -> list[_Segment]:
     positions: list[float] = line.starts_m.tolist()
     segments: list[_Segment] = []
     for i, (start, end) in enumerate(pairwise(vertices)):
-        a, b = (start[0], start[1], start[2]), (end[0], end[1], end[2])
+        a = (start[0], start[1], start[2])
+        b = (end[0], end[1], end[2])
         length = positions[i + 1] - positions[i]
         segments.append(_Segment(a, vector.subtract(b, a), positions[i], length, target))
     return segments
@@ -320,7 +333,8 @@ def _segments(line: Polyline, target: int) -> list[_Segment]:
 
 def _cuts(segment: _Segment) -> list[_Segment]:
     count = max(1, math.ceil(segment.length_m / RUN_M))
-    span, length = vector.scale(segment.span_m, 1.0 / count), segment.length_m / count
+    span = vector.scale(segment.span_m, 1.0 / count)
+    length = segment.length_m / count
     return [
         _Segment(
             vector.add(segment.start_m, vector.scale(segment.span_m, i / count)),

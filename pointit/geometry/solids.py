@@ -86,7 +86,10 @@ def _side(a: Vec2, b: Vec2, c: Vec2) -> float:
 
 def do_intersect(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
     """Return True if the segments from a to b and from c to d cross or touch."""
-    abc, abd, cda, cdb = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    abc = _side(a, b, c)
+    abd = _side(a, b, d)
+    cda = _side(c, d, a)
+    cdb = _side(c, d, b)
     if abc * abd < 0.0 and cda * cdb < 0.0:
         return True
     return (
@@ -123,7 +126,8 @@ class CylinderSolid:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         x, y, z = vector.subtract(origin_m, self._foot)
         dx, dy, dz = direction
-        first, last = -math.inf, math.inf
+        first = -math.inf
+        last = math.inf
         level = math.hypot(dx, dy)
         across = abs(x * dy - y * dx) / level if level > 1e-12 else math.hypot(x, y)
         if across > self._radius:
@@ -131,10 +135,13 @@ class CylinderSolid:
         if level > 1e-12:
             middle = -(x * dx + y * dy) / level**2
             half = math.sqrt((self._radius - across) * (self._radius + across)) / level
-            first, last = middle - half, middle + half
+            first = middle - half
+            last = middle + half
         if abs(dz) > 1e-12:
-            foot, top = -z / dz, (self._height - z) / dz
-            first, last = max(first, min(foot, top)), min(last, max(foot, top))
+            foot = -z / dz
+            top = (self._height - z) / dz
+            first = max(first, min(foot, top))
+            last = min(last, max(foot, top))
         elif not 0.0 <= z <= self._height:
             return None
         return _first_ahead(first, last)
@@ -151,18 +158,22 @@ class CylinderSolid:
         return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
 
     def _closest_point(self, own: Vec3, d: Vec3) -> Vec3:
-        best, min_distance = own, math.inf
+        best = own
+        min_distance = math.inf
         for x, y, outwards in self._touched(own):
-            start, span = (x, y, 0.0), (0.0, 0.0, self._height)
+            start = (x, y, 0.0)
+            span = (0.0, 0.0, self._height)
             t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
             if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
                 return (x, y, t * self._height)  # the cylinder is beyond the tangent plane
             if cost < min_distance:
-                best, min_distance = (x, y, t * self._height), cost
+                best = (x, y, t * self._height)
+                min_distance = cost
         for z in (0.0, self._height):
             point, cost = self._on_rim(own, d, z)
             if cost < min_distance:
-                best, min_distance = point, cost
+                best = point
+                min_distance = cost
         return best
 
     def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
@@ -175,10 +186,12 @@ class CylinderSolid:
             return []
         sine = self._radius / distance
         length = distance * math.sqrt((1.0 - sine) * (1.0 + sine))
-        azimuth, half = math.atan2(-own[1], -own[0]), math.asin(sine)
+        azimuth = math.atan2(-own[1], -own[0])
+        half = math.asin(sine)
         touched: list[tuple[float, float, tuple[float, float]]] = []
         for side in (-1.0, 1.0):
-            c, s = math.cos(azimuth + side * half), math.sin(azimuth + side * half)
+            c = math.cos(azimuth + side * half)
+            s = math.sin(azimuth + side * half)
             touched.append((own[0] + length * c, own[1] + length * s, (-side * s, side * c)))
         return touched
 
@@ -199,16 +212,22 @@ class CylinderSolid:
 
     def _nearest_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
         """Return the minimum of minus the cosine near a point of the rim, and its angle on the rim."""
-        low, high = angle - math.tau / RIM_POINTS, angle + math.tau / RIM_POINTS
-        inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        low = angle - math.tau / RIM_POINTS
+        high = angle + math.tau / RIM_POINTS
+        inner = high - GOLDEN * (high - low)
+        outer = low + GOLDEN * (high - low)
         at_inner, at_outer = (self._minus_cosine(own, d, z, at) for at in (inner, outer))
         for _ in range(GOLDEN_STEPS):
             if at_inner < at_outer:
-                high, outer, at_outer = outer, inner, at_inner
+                high = outer
+                outer = inner
+                at_outer = at_inner
                 inner = high - GOLDEN * (high - low)
                 at_inner = self._minus_cosine(own, d, z, inner)
             else:
-                low, inner, at_inner = inner, outer, at_outer
+                low = inner
+                inner = outer
+                at_inner = at_outer
                 outer = low + GOLDEN * (high - low)
                 at_outer = self._minus_cosine(own, d, z, outer)
         return (at_inner, inner) if at_inner < at_outer else (at_outer, outer)
@@ -266,15 +285,19 @@ class BoxSolid:
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
-        first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
+        first = -math.inf
+        last = math.inf
+        own = self._own(origin_m)
+        ahead = vector.rotate_z(direction, -self._yaw)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
                     return None
                 continue
-            near, far = (-half - x) / d, (half - x) / d
-            first, last = max(first, min(near, far)), min(last, max(near, far))
+            near = (-half - x) / d
+            far = (half - x) / d
+            first = max(first, min(near, far))
+            last = min(last, max(near, far))
         return _first_ahead(first, last)
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3:
@@ -303,7 +326,8 @@ class BoxSolid:
         return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def _on_edges(self, origin_m: Vec3, direction: Vec3) -> Vec3:
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
+        own = self._own(origin_m)
+        ahead = vector.rotate_z(direction, -self._yaw)
         return self._in_room(nearest_on_edges(_box_edges(self._half), own, ahead))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
@@ -373,11 +397,13 @@ class SphereSolid:
 
 def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3) -> Vec3:
     """Return the closest point of the edges to the ray."""
-    best, min_distance = origin_m, math.inf
+    best = origin_m
+    min_distance = math.inf
     for start, span in edges:
         t, cost = nearest_in_angle(vector.subtract(start, origin_m), span, direction)
         if cost < min_distance:
-            best, min_distance = vector.add(start, vector.scale(span, t)), cost
+            best = vector.add(start, vector.scale(span, t))
+            min_distance = cost
     return best
 
 
@@ -477,7 +503,8 @@ class PlaneSolid:
         return vector.add(self._center, across)
 
     def _rim(self, half_u: float, half_v: float) -> list[Edge]:
-        along_u, along_v = vector.scale(self._u, 2.0 * half_u), vector.scale(self._v, 2.0 * half_v)
+        along_u = vector.scale(self._u, 2.0 * half_u)
+        along_v = vector.scale(self._v, 2.0 * half_v)
         corner = self._point(-half_u, -half_v)
         return [
             (corner, along_u),
@@ -517,8 +544,10 @@ class FloorArea(Polygon):
         """Return True if no point of a segment is nearer to the outline than `min_m`."""
         (cx, cy), (dx, dy) = start_m, end_m
         reach_m = min_m + ROUNDING_M
-        west, east = min(cx, dx) - reach_m, max(cx, dx) + reach_m
-        south, north = min(cy, dy) - reach_m, max(cy, dy) + reach_m
+        west = min(cx, dx) - reach_m
+        east = max(cx, dx) + reach_m
+        south = min(cy, dy) - reach_m
+        north = max(cy, dy) + reach_m
         for a, b in self.edges_m:
             (ax, ay), (bx, by) = a, b
             # most edges are farther along one axis alone, which is all that robots have time for
@@ -532,7 +561,8 @@ class FloorArea(Polygon):
 
 
 def _nearest_on(a: Vec2, b: Vec2, point_m: Vec2) -> Vec2:
-    ux, uy = b[0] - a[0], b[1] - a[1]
+    ux = b[0] - a[0]
+    uy = b[1] - a[1]
     along = ((point_m[0] - a[0]) * ux + (point_m[1] - a[1]) * uy) / max(ux * ux + uy * uy, TINY)
     along = min(max(along, 0.0), 1.0)
     return (a[0] + along * ux, a[1] + along * uy)

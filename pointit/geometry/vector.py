@@ -73,7 +73,8 @@ def direction(azimuth_rad: float, elevation_rad: float) -> Vec3:
 
 def rotate_z(a: Vec3, yaw_rad: float) -> Vec3:
     """Return `a` rotated about z."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    c = math.cos(yaw_rad)
+    s = math.sin(yaw_rad)
     return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])
 
 

@@ -249,7 +249,9 @@ class RobotWatcher:
 
     def _on_change(self, change: Change) -> None:
         """Report each change of a robot's user and of its reason."""
-        name, state, previous = change.name, change.message, cast("RobotState | None", change.previous)
+        name = change.name
+        state = change.message
+        previous = cast("RobotState | None", change.previous)
         if not isinstance(state, RobotState):
             return
         self.score.on_state(name, state)

@@ -58,13 +58,15 @@ def read_cloud(path: Path, entry: CloudEntry) -> Points:
     points: Points = read_points(path, entry.columns)
     lowest = points.min(axis=0)
     matrix = np.rint([rotate(UP_AXES[entry.up], axis) for axis in _AXES])
-    c, s = np.cos(np.radians(entry.yaw_deg)), np.sin(np.radians(entry.yaw_deg))
+    c = np.cos(np.radians(entry.yaw_deg))
+    s = np.sin(np.radians(entry.yaw_deg))
     with np.errstate(over="ignore", invalid="ignore"):  # checked below
         points -= entry.origin
         points *= entry.unit
         points = np.asarray(points @ (matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])))
         points += entry.position
-        low, high = points.min(axis=0), points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
         extent_m = float((high - low).max())
         away_m = float(np.maximum(np.maximum(low, -high), 0.0).max())
     if not MIN_EXTENT_M <= extent_m <= MAX_EXTENT_M:
@@ -144,7 +146,8 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
             lines: Iterable[str] = filter(str.strip, file) if skip else file  # blank lines are no rows
             columns = header.columns
             if header.is_list_before_points:
-                lines, columns = ascii_vertex_lines(itertools.islice(lines, skip, None), header), [0, 1, 2]
+                lines = ascii_vertex_lines(itertools.islice(lines, skip, None), header)
+                columns = [0, 1, 2]
                 skip = 0
             points = _table(path, lines, columns=columns, skip=skip, max_rows=max(rows, 1))[:rows]
     if len(points) < rows:

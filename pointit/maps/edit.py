@@ -379,7 +379,8 @@ class _Document:
         self, end: int, pairs: Pairs, gone: Sequence[bool], added: Sequence[str]
     ) -> Iterator[_Splice]:
         for index, (key, value) in enumerate(pairs):
-            before, end = end, self._end(value)
+            before = end
+            end = self._end(value)
             if not gone[index]:
                 continue
             if not all(gone[:index]):
@@ -403,7 +404,8 @@ class _Document:
 
     def _at(self, mark: Any) -> int:
         """Return the place of `mark` in the text; the parser's own index counts otherwise."""
-        line, column = int(mark.line), int(mark.column)
+        line = int(mark.line)
+        column = int(mark.column)
         return self._lines[line] + column
 
     def _end(self, node: Any) -> int:

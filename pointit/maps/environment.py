@@ -63,7 +63,8 @@ def enters_at(link: LinkEntry, target: Lane) -> float:
 
 def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
     """Yield place and message for each link, bay and thing that names what does not exist, or is off it."""
-    kind, lanes = ("belt" if file.belts else "strip"), lanes_of(file)
+    kind = "belt" if file.belts else "strip"
+    lanes = lanes_of(file)
     known = f"use one of {join_names(lanes)}" if lanes else "the map has neither belts nor strips"
     for index, link in enumerate(file.links):
         for end, name, position in (

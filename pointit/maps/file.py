@@ -220,7 +220,9 @@ def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    loc, kind, value = detail["loc"], detail["type"], detail["input"]
+    loc = detail["loc"]
+    kind = detail["type"]
+    value = detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":
         return f"is missing; add it beside {join_names(value) or 'the name'}"

@@ -43,9 +43,11 @@ def extent(
         flat = points[:, :2]
         places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]
     array = np.array(places or [(0.0, 0.0)], dtype=np.float64)  # tracked objects have no place
-    low, high = array.min(axis=0), array.max(axis=0)
+    low = array.min(axis=0)
+    high = array.max(axis=0)
     margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
-    low, high = low - margin, high + margin
+    low = low - margin
+    high = high + margin
     more = np.array([max(0.0, MIN_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
     return low - more, high + more
 

@@ -173,7 +173,8 @@ def _text(value: object) -> str:
 def _home_action(value: Any) -> str:
     """Return an entity of Home Assistant, or its entity, action and data as JSON."""
     fields = cast("dict[str, Any]", value) if isinstance(value, dict) else {"entity": value, "action": "a.b"}
-    names, data = [fields.get("entity"), fields.get("action")], fields.get("data", {})
+    names = [fields.get("entity"), fields.get("action")]
+    data = fields.get("data", {})
     is_valid = all(isinstance(each, str) and HOME_ENTITY.fullmatch(each) for each in names)
     if not is_valid or not isinstance(data, dict) or fields.keys() - {"entity", "action", "data"}:
         raise ValueError(
@@ -463,7 +464,8 @@ def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
     strips = {name: strip.line for name, strip in file.strips.items()}
     belts = {name: belt.centerline for name, belt in file.belts.items()}
     for name, entry in file.things.items():
-        where, light = f"things.{name}", entry.light
+        where = f"things.{name}"
+        light = entry.light
         if isinstance(light, LinePart):
             yield from _broken_part(f"{where}.light", "strip", light, strips)
         elif light in file.strips and light not in file.lamps:
@@ -498,9 +500,13 @@ def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
 
 
 def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
-    light, at = entry.light, entry.at
-    center_m, size_m, yaw_rad = entry.center, entry.size, entry.yaw_rad
-    strip, part_m = "", (0.0, 0.0)
+    light = entry.light
+    at = entry.at
+    center_m = entry.center
+    size_m = entry.size
+    yaw_rad = entry.yaw_rad
+    strip = ""
+    part_m = (0.0, 0.0)
     if isinstance(at, LinePart):
         belt = file.belts[at.line]
         line, part_m = _part_of_thing(at, belt.centerline)
@@ -546,9 +552,11 @@ def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -
     points = line.points_at(np.r_[start_m, inner, end_m])
     x, y, _ = points[-1] - points[0]
     yaw_rad = math.atan2(y, x) if width_m else 0.0
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    c = math.cos(yaw_rad)
+    s = math.sin(yaw_rad)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    low = (points @ axes).min(axis=0)
+    high = (points @ axes).max(axis=0)
     x, y, z = (axes @ (low + high) / 2.0).tolist()
     a, b, c = np.maximum(high - low + (0.0, width_m, 0.0), THINNEST_M).tolist()
     return (x, y, z), (a, b, c), yaw_rad
@@ -556,10 +564,12 @@ def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -
 
 def _beside(file: MapFile, places_m: NDArray[np.float64], half_m: float) -> LinePart | None:
     """Return the part of a strip beside `places_m` of a belt: of the strip that is beside most of them."""
-    found, max_count = None, 1
+    found = None
+    max_count = 1
     for name, strip in file.strips.items():
         along_m, apart_m = Polyline(strip.line).nearest_to(places_m)
         beside_m = along_m[apart_m <= half_m + BESIDE_BELT_M]
         if len(beside_m) > max_count and np.ptp(beside_m) > ROUNDED_M:
-            found, max_count = LinePart(name, float(beside_m.min()), float(beside_m.max())), len(beside_m)
+            found = LinePart(name, float(beside_m.min()), float(beside_m.max()))
+            max_count = len(beside_m)
     return found

@@ -63,7 +63,8 @@ MAX_NAMED = 200
 
 MAX_CLOUD_POINTS = 20_000
 
-WIDEST_IN, TALLEST_IN = 10.5, 8.5
+WIDEST_IN = 10.5
+TALLEST_IN = 8.5
 
 DPI = 150
 
@@ -90,7 +91,8 @@ def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
     """Draw the belts of a map that is `side_m` long. Return their entries of the legend."""
     for belt in room.belts:
         line = Polyline(belt.line_m)
-        left, right = beside(line, belt.width_m / 2), beside(line, -belt.width_m / 2)
+        left = beside(line, belt.width_m / 2)
+        right = beside(line, -belt.width_m / 2)
         outline = np.vstack([left, right[::-1]])
         axes.add_patch(Polygon(outline, facecolor=BELT, edgecolor=BELT_EDGE, linewidth=0.8, zorder=2))
         name_at, arrows_at = _spaced(line.length_m, side_m / ARROWS_ACROSS, len(belt.id) * side_m * LETTER)
@@ -121,9 +123,11 @@ def draw_links(axes: Axes, room: Environment) -> list[Any]:
     """Draw the links. Return their entries of the legend."""
     lines = _lanes(room)
     for link in room.links:
-        source, target = lines[link.source], lines[link.target]
+        source = lines[link.source]
+        target = lines[link.target]
         leaves = source.length_m if link.source_position_m is None else link.source_position_m
-        start, end = source.point_at(leaves)[:2], target.point_at(link.target_position_m)[:2]
+        start = source.point_at(leaves)[:2]
+        end = target.point_at(link.target_position_m)[:2]
         axes.plot(*start, "o", ms=3, color=LINK, zorder=6)
         if math.dist(start, end) < 0.05:
             continue  # an arrow would be shorter than its head
@@ -176,7 +180,8 @@ def _spaced(length_m: float, step_m: float, name_m: float) -> tuple[float, list[
 
 
 def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> None:
-    place, along = np.array(line.point_at(at_m)[:2]), np.array(line.tangent_at(at_m)[:2])
+    place = np.array(line.point_at(at_m)[:2])
+    along = np.array(line.tangent_at(at_m)[:2])
     across = 1.1 * np.array([along[1], -along[0]])
     tips = np.array([across - along / 2, along / 2, -across - along / 2])
     axes.plot(*(place + size_m * tips).T, color=ARROW, lw=1.3, zorder=3)
@@ -200,7 +205,8 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     is_named = solids <= MAX_NAMED
     patches: list[Patch] = []
     for box in boxes:
-        c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+        c = math.cos(box.yaw_rad)
+        s = math.sin(box.yaw_rad)
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
         outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
         patches.append(Polygon(outline, **_FILL))
@@ -236,7 +242,8 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
                 _name(axes, f"{plane.id} (without end)", plane.center_m)
         return
     u, v = plane_axes(plane.normal)
-    half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
+    half_u = scale(u, plane.size_m[0] / 2)
+    half_v = scale(v, plane.size_m[1] / 2)
     corners = [
         (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -374,7 +381,8 @@ def _draw_clouds(axes: Axes, clouds: Mapping[str, NDArray[np.float64]]) -> list[
     for name, points in clouds.items():
         step = math.ceil(len(points) / MAX_CLOUD_POINTS)
         axes.plot(*points[::step, :2].T, ".", ms=1.2, color=CLOUD, alpha=0.5, rasterized=True, zorder=1.4)
-        x, y = points[:, 0].mean(), points[:, 1].max()
+        x = points[:, 0].mean()
+        y = points[:, 1].max()
         axes.text(float(x), float(y), name, color=SOLID, fontsize=7.5, ha="center", va="bottom", **ON_TOP)
     return [Line2D([], [], marker=".", ls="", color=CLOUD, label="point cloud")] if clouds else []
 

@@ -190,7 +190,8 @@ def _url_of(service: NetworkService) -> str:
         parts = urlsplit(stated)
         is_usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
     except ValueError:
-        parts, is_usable = urlsplit(""), False
+        parts = urlsplit("")
+        is_usable = False
     if is_usable and "@" not in parts.netloc and stated.isprintable():
         return f"{parts.scheme}://{parts.netloc}"
     return f"http://{service.address}:{service.port}"

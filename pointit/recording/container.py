@@ -87,7 +87,8 @@ def records(file: IO[bytes]) -> Iterator[RecordLocation]:
         DamagedError: The data end before `DATA_END`, or are damaged from some place on.
     """
     size = os.fstat(file.fileno()).st_size if hasattr(file, "fileno") else file.seek(0, os.SEEK_END)
-    offset, is_data = len(MCAP0_MAGIC), True
+    offset = len(MCAP0_MAGIC)
+    is_data = True
     while is_data or offset < size:
         file.seek(offset)
         head = file.read(_HEAD.size)

@@ -255,7 +255,8 @@ class Recording:
 
         Entries that are not valid are left out and counted in `invalid`.
         """
-        self.invalid, self.first_error = 0, ""
+        self.invalid = 0
+        self.first_error = ""
         wanted = self._channels.wanted(keys)
         since_ns = self.began_ns if since_ns is None else since_ns
         until_ns = self.ended_ns + 1 if until_ns is None else until_ns
@@ -340,14 +341,16 @@ class Recording:
     def _search(self, place: RecordLocation) -> None:
         data, records = self._unpack(place)
         counts: Counter[int] = Counter()
-        began_ns, ended_ns = 2**64, -1
+        began_ns = 2**64
+        ended_ns = -1
         for inner in records:
             if inner.opcode == Opcode.MESSAGE:
                 channel, time_ns = container.message_times(data, inner)
                 if time_ns >= 2**63:
                     raise DamagedError(f"a chunk of it is damaged: the time {time_ns} ns is beyond 64 bits")
                 counts[channel] += 1
-                began_ns, ended_ns = min(began_ns, time_ns), max(ended_ns, time_ns)
+                began_ns = min(began_ns, time_ns)
+                ended_ns = max(ended_ns, time_ns)
             else:
                 self._channels.add(inner.opcode, data[inner.offset : inner.offset + inner.length])
         self._channels.count(counts)

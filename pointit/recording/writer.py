@@ -74,9 +74,11 @@ class RecordingWriter:
             self.flush()
             self._chunk_ns = time_ns
         if isinstance(body, bool):
-            published_ns, content = time_ns, json_channel.to_json(PresenceChange(present=body))
+            published_ns = time_ns
+            content = json_channel.to_json(PresenceChange(present=body))
         else:
-            published_ns, content = body.stamp_ns, json_channel.to_json(body)
+            published_ns = body.stamp_ns
+            content = json_channel.to_json(body)
         sequence = body.seq % 2**32 if isinstance(body, Message) else 0
         self._writer.add_message(number, time_ns, content, published_ns, sequence)
         self.entries += 1

@@ -68,12 +68,14 @@ def differences(one: object, other: object, field: str = "") -> list[Leaf]:
     """Return the fields in which two plain values differ at all."""
     if one == other:
         return []
-    a_number, other_number = _number(one), _number(other)
+    a_number = _number(one)
+    other_number = _number(other)
     if a_number is not None and other_number is not None:
         size = abs(a_number - other_number)
         return [Leaf(field, size / 1e9 if field.endswith("_ns") else float(size))]
     if isinstance(one, dict) and isinstance(other, dict):
-        a, b = cast("dict[str, Any]", one), cast("dict[str, Any]", other)
+        a = cast("dict[str, Any]", one)
+        b = cast("dict[str, Any]", other)
         path = f"{field}." if field else ""
         return [leaf for name in a | b for leaf in differences(a.get(name), b.get(name), f"{path}{name}")]
     if isinstance(one, bytes) and isinstance(other, bytes):
@@ -81,7 +83,8 @@ def differences(one: object, other: object, field: str = "") -> list[Leaf]:
         worst = max((abs(x - y) for x, y in zip(one, other, strict=False)), default=0)
         return [Leaf(field, float(worst) if is_comparable else None, is_exact=True)]
     if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
-        c, d = cast("list[Any]", one), cast("list[Any]", other)
+        c = cast("list[Any]", one)
+        d = cast("list[Any]", other)
         if len(c) != len(d):
             return [Leaf(field, None)]
         return [leaf for x, y in zip(c, d, strict=True) for leaf in differences(x, y, field)]
@@ -182,11 +185,13 @@ class _Waiting:
 
     def take_near(self, time_ns: int) -> Sample | None:
         """Remove the message whose time is nearest and return it, or None if none is within `NEAR_NS`."""
-        nearest, min_distance_ns = None, NEAR_NS + 1
+        nearest = None
+        min_distance_ns = NEAR_NS + 1
         for number, sample in self._samples.items():
             distance = abs(sample.time_ns - time_ns)
             if distance < min_distance_ns:
-                nearest, min_distance_ns = number, distance
+                nearest = number
+                min_distance_ns = distance
             if sample.time_ns >= time_ns:
                 break
         return None if nearest is None else self._remove(nearest)
@@ -270,7 +275,8 @@ class Comparison:
     def _give_up(self, before_ns: int) -> None:
         """Pair what waits since `before_ns` by time, or count it as missing."""
         for topic in self._topics.values():
-            recorded, replayed = topic.waiting["recorded"], topic.waiting["replayed"]
+            recorded = topic.waiting["recorded"]
+            replayed = topic.waiting["replayed"]
             while (sample := recorded.take_before(before_ns)) is not None:
                 while (stale := replayed.take_before(sample.time_ns - NEAR_NS)) is not None:
                     self._miss(topic, "replayed", stale)

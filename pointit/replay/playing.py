@@ -102,7 +102,8 @@ class Edge:
 
         Nothing is done for a request, and for the clock: the replay has a time of its own.
         """
-        row, body = entry.row, entry.body
+        row = entry.row
+        body = entry.body
         if isinstance(row, Topic) and isinstance(body, Message) and row is not CLOCK:
             self.put(row, entry.name, body)
         elif isinstance(row, Presence):
@@ -141,7 +142,8 @@ class RecordedRequests:
 
     def repeat(self, entry: Entry) -> None:
         """Ask the recorded request of `entry`, unless a service does."""
-        row, body = entry.row, entry.body
+        row = entry.row
+        body = entry.body
         if isinstance(row, Request) and isinstance(body, Exchange):
             self._group.create_task(self._repeat(entry, row, body.query), name=f"replayed {entry.key}")
 
@@ -178,7 +180,8 @@ class RecordedResults:
     def on_again(self, entry: Entry) -> None:
         """Note an event of the replay, and tell what waited for it."""
         _note_act(self._again, entry.body)
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         for each in waiting:
             self.repeat(each)
 
@@ -333,7 +336,8 @@ def plan_replay(source: ReplaySource, level: Level) -> ReplayPlan:
         ReplayError: None of the services of `level` is in it, or its time jumps.
     """
     if (gap := source.gap(MAX_GAP_NS)) is not None:
-        after_s, length_s = (gap[0] - source.began_ns) / NS_PER_S, (gap[1] - gap[0]) / NS_PER_S
+        after_s = (gap[0] - source.began_ns) / NS_PER_S
+        length_s = (gap[1] - gap[0]) / NS_PER_S
         raise ReplayError(
             f"the recording has nothing for {length_s:.0f} s from {after_s:.1f} s after its beginning: the "
             "clock of its site jumped or its machine slept, and it cannot be replayed: record it again"
@@ -393,8 +397,11 @@ class _Player:
     def __init__(
         self, plan: ReplayPlan, buses: Buses, clock: RecordingClock, listener: ReplayListener
     ) -> None:
-        self._source, self._beginning, self._split = plan.source, plan.beginning, plan.split
-        self._live, self._lights = plan.live, plan.lights
+        self._source = plan.source
+        self._beginning = plan.beginning
+        self._split = plan.split
+        self._live = plan.live
+        self._lights = plan.lights
         self._buses = buses
         self._clock = clock
         self._listener = listener

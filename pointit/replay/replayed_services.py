@@ -156,7 +156,8 @@ class Split:
 
     def is_recomputed(self, entry: Entry) -> bool:
         """Return True if a service that runs again writes what `entry` says."""
-        row, body = entry.row, entry.body
+        row = entry.row
+        body = entry.body
         match row:
             case topics.Presence():
                 if row is topics.SHARD_ALIVE:
@@ -321,7 +322,8 @@ class Beginning:
     def states(self, split: Split, *, recomputed: bool) -> Iterator[tuple[AnyTopic, str, Message]]:
         """Yield topic, name and value of the states, either `recomputed` ones or those of the edge."""
         for entry in self.retained.values():
-            row, body = entry.row, entry.body
+            row = entry.row
+            body = entry.body
             if not isinstance(row, Topic) or not isinstance(body, Message) or row is CONFIGURATION:
                 continue
             if split.is_recomputed(entry) == recomputed:
@@ -362,7 +364,8 @@ def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
     beginning = Beginning()
     seen: set[str] = set()
     for entry in entries:
-        row, body = entry.row, entry.body
+        row = entry.row
+        body = entry.body
         if row is CONFIGURATION:
             beginning.instances.add(entry.name)
         if entry.key in seen or not isinstance(row, Topic) or row.delivery is not Delivery.STATE:
@@ -441,7 +444,8 @@ class ReplayedServices:
             await self.end(instance)
 
     def _launch(self, configuration: Configuration) -> Launch:
-        name, instance = configuration.service, configuration.instance
+        name = configuration.service
+        instance = configuration.instance
         try:
             row = registry.process(name)
             service = row.load()
@@ -498,7 +502,8 @@ def parameters_of(configuration: Configuration) -> dict[str, Any]:
 @asynccontextmanager
 async def scratch_folder() -> AsyncGenerator[Path]:
     """Yield an empty folder, which is removed once no thread of a service writes there any more."""
-    loop, threads = asyncio.get_running_loop(), ThreadPoolExecutor()
+    loop = asyncio.get_running_loop()
+    threads = ThreadPoolExecutor()
     with tempfile.TemporaryDirectory(prefix="pointit-replay-") as folder:
         loop.set_default_executor(threads)
         try:

@@ -27,9 +27,11 @@ def parse_address(text: str) -> tuple[str, int | None]:
     """
     stripped = text.strip()
     if match := _BRACKETED.fullmatch(stripped):
-        host, port = _numeric_host(ipaddress.IPv6Address, match[1], text), match[2]
+        host = _numeric_host(ipaddress.IPv6Address, match[1], text)
+        port = match[2]
     elif stripped.count(":") > 1:
-        host, port = _numeric_host(ipaddress.IPv6Address, stripped, text), None
+        host = _numeric_host(ipaddress.IPv6Address, stripped, text)
+        port = None
     else:
         host, colon, after = stripped.partition(":")
         port = after if colon else None

@@ -157,7 +157,8 @@ class IncomingQuery:
             await in_daemon_thread(lambda: reply(query), "zenoh-reply")
 
     def _take(self) -> zenoh.Query | None:
-        query, self._query = self._query, None
+        query = self._query
+        self._query = None
         if query is not None:
             self._done()
         return query
@@ -499,6 +500,7 @@ class RawSession:
         if self.dispatcher.is_closed:
             return
         self._had_router |= any(self._connections.routers.values())
-        before, self._problem = self._problem, self.problem
+        before = self._problem
+        self._problem = self.problem
         if self._problem != before and self.on_change is not None:
             self.on_change()

@@ -153,7 +153,8 @@ class Router:
             await asyncio.sleep(LOOK_S)
             set_tcp_timeouts(ports_of(self._listens), LEASE_MS)  # each that was accepted lingers before this
             stamp = self._look()
-            is_written, before = stamp != before, stamp
+            is_written = stamp != before
+            before = stamp
             if is_written or stamp == self._stamp:  # a change replaces several files, and is one
                 continue
             self._stamp = stamp
@@ -166,7 +167,8 @@ class Router:
 
     async def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Stop routing; wait for up to this time until nothing of the session is left."""
-        session, self._session = self._session, None
+        session = self._session
+        self._session = None
         if self._link_listener is not None:
             self._link_listener.undeclare()
             self._link_listener = None

@@ -60,13 +60,17 @@ def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Ge
 
 
 def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
-    rest, began_s, count = b"", time.monotonic(), 0
+    rest = b""
+    began_s = time.monotonic()
+    count = 0
     distinct = {True: 0, False: 0}
     with os.fdopen(source, "rb", buffering=0) as pipe:
         while chunk := pipe.read(CHUNK_BYTES):
             *lines, rest = (rest + chunk).split(b"\n")
             if time.monotonic() - began_s >= 1.0:
-                began_s, count, distinct = time.monotonic(), 0, {True: 0, False: 0}
+                began_s = time.monotonic()
+                count = 0
+                distinct = {True: 0, False: 0}
             taken = lines[: max(MAX_LINES - count, 0)]
             count += len(lines)
             for line in taken:

@@ -111,7 +111,8 @@ class BundleProblem:
         self, state: BundleState, iterations: int, loss_px: float, sigma_px: float = 1.0
     ) -> BundleState:
         """Return the state after at most `iterations` of Levenberg-Marquardt; `loss_px` scales the loss."""
-        damping, cost = 1e-3, self._cost(state, loss_px, sigma_px)
+        damping = 1e-3
+        cost = self._cost(state, loss_px, sigma_px)
         for _ in range(iterations):
             normal, gradient = self._normal(state, loss_px, sigma_px)
             for _ in range(6):
@@ -124,7 +125,9 @@ class BundleProblem:
             else:
                 return state
             is_done = cost - trial_cost < 1e-5 * cost
-            state, cost, damping = trial, trial_cost, max(damping / 5.0, 1e-7)
+            state = trial
+            cost = trial_cost
+            damping = max(damping / 5.0, 1e-7)
             if is_done:
                 break
         return state
@@ -146,7 +149,8 @@ class BundleProblem:
 
     def _normal(self, state: BundleState, loss_px: float, sigma_px: float) -> tuple[Array, Array]:
         """Return the weighted normal matrix, and the gradient, of sightings and priors."""
-        points, rotations = self._points(state), state.rotations[self.view]
+        points = self._points(state)
+        rotations = state.rotations[self.view]
         turned = np.einsum("nij,nj->ni", rotations, points)
         camera = turned + state.translations[self.view]
         images = _pinhole(state.log_focal, state.distortion, camera)
@@ -158,7 +162,8 @@ class BundleProblem:
             axis=2,
         )
         by_distortion = (_pinhole(state.log_focal, state.distortion + _STEP, camera) - images) / _STEP
-        by_point, share = by_camera @ rotations, self.share[:, None, None]
+        by_point = by_camera @ rotations
+        share = self.share[:, None, None]
         values = np.concatenate(
             [
                 np.stack([images, by_distortion], axis=2),
@@ -192,10 +197,12 @@ class BundleProblem:
 
     def _prior(self, state: BundleState) -> tuple[Array, Array]:
         """Return the residuals of the priors, and their Jacobian."""
-        views, pieces = len(self.down), len(state.ends)
+        views = len(self.down)
+        pieces = len(state.ends)
         known = np.flatnonzero(np.isfinite(self.down[:, 0]))
         rows = np.zeros((2 + pieces + 3 * len(known) + 3 * len(self.corners), 2 + 6 * views + 6 * pieces))
-        rows[0, 0], rows[1, 1] = 1.0 / FOCAL_SIGMA, 1.0 / DISTORTION_SIGMA
+        rows[0, 0] = 1.0 / FOCAL_SIGMA
+        rows[1, 1] = 1.0 / DISTORTION_SIGMA
         off = self.stretch(state) / self.length_sigma
         edge = state.ends[:, 1] - state.ends[:, 0]
         slope = 1.0 / np.sqrt(1.0 + (off / 3.0) ** 2) / self.length_sigma  # a strip may have another pitch
@@ -211,7 +218,8 @@ class BundleProblem:
         for number, piece in enumerate(self.corners):  # the place of the corner along the strip is free
             bend = directions[piece] - directions[piece + 1]
             across = (np.eye(3) - np.outer(bend, bend) / max(float(bend @ bend), 1e-2)) / CORNER_SIGMA_M
-            row, begin = len(rows) - 3 * (len(self.corners) - number), 2 + 6 * views + 6 * piece
+            row = len(rows) - 3 * (len(self.corners) - number)
+            begin = 2 + 6 * views + 6 * piece
             rows[row : row + 3, begin + 3 : begin + 6] = across
             rows[row : row + 3, begin + 6 : begin + 9] = -across
             gaps.append(across @ (state.ends[piece, 1] - state.ends[piece + 1, 0]))

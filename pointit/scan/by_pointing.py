@@ -81,7 +81,8 @@ def pointing_of(
     """Return the pointing of a person with `pose` who held `rays`, at least one, on `target`."""
     turn = from_yaw(pose.yaw_rad)
     mean = np.mean([ray.direction for ray in rays], axis=0)
-    azimuth, elevation = math.atan2(mean[1], mean[0]), math.asin(mean[2] / float(np.linalg.norm(mean)))
+    azimuth = math.atan2(mean[1], mean[0])
+    elevation = math.asin(mean[2] / float(np.linalg.norm(mean)))
     elevation -= pose.elevation_bias_rad
     level = math.cos(elevation)
     held: Vec3 = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
@@ -208,17 +209,16 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
     if len(points) < 4:
         raise RefusedError(refusal)
     (ax, ay), (bx, by) = np.diff(points[:3, :2], axis=0).tolist()
-    first, second = math.atan2(ay, ax), math.atan2(by, bx)
+    first = math.atan2(ay, ax)
+    second = math.atan2(by, bx)
     # both sides of the top say where it is turned to, up to right angles: the longer one counts more
     sides = ((math.hypot(ax, ay), first), (math.hypot(bx, by), second))
     sine = sum(length * math.sin(4.0 * angle) for length, angle in sides)
     yaw = math.atan2(sine, sum(length * math.cos(4.0 * angle) for length, angle in sides)) / 4.0
     turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     turned = points[:, :2] @ turn.T
-    low, high = (
-        np.append(turned.min(axis=0), points[:, 2].min()),
-        np.append(turned.max(axis=0), points[:, 2].max()),
-    )
+    low = np.append(turned.min(axis=0), points[:, 2].min())
+    high = np.append(turned.max(axis=0), points[:, 2].max())
     if float((high - low).min()) < MIN_SIDE_M:
         raise RefusedError(refusal)
     centre = (low + high) / 2.0

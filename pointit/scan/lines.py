@@ -72,7 +72,8 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
         if line is None:
             break
         lines.append(line)
-        pixels, uv = pixels[~on_line], uv[~on_line]
+        pixels = pixels[~on_line]
+        uv = uv[~on_line]
     return lines
 
 
@@ -87,11 +88,15 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     # along the chord of the first and last of the three: s = (f n + g) / (h n + 1)
     order = np.argsort(pixels[picks], axis=1)
     picks = np.take_along_axis(picks, order, axis=1)
-    first, last = uv[picks[:, 0]], uv[picks[:, 2]]
+    first = uv[picks[:, 0]]
+    last = uv[picks[:, 2]]
     chord = last - first
     length = np.linalg.norm(chord, axis=1)
     usable = length > 2.0 * TOLERANCE_PX
-    picks, first, chord, length = picks[usable], first[usable], chord[usable], length[usable]
+    picks = picks[usable]
+    first = first[usable]
+    chord = chord[usable]
+    length = length[usable]
     if not len(picks):
         return None
     along = chord / length[:, None]
@@ -100,7 +105,9 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     system = np.stack([n, np.ones_like(n), -n * s], axis=2)
     system += np.eye(3) * 1e-12
     solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)[..., 0]
-    f, g, h = solution[:, 0], solution[:, 1], solution[:, 2]
+    f = solution[:, 0]
+    g = solution[:, 1]
+    h = solution[:, 2]
     share = pixels / max(float(pixels.max()), 1.0)
     depth = h[:, None] * share + 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -117,25 +124,33 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
 
 def _refined(pixels: Array, uv: Array) -> ImageLine | None:
     """Return the line of least squares through `pixels`, or None if it runs through the camera's plane."""
-    middle, scale = uv.mean(axis=0), max(float(uv.std()), 1e-6)
-    n0, n_scale = float(pixels.mean()), max(float(pixels.std()), 1e-6)
-    u, n = (uv - middle) / scale, (pixels - n0) / n_scale
+    middle = uv.mean(axis=0)
+    scale = max(float(uv.std()), 1e-6)
+    n0 = float(pixels.mean())
+    n_scale = max(float(pixels.std()), 1e-6)
+    u = (uv - middle) / scale
+    n = (pixels - n0) / n_scale
     weights = np.ones(len(n))
-    solution, depth = np.zeros(6), np.zeros(len(n))
+    solution = np.zeros(6)
+    depth = np.zeros(len(n))
     for _ in range(3):  # equations of the image, not of the homogeneous coordinates
         rows = np.zeros((2 * len(n), 6))
         for axis in (0, 1):
             part = rows[axis::2]
-            part[:, axis], part[:, 3 + axis] = weights, weights * n
-            part[:, 2], part[:, 5] = -weights * u[:, axis], -weights * n * u[:, axis]
+            part[:, axis] = weights
+            part[:, 3 + axis] = weights * n
+            part[:, 2] = -weights * u[:, axis]
+            part[:, 5] = -weights * n * u[:, axis]
         solution = np.linalg.svd(rows, full_matrices=False)[2][-1]
         depth = solution[2] + n * solution[5]
         weights = 1.0 / np.maximum(np.abs(depth), 1e-9)
     if not (np.all(depth > 0) or np.all(depth < 0)):
         return None
-    a, b = solution[:3] * np.sign(depth[0]), solution[3:] * np.sign(depth[0])
+    a = solution[:3] * np.sign(depth[0])
+    b = solution[3:] * np.sign(depth[0])
     back = np.array([[scale, 0, middle[0]], [0, scale, middle[1]], [0, 0, 1.0]])
-    a, b = back @ (a - b * n0 / n_scale), back @ b / n_scale
+    a = back @ (a - b * n0 / n_scale)
+    b = back @ b / n_scale
     return ImageLine(a, b, pixels, uv)
 
 

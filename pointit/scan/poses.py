@@ -52,7 +52,8 @@ WORSE = 1.5
 """Ratio of costs up to which a further view fits the others."""
 MAX_STRETCH = 0.04
 """Relative error of a pitch with which a line does not count."""
-WIDE_PX, NARROW_PX = 20.0, 6.0
+WIDE_PX = 20.0
+NARROW_PX = 6.0
 FLAT = 0.15
 """Ratio of the third and second extent of points up to which they lie in a plane."""
 
@@ -191,7 +192,8 @@ def levelled(directions: Array, lengths: Array, up: Array) -> Array:
 
 def upright(up: Array) -> Array:
     """Return the rotation with the least turn that moves the unit vector `up` to +z."""
-    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    cosine = float(up[2])
     if cosine < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
     x, y, z = axis
@@ -263,7 +265,9 @@ class FirstPoses:
 
     def _with_pieces(self, placed: PlacedViews) -> PlacedViews:
         """Return `placed` with all pieces that a placed view sees, each by the view that sees it largest."""
-        state, pieces, ends = placed.state, list(placed.pieces), list(placed.state.ends)
+        state = placed.state
+        pieces = list(placed.pieces)
+        ends = list(placed.state.ends)
         views = [self._lines[view] for view in placed.views]
         for piece in sorted(set[Piece]().union(*views) - set(pieces)):
             having = [index for index, lines in enumerate(views) if piece in lines]
@@ -331,7 +335,8 @@ class FirstPoses:
             if grown is None or grown.cost > limit:
                 refused.add(view)
             else:
-                placed, refused = grown, set()
+                placed = grown
+                refused = set()
 
     def _adjusted(self, placed: PlacedViews) -> PlacedViews:
         bundle = self._bundle(placed)
@@ -357,7 +362,8 @@ class FirstPoses:
 
     def _is_tied(self, placed: PlacedViews) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
-        ties, own = placed.ties[-1], self._lines[placed.views[-1]]
+        ties = placed.ties[-1]
+        own = self._lines[placed.views[-1]]
         others = [self._lines[view] for view in placed.views[:-1]]
         shown = [piece for piece in own if any(piece in lines for lines in others)]
         firm = [

@@ -40,7 +40,8 @@ class Model:
         """Return the piece of each pixel of a chain, n. -1: the chain has none."""
         found = np.full(len(chains), -1, dtype=np.intp)
         for chain in np.unique(self.chain):
-            own, part = np.flatnonzero(self.chain == chain), chains == chain
+            own = np.flatnonzero(self.chain == chain)
+            part = chains == chain
             found[part] = own[np.searchsorted(self.bounds[own[:-1], 1], pixels[part])]
         return found
 
@@ -91,7 +92,8 @@ class Refined:
 
         `counts` are the numbers of pixels of the strips. An end that no view shows is in line with the rest.
         """
-        model, eye = self.model, np.eye(3)
+        model = self.model
+        eye = np.eye(3)
         corners = set(model.corners().tolist())
         chains: list[int] = []
         blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
@@ -150,8 +152,10 @@ def refined(
             corners=model.corners().tolist(),
         )
 
-    noise_px, loss_px = 1.0, GATES_PX[0]
-    bundle, used = bundle_of(candidates), candidates
+    noise_px = 1.0
+    loss_px = GATES_PX[0]
+    bundle = bundle_of(candidates)
+    used = candidates
     for gate in (*GATES_PX, None, None):
         state, model = _with_corners(state, model)
         errors = np.linalg.norm(bundle_of(candidates).errors(state), axis=1)
@@ -223,7 +227,8 @@ def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, 
 
 def _with_corners(state: BundleState, model: Model) -> tuple[BundleState, Model]:
     """Return the same with all corners where two pieces meet, or nearly."""
-    ends, bounds = state.ends.copy(), model.bounds.copy()
+    ends = state.ends.copy()
+    bounds = model.bounds.copy()
     for piece in model.corners():
         later, steps, _ = corner(state, model, piece)
         at = float(np.clip(bounds[piece, 1] + later, bounds[piece, 0] + 1.0, bounds[piece + 1, 1] - 1.0))
@@ -268,5 +273,6 @@ def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array |
             errors = np.linalg.norm(images - uv, axis=1)
             score = float(np.clip(1.0 - errors / GATES_PX[0], 0.0, None)[depths > 0].sum())
             if min(depths[a], depths[b]) > 0 and score > best_score:
-                best, best_score = point, score
+                best = point
+                best_score = score
     return best

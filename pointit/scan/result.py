@@ -119,7 +119,8 @@ class Scan:
             origin_m: point of this scan's frame that becomes [0, 0, 0].
             heading_rad: direction of this scan's frame, about z from its x, that becomes x.
         """
-        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+        cosine = math.cos(heading_rad)
+        sine = math.sin(heading_rad)
         turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         return self.moved(turn, -turn @ np.array(origin_m))
 

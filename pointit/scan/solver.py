@@ -39,7 +39,8 @@ def scan_of(
 ) -> Scan:
     """Return the scan of an adjustment; `known_length` scales it."""
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
-    state, seen = refined.state, refined.seen
+    state = refined.state
+    seen = refined.seen
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
     vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
@@ -52,9 +53,11 @@ def scan_of(
     found_lamps: dict[str, ScannedLamp] = {}
     chains: list[int] = np.unique(chain_of).tolist()
     for chain in chains:
-        own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
+        own = np.flatnonzero(chain_of == chain)
+        views = len(_views_of(refined, chain))
         rows = (3 * own[:, None] + np.arange(3)).ravel()
-        line, spread = vertices[own], covariance[np.ix_(rows, rows)]
+        line = vertices[own]
+        spread = covariance[np.ix_(rows, rows)]
         name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
@@ -95,7 +98,8 @@ def scan_of(
 
 def _level(refined: Refined) -> tuple[Array, float, str]:
     """Return the rotation into a level frame, its standard deviation per axis, rad, and its source."""
-    state, down = refined.state, refined.bundle.down
+    state = refined.state
+    down = refined.bundle.down
     known = np.isfinite(down[:, 0])
     if known.any():
         sunk: Array = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
@@ -195,7 +199,8 @@ def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
     """
     own = refined.used & (refined.seen.chain == chain)
     shown = [refined.seen.pixel[own & (refined.seen.view == view)] for view in refined.views]
-    firsts, lasts = sorted(p.min() for p in shown if len(p)), sorted(p.max() for p in shown if len(p))
+    firsts = sorted(p.min() for p in shown if len(p))
+    lasts = sorted(p.max() for p in shown if len(p))
     parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
     inner: list[float] = refined.model.bounds[refined.model.chain == chain][:-1, 1].tolist()
     for low, high in pairwise([-0.5, *inner, count - 0.5]):
@@ -207,7 +212,8 @@ def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
 def _strip(
     refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
 ) -> ScannedStrip:
-    spec, views = strips[chain], len(_views_of(refined, chain))
+    spec = strips[chain]
+    views = len(_views_of(refined, chain))
     pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _uncertainty_reason(refined, chain, sigma_m)

@@ -104,7 +104,8 @@ class Stance:
 
         If the arm cannot reach the line, it points at the line's nearest point.
         """
-        up, level = math.sin(elevation_rad), math.cos(elevation_rad)
+        up = math.sin(elevation_rad)
+        level = math.cos(elevation_rad)
         # intersection of the line with the places that the finger of an arm beside the neck can reach
         rest = (self._drop_m * up) ** 2 - self._drop_m**2 + self._side_m**2 + self.arm_m**2
         finger_at_m = max(math.sqrt(max(rest, 0.0)) - self._drop_m * up, 0.0)

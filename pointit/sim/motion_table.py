@@ -56,7 +56,8 @@ MOTION_COLUMNS: dict[str, dict[str, float]] = {
     **dict.fromkeys((*ROBOT, *HEAD, *FLOOR), LENGTHS_M),
 }
 """Names of columns with their units."""
-BIDS_SUFFIX, CHANNELS_SUFFIX = "_motion.tsv", "_channels.tsv"
+BIDS_SUFFIX = "_motion.tsv"
+CHANNELS_SUFFIX = "_channels.tsv"
 
 MAX_BYTES = 64_000_000
 """Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""

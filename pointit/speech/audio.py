@@ -20,7 +20,8 @@ log = logging.getLogger(__name__)
 MAX_BYTES = 256 * 2**20
 """Limit of a file: more than two hours."""
 
-PCM, EXTENSIBLE = 1, 0xFFFE
+PCM = 1
+EXTENSIBLE = 0xFFFE
 ENCODINGS = {PCM: "PCM", 2: "ADPCM", 3: "float", 6: "A-law", 7: "mu-law", 0x11: "ADPCM", 0x55: "MP3"}
 """Names of format tags."""
 
@@ -66,7 +67,8 @@ async def lines_of(descriptor: int) -> AsyncIterator[str]:
 
 
 async def _readable(descriptor: int) -> None:
-    loop, is_ready = asyncio.get_running_loop(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    is_ready = asyncio.Event()
     try:
         loop.add_reader(descriptor, is_ready.set)
     except (PermissionError, NotImplementedError):  # a file, which is always ready, or Windows
@@ -147,7 +149,8 @@ def _file_content(path: Path) -> bytes:
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
     """Yield name, stated size and content of the chunks, the last of which may be cut off."""
-    offset, end = 12, 8 + int.from_bytes(data[4:8], "little")
+    offset = 12
+    end = 8 + int.from_bytes(data[4:8], "little")
     while offset + _CHUNK.size <= len(data):
         name, size = _CHUNK.unpack_from(data, offset)
         offset += _CHUNK.size
@@ -205,7 +208,8 @@ class Stream:
             raise ConfigError(
                 "no `arecord` (package alsa-utils) for a microphone: pipe samples into `--audio -`"
             )
-        self._clock, self._is_microphone = clock, is_microphone
+        self._clock = clock
+        self._is_microphone = is_microphone
 
     async def blocks(self) -> AsyncIterator[tuple[int, bytes]]:
         """Yield blocks as they come. Each ends when it has arrived."""

@@ -54,7 +54,9 @@ class Question:
     """Asks one question at a time."""
 
     def __init__(self, bus: Bus, clock: Clock, user: str, room: SpokenRoom) -> None:
-        self._bus, self._clock, self._room = bus, clock, room
+        self._bus = bus
+        self._clock = clock
+        self._room = room
         self._turns: list[tuple[int, Referent]] = []
         """The candidates shown since the question began, each with the time of its first blink, ns."""
         self._left: list[Referent] = []
@@ -75,14 +77,16 @@ class Question:
         if reply == "no":
             self._left = [one for one in self._left if one != shown[-1]]
         elif shown[-1] in self._left:
-            self._left, self._chosen = [], shown[-1]
+            self._left = []
+            self._chosen = shown[-1]
         if not self._left or len(shown) == len(self._turns):  # else the next one is shown already
             self._answered.set()
         return True
 
     def stop(self) -> None:
         """Ask no more: nothing is confirmed."""
-        self._left, self._chosen = [], None
+        self._left = []
+        self._chosen = None
         self._answered.set()
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
@@ -91,7 +95,8 @@ class Question:
 
     async def ask(self, candidates: Sequence[Referent]) -> Referent | None:
         """Return the candidate that is confirmed in its turn, or None if none is."""
-        self._left, self._chosen = list(candidates), None
+        self._left = list(candidates)
+        self._chosen = None
         try:
             for one in [*candidates] * ROUNDS:
                 if one in self._left:
@@ -139,7 +144,9 @@ class Interpreter:
 
     def __init__(self, bus: Bus, clock: Clock, user: str, verbs: Mapping[str, Verb] | None = None) -> None:
         """Subscribe to the person's words; `verbs` replace or add some, each said by its name."""
-        self._bus, self._clock, self._user = bus, clock, user
+        self._bus = bus
+        self._clock = clock
+        self._user = user
         self._room = room = SpokenRoom(SiteState(self._on_change))
         self._context = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
         self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
@@ -151,7 +158,8 @@ class Interpreter:
         self._idle.set()
         self._understood = bus.publisher(UNDERSTOOD, user)
         self._stopping = set[asyncio.Task[None]]()
-        self._changed, self._count = asyncio.Event(), 0
+        self._changed = asyncio.Event()
+        self._count = 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
         """Called with all that is published, and with what is ignored."""
         self._now_s = asyncio.get_running_loop().time

@@ -148,14 +148,17 @@ class Sphinx:
         decoder = await asyncio.to_thread(self._decoder, vocabulary)
         ends = self._module.Endpointer(window=self._config.window_s, sample_rate=RATE_HZ)
         size = int(ends.frame_bytes)
-        kept, retained_ns, origin_ns = b"", 0, 0
+        kept = b""
+        retained_ns = 0
+        origin_ns = 0
         async for stamp_ns, block in audio.blocks():
             retained_ns = stamp_ns - _length_ns(len(kept))
             kept += block
             while len(kept) > size:
                 if not origin_ns:
                     origin_ns = retained_ns
-                frame, kept = kept[:size], kept[size:]
+                frame = kept[:size]
+                kept = kept[size:]
                 if (
                     speech := await asyncio.to_thread(self._step, decoder, ends, frame, origin_ns)
                 ) is not None:

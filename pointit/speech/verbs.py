@@ -31,7 +31,10 @@ class Packages:
     """Claims objects as a dwell does: the selector decides by the same rules."""
 
     def __init__(self, bus: Bus, clock: Clock, user: str, room: SpokenRoom) -> None:
-        self._bus, self._clock, self._user, self._room = bus, clock, user, room
+        self._bus = bus
+        self._clock = clock
+        self._user = user
+        self._room = room
         self._claims = bus.publisher(CLAIM, user)
         self._awaited: dict[int, asyncio.Future[SelectionEvent]] = {}
         bus.subscribe(SELECTION_EVENTS, self._on_event)
@@ -182,7 +185,8 @@ def _fire_problem(context: VerbContext, command: Command, referents: Sequence[Re
         return _lacking(context, command, f"{verb} what{word}?", f"point at it, and say `{verb} that{word}`")
     if not referents:
         return ""
-    one, thing = referents[0], context.room.thing(referents[0].name)
+    one = referents[0]
+    thing = context.room.thing(referents[0].name)
     label = context.room.label(one)
     if one.kind == "object" and command.verb == "take":
         return context.packages.problem(one)
@@ -215,7 +219,8 @@ def _send_problem(context: VerbContext, command: Command, referents: Sequence[Re
         return "where to? say `there` while you point at the place"
     if not referents:
         return ""
-    place, about = referents[-1], referents[0] if command.about is not None else None
+    place = referents[-1]
+    about = referents[0] if command.about is not None else None
     if about is not None and about.kind not in ("robot", "object"):
         return f"{context.room.label(about)} is no robot, and nothing is attached to moving it"
     if place.place_m is None:

@@ -127,7 +127,8 @@ class AppendOnlyCsv:
             written = file.write(lines)
             os.fsync(file.fileno())
         except OSError as error:
-            written, reason = 0, error.strerror
+            written = 0
+            reason = error.strerror
         else:
             reason = "no space left"
         if is_missing := written != len(lines):

@@ -87,7 +87,8 @@ class Attempt:
         if cursor.direction is None:
             return
         if self._first is None:
-            self._first, self._first_m = cursor, self.target_m
+            self._first = cursor
+            self._first_m = self.target_m
         self.cursor = cursor
         if self._turned is None:
             self._turned = cursor.direction
@@ -203,11 +204,13 @@ class Attempt:
     def abandon(self, reason: str) -> None:
         """End it without a result."""
         if self.outcome is None:
-            self.outcome, self.reason = "skipped", reason
+            self.outcome = "skipped"
+            self.reason = reason
 
     def columns(self) -> dict[str, str | float | int | None]:
         """Return outcome and measures by their columns."""
-        first, last = self._first, self.cursor
+        first = self._first
+        last = self.cursor
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
         point_m = self.reached_m
@@ -237,7 +240,8 @@ class Attempt:
         return columns
 
     def _finish(self, outcome: Outcome, reason: str, selected_ns: int | None) -> None:
-        self.outcome, self.reason = outcome, reason
+        self.outcome = outcome
+        self.reason = reason
         self.selection_s = None if selected_ns is None else self._passed_s(selected_ns)
 
     def _passed_s(self, now_ns: int) -> float:

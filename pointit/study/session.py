@@ -99,7 +99,8 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            joined, rows = self._site, self._table.rows
+            joined = self._site
+            rows = self._table.rows
             self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
 
     @property
@@ -145,7 +146,8 @@ class Session:
             await self._site.use(settings)
         else:
             await sites.aclose()
-            options, people = self._setup, [self._participant]
+            options = self._setup
+            people = [self._participant]
             file = self._folder.recording(self._participant) if options.record else None
             run = pointit.run(
                 scenario_file(self._study, file),
@@ -194,7 +196,8 @@ class Session:
     async def _attempt(
         self, trial: StudyTrial, row: Mapping[str, object], scene: StudyScene, before_m: Vec3 | None
     ) -> tuple[Attempt, StudyCommand | None]:
-        room, study = self._here, self._study
+        room = self._here
+        study = self._study
         target, target_m = await room.show(scene)
         attempt = room.attempt = Attempt(
             began_ns=room.site.now_ns(),

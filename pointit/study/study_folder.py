@@ -19,9 +19,12 @@ from pointit.study.model import Study, read_study
 from pointit.study.plan import check_answers, check_levels, check_trials
 from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
-STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
-    "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
-)  # fmt: skip
+# fmt: skip
+STUDY = "study.yaml"
+COLUMNS_FILE = "columns.csv"
+TRIALS = "trials.csv"
+PARTICIPANT = "participant.yaml"
+ANSWERS = "answers.csv"
 ANSWER_COLUMNS = ("participant", "questionnaire", "item", "condition", "block", "value")
 ATTEMPT = ("trial", "attempt")
 """Columns that name a row of the trials of a participant."""

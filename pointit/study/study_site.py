@@ -120,7 +120,8 @@ class StudySite:
     @property
     def truth_problem(self) -> str:
         """Sentence if the true pose, which the study declares, does not come, else `""`."""
-        pose, oldest_ns = self._true_pose, self.site.now_ns() - SILENT_S * NS_PER_S
+        pose = self._true_pose
+        oldest_ns = self.site.now_ns() - SILENT_S * NS_PER_S
         if not self.truth_tracker or (pose is not None and pose.stamp_ns > oldest_ns):
             return ""
         return (
@@ -146,7 +147,8 @@ class StudySite:
     @property
     def live(self) -> TopView:
         """The room from above, as it is now."""
-        pose, attempt = self.site.latest.pose.get(self._user), self.attempt
+        pose = self.site.latest.pose.get(self._user)
+        attempt = self.attempt
         is_silent = self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S
         ray = None if is_silent else self._cursor
         return TopView(
@@ -207,7 +209,9 @@ class StudySite:
 
     async def hide(self) -> None:
         """Hide the target."""
-        scene, self._scene, self.attempt = self._scene, None, None
+        scene = self._scene
+        self._scene = None
+        self.attempt = None
         self._tracker.update(())
         if scene is None:
             return
@@ -221,7 +225,8 @@ class StudySite:
             await self.site.localizer.cancel(self._user)
 
     def _begin(self) -> None:
-        site, user = self.site, self._user
+        site = self.site
+        user = self._user
         site.latest.interaction.get(user)  # received from now on
         site.latest.objects.get(TRACKER)
         site.latest.pose.get(user)
@@ -243,7 +248,8 @@ class StudySite:
         async for message in feed:
             now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
-                self._received_ns, self._cursor = now_ns, message
+                self._received_ns = now_ns
+                self._cursor = message
             self.has_names |= isinstance(message, Announced)
             self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:

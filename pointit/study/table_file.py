@@ -97,7 +97,8 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     cut = content.rfind(b"\n") + 1
-    whole, tail = content[:cut], content[cut:]
+    whole = content[:cut]
+    tail = content[cut:]
     header = table_line(columns)
     if not whole and header.startswith(tail):  # the header was cut off
         return TrialTable([], tail)

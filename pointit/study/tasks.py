@@ -375,7 +375,8 @@ class Localize(TaskConfig):
         if self.method == "static_targets" and not room.lamps:
             raise ConfigError("the map has no lamps to localize by; use task.method moving_target")
         say = "Follow the robot." if self.method == "moving_target" else "Point at each lamp that is lit."
-        width_m, target_m = self.width_m, self.place_m
+        width_m = self.width_m
+        target_m = self.place_m
         return StudyScene(
             target="pose", name="position", width_m=width_m, target_m=target_m, localize=self.method, say=say
         )

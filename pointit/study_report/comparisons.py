@@ -76,7 +76,8 @@ def differences(trials: Trials, measure: str = "selection_s") -> Table:
         found = participant_medians(trials, measure, factor)
         rows: list[dict[str, Any]] = []
         for a, b in combinations(trials.levels(factor), 2):
-            first, second = found.get((a,), {}), found.get((b,), {})
+            first = found.get((a,), {})
+            second = found.get((b,), {})
             rows.append(
                 {"factor": factor, "difference": f"{b} - {a}", **_difference(trials, factor, first, second)}
             )
@@ -264,7 +265,8 @@ def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
     people = [row.participant for row in rows]
     if len(set(people)) < 2 or not trials.factors:
         raise ConfigError(f"{trials.folder}: a mixed model needs two participants and a factor")
-    names, columns = ["(Intercept)"], [np.ones(len(rows))]
+    names = ["(Intercept)"]
+    columns = [np.ones(len(rows))]
     for index, factor in enumerate(trials.factors):
         present = {row.levels[index] for row in rows}
         first, *others = [level for level in trials.levels(factor) if level in present]

@@ -51,7 +51,8 @@ def spread(trials: Trials, factor: str, first: str, second: str, measure: str = 
         if level not in levels:
             raise ConfigError(f"{trials.folder}: {factor} has no level {level!r}, but {', '.join(levels)}")
     found = participant_medians(trials, measure, factor)
-    one, other = found.get((first,), {}), found.get((second,), {})
+    one = found.get((first,), {})
+    other = found.get((second,), {})
     is_within = trials.is_within(factor)
     if is_within:
         both = sorted(one.keys() & other.keys())
@@ -79,7 +80,8 @@ def significant(people: Spread, effect: float, count: int, runs: int, random: np
     """
     if people.is_within:
         drawn = (people.second - people.first)[random.integers(len(people.first), size=(runs, count))]
-        mean, variance = drawn.mean(axis=1), drawn.var(axis=1, ddof=1) / count
+        mean = drawn.mean(axis=1)
+        variance = drawn.var(axis=1, ddof=1) / count
         freedom: Any = count - 1
     else:
         groups = [
@@ -108,7 +110,8 @@ def power(
     Intervals are those of Clopper and Pearson (1934) for the number of runs. It ends two sizes after the
     share is certainly above the highest of `GOALS`. `tell` is called with each number of participants.
     """
-    table, above = Table(), 0
+    table = Table()
+    above = 0
     for count in counts:
         tell(count)
         found = significant(people, effect, count, runs, np.random.default_rng((seed, count)))

@@ -200,7 +200,8 @@ def _gaps(trials: Trials) -> list[str]:
     """Return a sentence for each participant who lacks levels that others have."""
     notes: list[str] = []
     for factor in filter(trials.is_within, trials.factors):
-        index, levels = trials.index(factor), trials.levels(factor)
+        index = trials.index(factor)
+        levels = trials.levels(factor)
         for participant in trials.participants:
             own = {row.levels[index] for row in trials.counted if row.participant == participant}
             if lacking := [level for level in levels if level not in own]:

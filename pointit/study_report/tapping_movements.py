@@ -58,7 +58,8 @@ def movements(trials: Trials) -> list[Movement]:
     results: list[Movement] = []
     error_m = np.nan
     for start, row in zip(trials.counted, trials.counted[1:], strict=False):
-        before_m, error_m = error_m, np.nan
+        before_m = error_m
+        error_m = np.nan
         is_next = (start.participant, start.block) == (row.participant, row.block)
         if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
             continue
@@ -400,7 +401,8 @@ def omissions(trials: Trials, unit: Unit = "m") -> Table:
     `MIN_SEQUENCE_TRIALS`. `in_unmatched_sequences`: the participant has none of that size in another
     condition.
     """
-    found, table = sequences(trials, unit), Table()
+    found = sequences(trials, unit)
+    table = Table()
     for group in found.groups:
         used, unmatched, short = (
             [each for each in kind if each.group == group]
@@ -424,7 +426,8 @@ def omission_notes(trials: Trials, unit: Unit = "m") -> list[str]:
     notes: list[str] = []
     table = omissions(trials, unit)
     for row in table if any(row["used"] for row in table) else ():
-        short, unmatched = row["short_sequences"], row["unmatched_sequences"]
+        short = row["short_sequences"]
+        unmatched = row["unmatched_sequences"]
         if short or unmatched:
             name = trials.label(row[factor] for factor in trials.factors if factor in row)
             total = row["sequences"] + short + unmatched

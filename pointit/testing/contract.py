@@ -142,7 +142,8 @@ def _run(loop: asyncio.AbstractEventLoop, test: Coroutine[Any, Any, None], limit
 def require_parameters(contract: Contract, make: Callable[[Any], object]) -> None:
     """Require a description of the plug-in and of its parameters, and that `make` refuses wrong ones."""
     plugin = contract.plugin
-    summary, fields = plugin.summary, plugin.config.model_fields
+    summary = plugin.summary
+    fields = plugin.config.model_fields
     require(
         summary.strip() and "\n" not in summary and len(summary) <= MAX_SUMMARY,
         f"the summary is no line of 1 to {MAX_SUMMARY} characters: {summary!r}",
@@ -224,7 +225,8 @@ def _present() -> tuple[set[str], int]:
 
 async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
     """Require that `act` does not hold up the event loop. The error has asyncio's name of the callback."""
-    loop, logger = asyncio.get_running_loop(), logging.getLogger("asyncio")
+    loop = asyncio.get_running_loop()
+    logger = logging.getLogger("asyncio")
     loop.slow_callback_duration = MAX_BLOCKED_S
     slow: list[str] = []
     for _ in range(TRIES):

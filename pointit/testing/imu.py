@@ -311,7 +311,8 @@ class ImuSourceContract(DeviceContract):
                 return
             shares: list[float] = []
             for _ in range(TRIES):
-                began_s, cpu_s = time.monotonic(), time.process_time()
+                began_s = time.monotonic()
+                cpu_s = time.process_time()
                 await asyncio.sleep(SILENCE_S)
                 shares.append((time.process_time() - cpu_s) / (time.monotonic() - began_s))
             used = statistics.median(shares)  # a garbage collection is no polling

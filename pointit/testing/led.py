@@ -180,14 +180,16 @@ class LedOutputContract(DeviceContract):
         kind = self.plugin.config
         require(issubclass(kind, OutputConfig), f"{kind.__name__} is no OutputConfig of pointit.plugins")
         async with self.trial() as trial:
-            light_s, began_s = trial.output.light_s, loop.time()
+            light_s = trial.output.light_s
+            began_s = loop.time()
             require(light_s == 0.0, f"before the first frame `light_s` was {light_s!r}, not 0.0")
             await trial.begin()
             for number in (5, 2**20 + 2**31 + 3, 2**50 + 1):
                 trial.show(number)
                 await trial.exchange()
             await asyncio.sleep(0.05)  # it may be measured after the last byte has arrived here
-            light_s, passed_s = trial.output.light_s, loop.time() - began_s
+            light_s = trial.output.light_s
+            passed_s = loop.time() - began_s
             require(
                 0.0 <= light_s <= passed_s,
                 f"{passed_s:.2f} s after the first `show` `light_s` was {light_s!r}",

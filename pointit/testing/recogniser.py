@@ -30,7 +30,8 @@ class SampleAudio:
     """Samples in blocks of one size, as fast as they are taken. `is_endless`: then it waits for ever."""
 
     def __init__(self, samples: bytes, block_s: float = BLOCK_S, *, is_endless: bool = False) -> None:
-        self._samples, self._is_endless = samples, is_endless
+        self._samples = samples
+        self._is_endless = is_endless
         self._block_bytes = 2 * round(block_s * RATE_HZ)
         self.is_waiting = asyncio.Event()
 
@@ -83,7 +84,8 @@ class RecogniserContract(Contract):
         for block_s in (BLOCK_S, 0.01, 1.0):
             utterances = await self.recognise(SampleAudio(self.samples, block_s))
             words = [word for speech in utterances for word in speech.words]
-            result, expected = " ".join(word.text for word in words), " ".join(self.words)
+            result = " ".join(word.text for word in words)
+            expected = " ".join(self.words)
             require(
                 result == expected,
                 f"in blocks of {block_s:g} s it recognised {result!r}, expected {expected!r}",

@@ -127,7 +127,8 @@ class RobotTrial(Trial):
 
     async def go_far(self) -> int:
         """Begin to go to a place far away. Return the order."""
-        order, start_m = self.next(), self.reports[-1][1].position_m
+        order = self.next()
+        start_m = self.reports[-1][1].position_m
         self.tell(FollowPath(order, (self.place(self.contract.far_m),)))
         await self.until(
             lambda: math.dist(start_m, self.reports[-1][1].position_m) > self.contract.near_m,

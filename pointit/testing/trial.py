@@ -256,7 +256,8 @@ class Trial(ABC):
 
     async def end(self) -> float:
         """Cancel `run`, and return the time until it ends, s. Raises CheckFailedError if it does not."""
-        task, self.task = self.task, None
+        task = self.task
+        self.task = None
         if task is None:
             return 0.0
         loop = asyncio.get_running_loop()

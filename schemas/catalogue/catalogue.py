@@ -221,7 +221,8 @@ def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> li
 
 
 def _broken(kind: Kind, versions: set[int], committed: Files) -> Iterator[str]:
-    name, newest = kind.__name__, max(versions)
+    name = kind.__name__
+    newest = max(versions)
     if kind.version < newest:
         yield f"{name} has version {kind.version}, but {name}.v{newest} is committed: versions never go back"
         return

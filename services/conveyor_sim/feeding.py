@@ -362,7 +362,8 @@ class Feeders:
             index, left_s = state["step"] or (self.schedule.count, 0.0)
             self.schedule.resume(index, left_s)
         for feeder, (taken, due_s) in zip(self.all, state["feeders"], strict=True):
-            feeder.taken, feeder.due_s = taken, due_s
+            feeder.taken = taken
+            feeder.due_s = due_s
         self.is_on = state["feeding"]
 
 
@@ -399,7 +400,8 @@ class Infeed:
         is_fed = False
         for feeder in feeders:
             while not feeder.is_done and feeder.due_s <= ROUNDING_S:
-                belt, length_m = feeder.belt, feeder.supply.length_m
+                belt = feeder.belt
+                length_m = feeder.supply.length_m
                 if self._wait_m(belt, length_m) > 0.0:
                     break
                 self._enter(feeder.take(), belt, length_m)

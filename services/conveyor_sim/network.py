@@ -364,15 +364,18 @@ def _bridge(
     link: BeltLink, source_m: float, target_m: float, sections: dict[str, list[Piece]], pieces: list[Piece]
 ) -> None:
     """Connect the ends of `link`, by a bridge among `pieces` unless they are at one place."""
-    sources, targets = sections[link.source], sections[link.target]
+    sources = sections[link.source]
+    targets = sections[link.target]
     leaving = min(sources, key=lambda piece: abs(piece.start_m + piece.to_m - source_m))
     entered = min(targets, key=lambda piece: abs(piece.start_m - target_m))
-    start, end = leaving.point(leaving.to_m), entered.point(0.0)
+    start = leaving.point(leaving.to_m)
+    end = entered.point(0.0)
     gap_m = math.dist(start, end)
     if gap_m < SNAP_M:
         leaving.successors.append(entered.index)
         return
-    index, line = len(pieces), Polyline([start, end])
+    index = len(pieces)
+    line = Polyline([start, end])
     bridge = Piece(index, index, link.source, line, 0.0, 0.0, gap_m, target=link.target)
     bridge.halves = (
         leaving.start_m + leaving.to_m if leaving is sources[-1] else None,
@@ -398,7 +401,8 @@ def _parts(section: Piece, extents: Sequence[Extent], first: int) -> list[Piece]
     for from_m, to_m in pairwise([0.0, *sorted(ends)]):
         middle_m = (from_m + to_m) / 2.0
         part = replace(section, index=first + len(parts), from_m=from_m, to_m=to_m, bay="")
-        part.successors, part.predecessors = [], []
+        part.successors = []
+        part.predecessors = []
         for junction, extent in enumerate(extents):
             start_m, end_m = extent.get(section.index, (0.0, 0.0))
             if start_m < middle_m < end_m:
@@ -453,6 +457,7 @@ class BeltRoutes:
             for before in pieces[index].predecessors:
                 length_m = so_far_m + pieces[before].length_m
                 if length_m < lengths_m[before]:
-                    lengths_m[before], following[before] = length_m, index
+                    lengths_m[before] = length_m
+                    following[before] = index
                     heapq.heappush(heap, (length_m, before))
         return following, lengths_m

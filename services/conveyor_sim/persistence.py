@@ -99,7 +99,9 @@ class PlantPersistence:
         is_changed = bool(events) or plant is not self._plant or plant.changes != self._changes
         if self._store.is_open and (is_changed or abs(now_ns - self._saved_ns) >= PERIOD_NS):
             self._store.write(now_ns, lambda db: self._replace(db, plant, mark, now_ns, numbered))
-            self._plant, self._changes, self._saved_ns = plant, plant.changes, now_ns
+            self._plant = plant
+            self._changes = plant.changes
+            self._saved_ns = now_ns
         return numbered
 
     def mark_published(self, now_ns: int) -> None:

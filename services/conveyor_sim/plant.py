@@ -68,7 +68,9 @@ class Dispatch:
                 continue
             wanted = self._wanted(package, is_selected=bool(user))
             if package.bay == wanted or self._routes.reaches(package.decided, wanted):
-                package.bay, package.user, package.refused = wanted, user, ""
+                package.bay = wanted
+                package.user = user
+                package.refused = ""
             elif package.refused != wanted:
                 package.refused = wanted
                 self.refused += 1
@@ -344,7 +346,9 @@ class Plant:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all state besides the map and the configuration, as JSON values."""
-        traffic, dispatch, infeed = self._traffic, self._dispatch, self._infeed
+        traffic = self._traffic
+        dispatch = self._dispatch
+        infeed = self._infeed
         return {
             "prefix": infeed.prefix,
             "ids": infeed.ids,
@@ -362,10 +366,15 @@ class Plant:
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Restore the plant that made the snapshot `snapshot` of the same map and configuration."""
-        traffic, dispatch, infeed = self._traffic, self._dispatch, self._infeed
+        traffic = self._traffic
+        dispatch = self._dispatch
+        infeed = self._infeed
         traffic.clear()
-        infeed.prefix, infeed.ids, infeed.fed = snapshot["prefix"], snapshot["ids"], snapshot["fed"]
-        dispatch.left, dispatch.refused = snapshot["left"], snapshot["refused"]
+        infeed.prefix = snapshot["prefix"]
+        infeed.ids = snapshot["ids"]
+        infeed.fed = snapshot["fed"]
+        dispatch.left = snapshot["left"]
+        dispatch.refused = snapshot["refused"]
         dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in snapshot["counts"]}
         dispatch.departures.extend(Departure(**values) for values in snapshot["departures"])
         self._run_at(snapshot["speed_mps"])

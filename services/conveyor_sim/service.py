@@ -162,7 +162,9 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             self.bus.warn("map", str(error))
             return
         self.bus.clear("map")
-        self._plant, self._mark, self._stepped_ns = plant, mark, now_ns
+        self._plant = plant
+        self._mark = mark
+        self._stepped_ns = now_ns
         self._tracker = PackageTracker(self.config.tracking)
         if before is not None:
             plant.set_speed(before.state(now_ns).speed_mps)

@@ -134,7 +134,8 @@ class RightOfWay:
 
     def takes(self, piece: int) -> bool:
         """Return True if one more may be put on `piece`: its junction is empty, and its ring not filled."""
-        junction, ring = self._pieces[piece].junction, self._rings.of[piece]
+        junction = self._pieces[piece].junction
+        ring = self._rings.of[piece]
         is_free = junction == NONE or not self.inside(junction)
         return is_free and (ring == NONE or self._on_ring(ring) <= self._rings.capacity[ring])
 
@@ -159,7 +160,8 @@ class RightOfWay:
 
     def _is_straight(self, way: Way) -> bool:
         """Return True if `way` stays on one belt or has no sharp turn."""
-        first, last = self._pieces[way[0]], self._pieces[way[-1]]
+        first = self._pieces[way[0]]
+        last = self._pieces[way[-1]]
         if all(self._pieces[index].belt == first.belt and not self._pieces[index].target for index in way):
             return True
         return float(first.direction(first.from_m) @ last.direction(last.to_m)) >= SHARP
@@ -187,7 +189,8 @@ class RightOfWay:
             here = self._routes.next_of(passed[-1], package.bay)
             if here == NONE or here in passed:
                 return True
-            piece, held = self._pieces[here], self._held[here]
+            piece = self._pieces[here]
+            held = self._held[here]
             if piece.junction != NONE:
                 break
             if not self._runs(here):  # packages stop where it starts
@@ -283,7 +286,8 @@ class LastWay:
         key = (package.decided, package.bay, wanted)
         if key not in self._known:
             self._known[key] = self._undecided(*key)
-        left_s, from_m = 0.0, package.offset_m
+        left_s = 0.0
+        from_m = package.offset_m
         for index in (*(package.way or (package.piece,)), *self._known[key]):
             piece = self._pieces[index]
             if index != package.piece:
@@ -363,7 +367,8 @@ class Traffic:
 
     def put(self, package: Package, piece: Piece, offset_m: float) -> None:
         """Put `package` at `offset_m` of `piece`, after `is_clear` returned True."""
-        package.piece, package.offset_m = piece.index, offset_m
+        package.piece = piece.index
+        package.offset_m = offset_m
         package.way = self._right_of_way.way(piece.index, package.bay)
         self._insert(package)
         package.speed_mps = self._speed(piece)
@@ -433,7 +438,8 @@ class Traffic:
                 return
             is_end = following == NONE and (is_ahead or piece.belt not in self.network.linked)
             if not is_end and not self._goes_on(package, following, is_ahead=is_ahead):
-                package.offset_m, package.speed_mps = end_m, 0.0
+                package.offset_m = end_m
+                package.speed_mps = 0.0
                 return
             self.held[piece.index].remove(package)
             if is_end:
@@ -441,7 +447,8 @@ class Traffic:
                 return
             elapsed_s = max(0.0, elapsed_s - left_m / abs(speed_mps))
             entered = self.network.pieces[following]
-            package.piece, package.offset_m = following, entered.from_m if is_ahead else entered.to_m
+            package.piece = following
+            package.offset_m = entered.from_m if is_ahead else entered.to_m
             self.held[following].insert(0 if is_ahead else len(self.held[following]), package)
 
     def _following(self, package: Package, *, is_ahead: bool) -> int:
@@ -454,7 +461,8 @@ class Traffic:
         """Return True if `package` may go on to `following`, and update its way through a junction."""
         if following == NONE:
             return False
-        piece, junction = self.network.pieces[package.piece], self.network.pieces[following].junction
+        piece = self.network.pieces[package.piece]
+        junction = self.network.pieces[following].junction
         is_entering = junction not in {NONE, piece.junction}
         if is_ahead:
             way = package.way[1:] or self._right_of_way.way(following, package.bay)
@@ -472,7 +480,8 @@ class Traffic:
 
         `package` may not be put on its piece yet. `further_m` is looked beyond the longest one's reach.
         """
-        pieces, blocked_packages = self.network.pieces, self.held[package.piece]
+        pieces = self.network.pieces
+        blocked_packages = self.held[package.piece]
         is_there = package in blocked_packages
         here = (
             blocked_packages.index(package)
@@ -493,7 +502,8 @@ class Traffic:
             if far_m > self._longest_m + further_m:
                 continue
             for index in piece.successors if is_ahead else piece.predecessors:
-                beyond, there = pieces[index], self.held[index]
+                beyond = pieces[index]
+                there = self.held[index]
                 if there:
                     other = there[0 if is_ahead else -1]
                     apart_m = far_m + (

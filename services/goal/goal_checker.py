@@ -47,7 +47,8 @@ class GoalChecker:
 
     def place(self, cursor: Cursor) -> Vec3 | None:
         """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""
-        point, eyes = cursor.point_m, cursor.origin_m
+        point = cursor.point_m
+        eyes = cursor.origin_m
         if cursor.surface_id in self._config.surfaces:
             return point
         if cursor.solid != "plane" or cursor.surface_id not in self._level or point is None or eyes is None:
@@ -101,7 +102,8 @@ class GoalChecker:
             gap_m = math.dist(place_m[:2], pose.position_m[:2])
             if gap_m < config.keep_out_m:
                 whom = "you" if user == self._user else user
-                near_m, limit_m = round_beyond(gap_m, config.keep_out_m), config.keep_out_m
+                near_m = round_beyond(gap_m, config.keep_out_m)
+                limit_m = config.keep_out_m
                 return f"the place is {near_m} m from {whom}: choose one {limit_m:g} m away"
         return ""
 

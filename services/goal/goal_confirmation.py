@@ -186,13 +186,15 @@ class GoalConfirmation:
         return [goal, sent]
 
     def _refuse(self, reason: str, now_ns: int, place_m: Vec3 | None = None) -> list[Output]:
-        proposal, self._proposal = self._proposal, None
+        proposal = self._proposal
+        self._proposal = None
         if place_m is None and proposal is not None:
             place_m = proposal.place_m
         return [self._cues.make("refused", reason, now_ns, place_m)]
 
     def _withdraw(self, reason: str, now_ns: int) -> list[Output]:
-        proposal, self._proposal = self._proposal, None
+        proposal = self._proposal
+        self._proposal = None
         if proposal is None:
             return []
         text = f"no robot is sent: {reason}"

@@ -293,10 +293,12 @@ class RobotIdentifier:
         upwards = np.arctan2(seen[:, 2], level) - blocks.angles[:, 1]
         # by place (x, y, z), yaw with aim, elevation, latency
         slope = np.zeros((2, len(level), 6))
-        slope[0, :, 0], slope[0, :, 1] = -seen[:, 1] / level**2 * flat, seen[:, 0] / level**2 * flat
+        slope[0, :, 0] = -seen[:, 1] / level**2 * flat
+        slope[0, :, 1] = seen[:, 0] / level**2 * flat
         slope[1, :, :2] = -seen[:, 2:] * seen[:, :2] / (level * reach**2)[:, None]
         slope[1, :, 2] = level / reach**2
-        slope[0, :, 3], slope[1, :, 4] = flat, 1.0
+        slope[0, :, 3] = flat
+        slope[1, :, 4] = 1.0
         slope[:, :, 5] = np.einsum("knj,nj->kn", slope[:, :, :3], velocities)
         errors = np.zeros((6, 6))
         errors[np.ix_([0, 1, 3], [0, 1, 3])] = _valid(np.array(pose.covariance).reshape(3, 3))
@@ -323,7 +325,8 @@ def _blocks(rays: Sequence[PointingRay], pose: UserPose, block_s: float) -> RayB
     counts = np.diff(np.append(first, len(stamps)))[:, None]
     origins = np.add.reduceat(np.array([ray.origin_m for ray in rays]), first) / counts
     aims = np.add.reduceat(np.array([ray.direction for ray in rays]), first)
-    cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    cos = math.cos(pose.yaw_rad)
+    sin = math.sin(pose.yaw_rad)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     azimuths = np.unwrap(np.arctan2(aims[:, 1], aims[:, 0])) + pose.yaw_rad
     elevations = np.arctan2(aims[:, 2], np.hypot(aims[:, 0], aims[:, 1])) - pose.elevation_bias_rad
@@ -447,7 +450,8 @@ class RobotChoice:
         if not chosen and self._asked != self._on:
             self._asked = self._on = (on, now_ns)
             return ChosenRobot("", f"{on} may be meant: stay on it to take it")
-        self._pressed_ns, self._done = None, on
+        self._pressed_ns = None
+        self._done = on
         return ChosenRobot(on, "")
 
     def _likely(self) -> tuple[list[Candidate], str]:

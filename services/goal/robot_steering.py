@@ -89,7 +89,9 @@ class TakenRobot:
 
     def on_goal(self, goal: Goal, now_ns: int) -> None:
         """Await the result of `goal`, which replaces the one before."""
-        self._goal, self._sent_ns, self._is_going = goal, now_ns, False
+        self._goal = goal
+        self._sent_ns = now_ns
+        self._is_going = False
 
     def on_state(
         self, state: RobotState, mode: Literal["none", "follow", "goals", "land"], now_ns: int
@@ -108,7 +110,8 @@ class TakenRobot:
         if state.reason and state.reason != self._reason:
             if now_ns - self._reported_ns < REPORTED_NS:
                 return None
-            self._reason, self._reported_ns = state.reason, now_ns
+            self._reason = state.reason
+            self._reported_ns = now_ns
             if state.phase != "moving":
                 self._goal = None
             return RobotCue("refused", f"{self.name}: {state.reason}", place_m=state.target_m)
@@ -130,7 +133,8 @@ class TakenRobot:
 
     def _requested(self, state: RobotState, now_ns: int) -> RobotCue | None:
         if state.user == self._user:
-            self.is_owner, self._reason = True, state.reason
+            self.is_owner = True
+            self._reason = state.reason
             return RobotCue("selected", f"{self.name} is yours: {HOW[state.kind]}", place_m=state.position_m)
         if state.user:
             text = f"{self.name} is steered by {state.user}: wait until it is free, or point at another robot"
@@ -317,7 +321,8 @@ class RobotSteering:
 
     def _send_requested(self, now_ns: int) -> list[Output]:
         """Send the robot where it was asked to go before it obeyed the person, checked once more."""
-        place_m, self._requested_m = self._requested_m, None
+        place_m = self._requested_m
+        self._requested_m = None
         if place_m is None:
             return []
         if reason := self._request_problem(self.robot, place_m, now_ns):
@@ -376,7 +381,9 @@ class RobotSteering:
         if answer.ends:
             self._release()
         elif self._mode == "land" and answer.cue == "refused":
-            self._mode, self._landing_m = "follow", None  # so that another place can be pointed at
+            # so that another place can be pointed at
+            self._mode = "follow"
+            self._landing_m = None
         cue = self._cues.make(answer.cue, answer.text, now_ns, answer.place_m, sign_of=answer.sign_of)
         return self._output([cue], now_ns)
 
@@ -394,7 +401,8 @@ class RobotSteering:
         reason = self._checker.rejection_reason(place_m, cursor, now_ns)
         if reason:
             return [self._cues.make("refused", reason, now_ns, place_m)]
-        self._mode, self._landing_m = "land", place_m
+        self._mode = "land"
+        self._landing_m = place_m
         return [self._cues.make("selected", f"{self.robot} lands there", now_ns, place_m)]
 
     def _add_waypoint(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
@@ -418,11 +426,13 @@ class RobotSteering:
         return ""
 
     def _go(self, now_ns: int) -> list[Output]:
-        cursor, place_m = self._cursor, self._waypoints[-1]
+        cursor = self._cursor
+        place_m = self._waypoints[-1]
         reason = cursor and self._checker.rejection_reason(place_m, cursor, now_ns)
         if cursor is None or reason:
             return [self._cues.make("refused", reason or "point while you press", now_ns, place_m)]
-        via_m, self._waypoints = tuple(self._waypoints[:-1]), []
+        via_m = tuple(self._waypoints[:-1])
+        self._waypoints = []
         self._goals += 1
         goal = self._checker.goal(
             place_m,
@@ -441,7 +451,9 @@ class RobotSteering:
         return [goal, sent]
 
     def _release(self) -> None:
-        self._taken, self._mode, self._landing_m = None, "none", None
+        self._taken = None
+        self._mode = "none"
+        self._landing_m = None
         self._requested_m = None
         self._waypoints.clear()
 

@@ -59,7 +59,8 @@ class StayDetector:
 
     def bar(self, surface_id: str, place_m: Vec3) -> None:
         """Report no stay until the cursor has left `place_m`, {W}."""
-        self._stay, self._over = None, (surface_id, place_m)
+        self._stay = None
+        self._over = (surface_id, place_m)
 
     def on_cursor(self, place_m: Vec3 | None, surface_id: str, stamp_ns: int) -> Vec3 | None:
         """Return the mean place, {W}, of the stay that this cursor completes, None if it completes none.

@@ -115,14 +115,16 @@ class DeviceClock:
         if is_next:
             self._end_bin(x)
         if is_next or late <= self._fastest_late:
-            self._fastest, self._fastest_late = (x, delay), late
+            self._fastest = (x, delay)
+            self._fastest_late = late
         return arrival_ns - min(round(late), MAX_AGE_NS)
 
     def _start(self, device_ns: int, arrival_ns: int) -> None:
         self._begin = (device_ns, arrival_ns)
         self._offset = self._slope = 0.0
         self._points.clear()
-        self._fastest, self._fastest_late = (0, 0.0), 0.0
+        self._fastest = (0, 0.0)
+        self._fastest_late = 0.0
         self._bin_end = BIN_NS
         self._off = None
 
@@ -141,7 +143,9 @@ class DeviceClock:
             return False
         if late < 0.0:
             return True
-        since_ns, lowest, highest = off[0], min(late, off[1]), max(late, off[2])
+        since_ns = off[0]
+        lowest = min(late, off[1])
+        highest = max(late, off[2])
         if arrival_ns - since_ns <= STEADY_NS:
             self._off = (since_ns, lowest, highest)
             return False

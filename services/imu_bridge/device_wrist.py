@@ -112,9 +112,12 @@ class WristMonitor:
         self._is_connected = True
         self._lost = ""
         self._connections.append(now_s)
-        self._last_s, self._gap_s = now_s, math.inf
+        self._last_s = now_s
+        self._gap_s = math.inf
         self._counts.clear()
-        self._values, self._changed_s, self._finest = (), math.inf, math.inf
+        self._values = ()
+        self._changed_s = math.inf
+        self._finest = math.inf
 
     def on_disconnected(self, reason: str) -> None:
         """Record the loss of the device for `reason`. `""`: it has ended without an error."""

@@ -97,12 +97,14 @@ class PeriodRegression:
         """Add the arrival of the next sample."""
         if self._first_ns is None:
             self._first_ns = arrival_ns
-        x, y = float(self._number), (arrival_ns - self._first_ns) / NS_PER_S
+        x = float(self._number)
+        y = (arrival_ns - self._first_ns) / NS_PER_S
         keep = math.exp(-max(y - self.span_s, 0.0) / MEMORY_S)
         self._number += 1
         self.span_s = y
         weight = self._weight * keep + 1.0
-        dx, dy = x - self._mean_x, y - self._mean_y
+        dx = x - self._mean_x
+        dy = y - self._mean_y
         share = self._weight * keep / weight
         self._mean_x += dx / weight
         self._mean_y += dy / weight
@@ -199,7 +201,9 @@ class Fusion:
         The change of the bias during a rest is the rate at which the heading drifted before it.
         """
         vqf = self._vqf
-        is_resting, rate_degps, since_s = False, None, 0.0
+        is_resting = False
+        rate_degps = None
+        since_s = 0.0
         if vqf is not None:
             is_resting = vqf.getRestDetected()
             bias, sigma = vqf.getBiasEstimate()
@@ -243,9 +247,11 @@ class Fusion:
 
     def _step(self, reading: RawReading) -> float:
         """Return the time since the last reading, s. 0: nothing is to be done with this one."""
-        arrivals, device_ns = self._arrival_regression, reading.device_time_ns
+        arrivals = self._arrival_regression
+        device_ns = reading.device_time_ns
         time_ns = reading.stamp_ns if device_ns is None else device_ns
-        before_ns, self._before_ns = self._before_ns, time_ns
+        before_ns = self._before_ns
+        self._before_ns = time_ns
         if before_ns is None:
             arrivals.add(time_ns)
             return 0.0

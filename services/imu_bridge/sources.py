@@ -141,7 +141,8 @@ class ReadingCheck:
         """Check `item`, delivered at `now_ns`. Return the problem of the last seconds, or `""`."""
         second = now_ns // NS_PER_S
         if second != self._second:
-            self._second, self._count = second, 0
+            self._second = second
+            self._count = 0
         self._count += 1
         if self._count > MAX_ITEMS_PER_S:
             found = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
@@ -149,7 +150,8 @@ class ReadingCheck:
             found = fault(item)
         self.is_refused = bool(found)
         if found:
-            self._problem, self._problem_ns = found, now_ns
+            self._problem = found
+            self._problem_ns = now_ns
         elif self._problem and not 0 <= now_ns - self._problem_ns < SHOWN_NS:
             self._problem = ""
         return self._problem

@@ -134,7 +134,8 @@ def quaternion_in(content: Mapping[str, Any], order: Order) -> Quaternion:
     Raises:
         ContentError: If it has none or several, or its norm is wrong.
     """
-    four, fields = named_components(content), [key for key in content if key.casefold() in _LISTS]
+    four = named_components(content)
+    fields = [key for key in content if key.casefold() in _LISTS]
     if (four is not None) + len(fields) != 1:
         raise ContentError("has several quaternions" if fields else "has no quaternion")
     if four is None and is_object(inner := content[fields[0]]):

@@ -148,7 +148,8 @@ class ThingLamps:
         return self._find_owners()
 
     def _find_owners(self) -> bool:
-        before, self._owners = self._owners, {}
+        before = self._owners
+        self._owners = {}
         if self.lamps and self._selection is not None:
             selected = [item for item in self._selection.objects if not item.is_pending]
             self._owners = {self.lamps[item.id]: item.user for item in selected if item.id in self.lamps}

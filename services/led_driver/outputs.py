@@ -191,7 +191,8 @@ class GuardedOutput:
     async def _run(self) -> None:
         if not self._is_new:
             self._use(self._make())
-            colors, shown = self._colors, self._last_frame
+            colors = self._colors
+            shown = self._last_frame
             if self._map is not None:
                 self.set_map(self._map)
             if shown is not None:

@@ -149,7 +149,8 @@ class Layout:
         """
         if not len(self._keys):
             return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-        origin_m, limit_m = self._origins_m[lines], self._ends_m[lines]
+        origin_m = self._origins_m[lines]
+        limit_m = self._ends_m[lines]
         low = origin_m + np.minimum(np.maximum(start_m, -_APART_M / 4.0), limit_m)
         high = origin_m + np.minimum(np.maximum(end_m, -_APART_M / 4.0), limit_m)
         first = self._keys.searchsorted(low, side="left")
@@ -162,14 +163,16 @@ class Layout:
         if not len(narrow):
             return spans, entries
         line_of_entry, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
-        spans, entries = np.concatenate([spans, narrow[line_of_entry]]), np.concatenate([entries, those])
+        spans = np.concatenate([spans, narrow[line_of_entry]])
+        entries = np.concatenate([entries, those])
         order = np.argsort(spans, kind="stable")
         return spans[order], entries[order]
 
     def _lit_run_by_run(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
         """Return the same as `lit`: the entries in each span, or else for each run the one at its middle."""
         line_of_entry, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
-        start_m, end_m = start_m[line_of_entry], end_m[line_of_entry]
+        start_m = start_m[line_of_entry]
+        end_m = end_m[line_of_entry]
         low = self._rows(self._run_at_m, run, start_m, bisect_left)
         high = self._rows(self._run_at_m, run, end_m, bisect_right)
         middle_m = (start_m + end_m) / 2.0
@@ -227,13 +230,15 @@ def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
 
 
 def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]]) -> Iterator[_Run]:
-    low_m, high_m = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
+    low_m = line.vertices_m.min(axis=0) - reach_m
+    high_m = line.vertices_m.max(axis=0) + reach_m
     for run, places_m in strips:
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
         at_m, apart_m = line.nearest_to(places_m[near])
         beside = (apart_m <= reach_m) & ~line.is_beyond_ends(places_m[near], at_m, END_M)
         order = np.argsort(at_m[beside], kind="stable")
-        pixels, along_m = run.pixels[near[beside][order]], at_m[beside][order]
+        pixels = run.pixels[near[beside][order]]
+        along_m = at_m[beside][order]
         gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1
         for part, part_m in zip(np.split(pixels, gaps), np.split(along_m, gaps), strict=True):
             if len(part):
@@ -247,7 +252,8 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
     pitch_m = max(float(steps_m.mean()), own_m / 4.0) if len(steps_m) else own_m
     half_m = pitch_m * (0.5 + _ROUNDING)
     middle_m = at_m[:-1] + steps_m / 2.0
-    from_m, to_m = np.r_[at_m[0] - half_m, middle_m], np.r_[middle_m, at_m[-1] + half_m]
+    from_m = np.r_[at_m[0] - half_m, middle_m]
+    to_m = np.r_[middle_m, at_m[-1] + half_m]
     return _Run(pixels, at_m, pitch_m, max(float(steps_m.max(initial=0.0)), pitch_m), from_m, to_m)
 
 
@@ -320,7 +326,8 @@ class Renderer:
 
     def _draw_segments(self, segments: Segments) -> None:
         layout = self.layout
-        start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
+        start_m = segments.at_m - segments.half_m
+        end_m = segments.at_m + segments.half_m
         tails_m = segments.tail_m
         if tails_m is None:
             line_of_entry, entries = layout.lit(segments.lines, start_m, end_m)
@@ -329,7 +336,8 @@ class Renderer:
         if not len(entries):
             return
         at_m = layout.at_m[entries]
-        before_m, after_m = at_m - start_m[line_of_entry], end_m[line_of_entry] - at_m
+        before_m = at_m - start_m[line_of_entry]
+        after_m = end_m[line_of_entry] - at_m
         if tails_m is not None:
             tail_m = tails_m[0] + tails_m[1]
             outside_m = np.minimum(before_m, after_m)
@@ -340,16 +348,15 @@ class Renderer:
                 colors = segments.palette[line_of_entry[tail], BODY] * np.maximum(fade, 0.0)[:, None]
                 self._buffer[layout.pixels[entries[tail]]] = colors
                 body = np.flatnonzero(~behind)
-                line_of_entry, entries, before_m, after_m = (
-                    line_of_entry[body],
-                    entries[body],
-                    before_m[body],
-                    after_m[body],
-                )
+                line_of_entry = line_of_entry[body]
+                entries = entries[body]
+                before_m = before_m[body]
+                after_m = after_m[body]
         roles = np.zeros(len(line_of_entry), dtype=np.intp)
         stated = np.flatnonzero((segments.margins > 0)[line_of_entry])
         if len(stated):
-            those, these = line_of_entry[stated], entries[stated]
+            those = line_of_entry[stated]
+            these = entries[stated]
             first, last = self._counted(segments, those, these, start_m, end_m)
             roles[stated] = self._roles(segments, those, self._margin[these], first, last)
         self._buffer[layout.pixels[entries]] = segments.palette[line_of_entry, roles]
@@ -362,14 +369,16 @@ class Renderer:
         If the strip ends within the segment, pixels are counted as if it continued.
         """
         layout = self.layout
-        run, number = layout.run[entries], layout.number[entries]
+        run = layout.run[entries]
+        number = layout.number[entries]
         stated = np.cumsum(segments.margins > 0) - 1
         slot = stated[line_of_entry] * len(layout.pitch_m) + run
         low = np.full((int(stated[-1]) + 1) * len(layout.pitch_m), layout.count, dtype=np.intp)
         high = np.zeros_like(low)
         np.minimum.at(low, slot, number)
         np.maximum.at(high, slot, number)
-        low, high = low[slot], high[slot]
+        low = low[slot]
+        high = high[slot]
         pitch_m = layout.pitch_m[run]
         before = _whole((layout.first_m[run] - start_m[line_of_entry]) / pitch_m) * (low == 0)
         after = _whole((end_m[line_of_entry] - layout.last_m[run]) / pitch_m) * (
@@ -409,20 +418,24 @@ class Renderer:
     def _draw_cursors(self, cursors: list[CursorMark]) -> None:
         layout = self.layout
         line, place_m, width_m, color = zip(*cursors, strict=True)
-        lines, colors = np.array(line, dtype=np.intp), np.array(color, dtype=np.uint8)
-        at_m, half_m = np.array(place_m), np.array(width_m) / 2.0
+        lines = np.array(line, dtype=np.intp)
+        colors = np.array(color, dtype=np.uint8)
+        at_m = np.array(place_m)
+        half_m = np.array(width_m) / 2.0
         line_of_entry, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
         pixels = layout.pixels[entries]
         if len(cursors) > 1 and len(pixels):
             # the k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
             order = np.lexsort((line_of_entry, pixels))
-            pixels, line_of_entry = pixels[order], line_of_entry[order]
+            pixels = pixels[order]
+            line_of_entry = line_of_entry[order]
             begins = np.ones(len(pixels), dtype=np.bool_)
             np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
             group = np.cumsum(begins) - 1
             rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
             shown = rank == layout.wire[pixels] % np.bincount(group)[group]
-            pixels, line_of_entry = pixels[shown], line_of_entry[shown]
+            pixels = pixels[shown]
+            line_of_entry = line_of_entry[shown]
         self._buffer[pixels] = colors[line_of_entry]
 
 

@@ -270,7 +270,8 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamps_s = asyncio.get_running_loop().time()
         now_ns = self.clock.now_ns()
         self._light(self._lights.lamps.colors(now_ns))
-        before, self._lamp_service = self._lamp_service, self._lights.lamps.queue.service()
+        before = self._lamp_service
+        self._lamp_service = self._lights.lamps.queue.service()
         if before.leases != self._lamp_service.leases:
             self._lease_seq += 1
             leases = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._lamp_service.leases)

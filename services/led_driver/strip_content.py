@@ -303,7 +303,8 @@ class StripContent:
 
     def pop_newest_capture_ns(self) -> int | None:
         """Return the newest capture time of the cursors on lines that came since the last call."""
-        new_ns, self._new_ns = self._new_ns, None
+        new_ns = self._new_ns
+        self._new_ns = None
         return new_ns
 
     def cursors(self, now_ns: int) -> list[CursorMark]:

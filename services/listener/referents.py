@@ -297,7 +297,8 @@ def referents(
     ways = np.minimum(np.array([stay.way_rad for stay in stays]) / USUAL_WAY_RAD, 1.0)
     sideways = np.hypot(math.hypot(model.pose_rad, spoken.yaw_sigma_rad), model.sideways_rad * ways)
     at = np.array([origins[each].mean(axis=0) for each in means])
-    flat, unseen = 1.0 / FIELD_SR, 1.0 - float(shares.sum())
+    flat = 1.0 / FIELD_SR
+    unseen = 1.0 - float(shares.sum())
     likelihoods = _densities(at, sights, targets, model, sideways) @ shares + unseen * flat
     priors = _priors(targets, origins, spoken.word) * model.any_target
     weights = priors * likelihoods
@@ -432,7 +433,8 @@ class RecogniserClock:
 
     def compare(self, memory: PointingMemory, now_ns: int) -> bool:
         """Compare words with gestures that are complete by now. Return True if there was any."""
-        window_ns, has_compared = round(WINDOW_S * NS_PER_S), False
+        window_ns = round(WINDOW_S * NS_PER_S)
+        has_compared = False
         while self._asked:
             spoken = self._asked[0]
             times_ns = (spoken.at_ns, *spoken.others_ns)

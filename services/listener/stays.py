@@ -131,7 +131,8 @@ def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: 
     before = _messages(fits[:which], len(stays), model)
     after = _messages([row[::-1] for row in fits[:which:-1]], len(stays), model)[::-1]
     weights = [fit * b * a for fit, b, a in zip(fits[which], before, after, strict=True)]
-    total, seen = math.fsum(weights), math.fsum(fits[which])
+    total = math.fsum(weights)
+    seen = math.fsum(fits[which])
     if total <= 0.0:
         return [0.0] * len(stays)
     return [seen / (seen + model.missed) * weight / total for weight in weights]
@@ -152,7 +153,8 @@ def _fit(stay: Stay, at_s: float, model: TimingModel) -> float:
     """Return the fit of a stay and a word at `at_s` by their times alone, about 0 to 1."""
     z = (stay.begin_s - at_s - model.lag_s) / model.lag_sigma_s
     arrives = math.exp(-0.5 * z * z)
-    low_s, high_s = at_s + model.lag_s - model.lag_sigma_s, at_s + model.lag_s + model.lag_sigma_s
+    low_s = at_s + model.lag_s - model.lag_sigma_s
+    high_s = at_s + model.lag_s + model.lag_sigma_s
     overlap_s = min(stay.end_s, high_s) - max(stay.begin_s, low_s)
     return stay.weight * (arrives + model.held * max(overlap_s, 0.0) / (high_s - low_s))
 

@@ -38,7 +38,8 @@ class HeadingWindow:
 
     def add(self, ray: PointingRay) -> None:
         """Add `ray` unless it is not newer than the last one."""
-        rays, stamp_ns = self._rays, ray.stamp_ns
+        rays = self._rays
+        stamp_ns = ray.stamp_ns
         if rays and stamp_ns <= rays[-1][0]:
             return
         rays.append((stamp_ns, ray))

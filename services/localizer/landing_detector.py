@@ -31,7 +31,9 @@ class LandingDetector:
 
     def add(self, ray: PointingRay) -> None:
         """Process a ray."""
-        recent, stamp_ns, direction = self._recent, ray.stamp_ns, unfiltered(ray)
+        recent = self._recent
+        stamp_ns = ray.stamp_ns
+        direction = unfiltered(ray)
         if recent and not 0 < stamp_ns - recent[-1][0] <= 3 * WINDOW_NS:
             recent.clear()
         recent.append((stamp_ns, direction, ray))
@@ -50,5 +52,6 @@ class LandingDetector:
 
     def take(self) -> Mean | None:
         """Return the mean of the rays at the first landing of the reach, once. None if there is none."""
-        landing_mean, self._landing_mean = self._landing_mean, None
+        landing_mean = self._landing_mean
+        self._landing_mean = None
         return landing_mean

@@ -292,7 +292,9 @@ class TargetDisambiguator:
     def _first(self, fits: Sequence[RobotFit]) -> Solution | Refusal:
         """Choose a robot; robots that give the same pose count as one."""
         best = fits[0]
-        self.object_id, self._decided, self._streak = best.object_id, False, 0
+        self.object_id = best.object_id
+        self._decided = False
+        self._streak = 0
         if isinstance(best.result, Refusal):
             return best.result
         others = [fit for fit in fits[1:] if not _are_near(best.result, fit.result)]
@@ -428,7 +430,8 @@ class MovingTarget(Procedure):
         if not self._tracks:
             which = self._config.robot_id or "a robot"
             return Refusal(f"no tracker reports {which}; start its tracker")
-        before_ns, self._tried_ns = self._tried_ns, self._newest_ray_ns
+        before_ns = self._tried_ns
+        self._tried_ns = self._newest_ray_ns
         if self._tried_ns == before_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
         self._forget_left(self._newest_ray_ns)
@@ -446,7 +449,8 @@ class MovingTarget(Procedure):
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
-        pointings, floor_m = self._rays.pointings(meant), self._config.floor_m
+        pointings = self._rays.pointings(meant)
+        floor_m = self._config.floor_m
         if isinstance(result, Refusal) and has_settled(pointings, result, settings, floor_m=floor_m):
             self._rays.forget_older_half()
             return result
@@ -489,7 +493,8 @@ class MovingTarget(Procedure):
             return Refusal("keep following the robot with the arm straight")
         if float(np.ptp(pointings.targets_m, axis=0).max()) < SAME_PLACE_M:
             return Refusal(f"{robot} stands still: follow it with the arm as soon as it moves")
-        floor_m, timed = self._config.floor_m, self._timed(settings, track)
+        floor_m = self._config.floor_m
+        timed = self._timed(settings, track)
         if settings is self._settings:  # a calibration leaves no bias to remember
             timed = self._expected.believed(without_spikes(pointings), timed, floor_m)
         return followed(pointings, timed, floor_m=floor_m, start=self._solution)

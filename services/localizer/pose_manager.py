@@ -63,7 +63,8 @@ class ExternalPose:
     def hear(self, pose: UserPose, now_ns: int) -> bool:
         """Store a tracker's pose. Return True if it is the first, also after `take_over`."""
         is_first = self.pose is None
-        self.pose, self._received_ns = pose, now_ns
+        self.pose = pose
+        self._received_ns = now_ns
         return is_first
 
     def take_over(self) -> None:
@@ -99,7 +100,8 @@ class YawOrigin:
         """Return the change since the sample before."""
         epoch = self._epoch
         self._epoch = now = sample.yaw_epoch
-        before_ns, device_ns = self._device_ns, sample.device_time_ns
+        before_ns = self._device_ns
+        device_ns = sample.device_time_ns
         fallen_ns = 0 if before_ns is None or device_ns is None else before_ns - device_ns
         if device_ns is not None and not 0 < fallen_ns <= BACK_NS:
             self._device_ns = device_ns
@@ -168,7 +170,8 @@ class PoseManager:
 
     def on_robot(self, state: RobotState, robot: str, now_ns: int) -> list[Output]:
         """Correct a pose that drifts when the person takes a robot, at which they point then."""
-        before, self._drivers[robot] = self._drivers.get(robot), state.user
+        before = self._drivers.get(robot)
+        self._drivers[robot] = state.user
         if before is None or before == self._user or state.user != self._user or not self._tracking.follows:
             return []
         mean = self._heading_window.mean(now_ns)
@@ -184,7 +187,8 @@ class PoseManager:
         """Correct a pose that drifts by the landing of a reach whose name the person confirms."""
         if event.user != self._user or event.event not in ("selected", "deselected"):
             return []
-        landing, position_m = self._landing_detector.take(), self._things_m.get(event.object_id)
+        landing = self._landing_detector.take()
+        position_m = self._things_m.get(event.object_id)
         is_confirmed = event.cause == "button" and self._has_names and not self.procedures.is_busy
         if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:
             return []
@@ -203,7 +207,8 @@ class PoseManager:
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
-            self._heading_window, self._landing_detector = HeadingWindow(), LandingDetector()
+            self._heading_window = HeadingWindow()
+            self._landing_detector = LandingDetector()
             pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
             out = [*self.procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
         if not self._is_cursor_shown and not self.procedures.is_following:
@@ -255,7 +260,8 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        accepted, config = self._tracking.base, self._config
+        accepted = self._tracking.base
+        config = self._config
         accepted_deg = math.degrees(floor_sigma.yaw_sigma_rad(accepted.covariance)) if accepted else 0.0
         limits_deg = config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg
         if sigma_deg <= max(*limits_deg, min(MAX_SIGMA_GROWTH * accepted_deg, MAX_SIGMA_DEG)):

@@ -58,7 +58,8 @@ class PosePublishTimer:
 
 
 def _has_changed(last: UserPose, now: DriftPose) -> bool:
-    yaw_sigma, position_sigma = yaw_sigma_rad(last.covariance), position_sigma_m(last.covariance)
+    yaw_sigma = yaw_sigma_rad(last.covariance)
+    position_sigma = position_sigma_m(last.covariance)
     return (
         abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
         or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma

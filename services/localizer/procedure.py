@@ -201,7 +201,8 @@ class Hold:
             return False
         directions = unfiltered_rays.directions(recent)
         half = len(recent) // 2
-        before, after = directions[:half].sum(axis=0), directions[-half:].sum(axis=0)
+        before = directions[:half].sum(axis=0)
+        after = directions[-half:].sum(axis=0)
         angle_rad = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
         return angle_rad <= math.radians(self._config.steady_degps) * span_s / 2.0
 

@@ -155,7 +155,8 @@ class Anchoring(LampProcedure):
             return self._end(
                 now_ns, "refused", "the rays point in all directions; hold the arm still and try again"
             )
-        spread_deg, problem = math.degrees(mean.spread_rad), ""
+        spread_deg = math.degrees(mean.spread_rad)
+        problem = ""
         if spread_deg > MAX_SPREAD_DEG:
             problem = (
                 f"the arm wandered by {round_beyond(spread_deg, MAX_SPREAD_DEG)}° while {self._lamp.id} was "
@@ -406,7 +407,8 @@ class ProcedureRunner:
         return self._begin(waiting, since_ns, now_ns)
 
     def _begin(self, procedure: Procedure, since_ns: int, now_ns: int) -> list[Output]:
-        self._running, self._published_ns = procedure, now_ns
+        self._running = procedure
+        self._published_ns = now_ns
         return procedure.start(now_ns, since_ns)
 
     def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:
@@ -469,7 +471,8 @@ class ProcedureRunner:
 
     def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""
-        running, out = self._running, list[Output]()
+        running = self._running
+        out = list[Output]()
         for output in outputs:
             if isinstance(output, UserPose) and running is not None:
                 out.append(self._tracking.set_localized(output, *running.times_ns, now_ns))

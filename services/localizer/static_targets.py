@@ -173,8 +173,10 @@ def fisher_information(targets_m: Array, eyes_m: Array, observation_model: Obser
     reach = targets_m[None, :, :] - eyes_m[:, None, :]
     distance = np.maximum(np.linalg.norm(reach, axis=2), 1e-3)
     level = np.maximum(np.hypot(reach[..., 0], reach[..., 1]), 1e-3)
-    east, north = reach[..., 0] / level, reach[..., 1] / level
-    cos_el, sin_el = level / distance, reach[..., 2] / distance
+    east = reach[..., 0] / level
+    north = reach[..., 1] / level
+    cos_el = level / distance
+    sin_el = reach[..., 2] / distance
     slopes = np.zeros((*distance.shape, 2, 4))
     slopes[..., 0, 0] = north / distance  # sideways
     slopes[..., 0, 1] = -east / distance
@@ -217,7 +219,8 @@ def next_target(
         floor_m: height of the floor in {W}.
         place_m: x and y of the person. None if unknown: anywhere in the room.
     """
-    lamps, counts = np.array(lamps_m, dtype=np.float64), np.array(visits)
+    lamps = np.array(lamps_m, dtype=np.float64)
+    counts = np.array(visits)
     places = _room(lamps) if place_m is None else np.array([place_m])
     eyes = np.column_stack([places, np.full(len(places), floor_m + observation_model.eyes_m)])
     gained = fisher_information(lamps, eyes, observation_model)
@@ -241,7 +244,8 @@ def prior(observation_model: ObservationModel) -> Array:
 
 def _room(lamps: Array) -> Array:
     """Return possible positions of people (p x 2), evenly over the room but not close to a lamp."""
-    low, high = lamps[:, :2].min(axis=0) - AROUND_M, lamps[:, :2].max(axis=0) + AROUND_M
+    low = lamps[:, :2].min(axis=0) - AROUND_M
+    high = lamps[:, :2].max(axis=0) + AROUND_M
     east, north = (np.linspace(float(low[axis]), float(high[axis]), PLACES) for axis in (0, 1))
     places: Array = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     away = np.linalg.norm(places[:, None, :] - lamps[None, :, :2], axis=2).min(axis=1)
@@ -310,7 +314,9 @@ class StaticTargets(LampProcedure):
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        settings, rays, solution = self._settings, self._rays, self._solution
+        settings = self._settings
+        rays = self._rays
+        solution = self._solution
         observation_model = ObservationModel(
             ray_sigma_rad=settings.act_sigma_rad,
             elevation_sigma_rad=settings.elevation_sigma_rad,
@@ -346,7 +352,8 @@ class StaticTargets(LampProcedure):
         if isinstance(result, Refusal) or self._config.targets:
             return True
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
-        turned_deg, enough = math.degrees(result.yaw_sigma_rad), self._config.enough
+        turned_deg = math.degrees(result.yaw_sigma_rad)
+        enough = self._config.enough
         return is_new and (result.position_sigma_m > enough.position_m or turned_deg > enough.yaw_deg)
 
     def _solve(self) -> Solution | Refusal:
@@ -368,7 +375,8 @@ class StaticTargets(LampProcedure):
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
-            reason, tried = result.reason, len(self._holds)
+            reason = result.reason
+            tried = len(self._holds)
             if self._config.order == "informative" and tried > MIN_LAMPS:
                 reason = f"after pointing {tried} times {reason}"
             return self._end(now_ns, "refused", reason, result.residual_rad)

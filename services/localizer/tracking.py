@@ -146,7 +146,8 @@ class PoseTracker:
             known = DriftFilter(fix, self._settings)
         else:
             known.reset(fix, now_ns=now_ns)
-        self._filter, self._is_estimated = known, True
+        self._filter = known
+        self._is_estimated = True
         return self._message(pose.stamp_ns, now_ns)
 
     def restore(self, pose: UserPose, now_ns: int) -> UserPose:
@@ -157,7 +158,8 @@ class PoseTracker:
         self._set(pose, follow=self._may_follow is not False)
         if self._follows:
             fix = replace(to_fix(pose, covariance_of(pose), now_ns), is_anchored=False)
-            self._filter, self._is_estimated = DriftFilter(fix, self._settings), True
+            self._filter = DriftFilter(fix, self._settings)
+            self._is_estimated = True
         return self._message(now_ns, now_ns)
 
     def set_exact(self, pose: UserPose, now_ns: int) -> UserPose:
@@ -355,7 +357,9 @@ class PoseTracker:
 
     def _rested(self, rest: RestYawRate | None, now_ns: int | None = None) -> None:
         if rest is not None and self._filter is not None and self._follows:
-            rate, sigma, is_raised = rest.yaw_rate_radps, rest.sigma_radps, rest.is_raised
+            rate = rest.yaw_rate_radps
+            sigma = rest.sigma_radps
+            is_raised = rest.is_raised
             self._filter.update_rest_rate(rest.stamp_ns, rate, sigma, is_raised=is_raised, now_ns=now_ns)
 
     def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:

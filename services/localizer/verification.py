@@ -217,5 +217,6 @@ def has_settled(
 
 def newest_half(pointings: Pointings) -> Pointings:
     """Return the samples of the second half of the time."""
-    first_s, last_s = float(pointings.stamps_s[0]), float(pointings.stamps_s[-1])
+    first_s = float(pointings.stamps_s[0])
+    last_s = float(pointings.stamps_s[-1])
     return pointings.only(pointings.stamps_s >= 0.5 * (first_s + last_s))

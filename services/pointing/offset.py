@@ -108,7 +108,9 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
     level = np.cos(rays[:, 3])
     accepted, heading = _gate(off, level)
     dropped = tuple(index for index in range(len(rays)) if not accepted[index])
-    rays, off, level = rays[accepted], off[accepted], level[accepted]
+    rays = rays[accepted]
+    off = off[accepted]
+    level = level[accepted]
     if not len(rays):
         return OffsetFit(offset=None, heading_rad=0.0, heading_sigma_rad=math.pi, dropped=dropped)
 
@@ -123,8 +125,10 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
     constant, scatter = _pitch(off[:, 1])
     sigma = _sigma(off[:, 1], constant, PERSON_RAD)
     reference = _middle(rays[:, 2])
-    azimuth_terms, elevation_terms = np.zeros(6), np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
-    polynomials, ranges = 0, ((0.0, 0.0), (0.0, 0.0))
+    azimuth_terms = np.zeros(6)
+    elevation_terms = np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
+    polynomials = 0
+    ranges = ((0.0, 0.0), (0.0, 0.0))
     if len(rays) >= POLYNOMIAL_FROM:
         where = np.stack([_wrapped(rays[:, 0] + heading - reference), rays[:, 1]], axis=1)
         if np.abs(where[:, 0]).max() <= REACH_RAD:
@@ -184,7 +188,9 @@ def _sigma(off: Array, constant: float, person_rad: float) -> float:
 
     The scatter is unknown: each of `SCATTERS_RAD` counts by the likelihood of the anchors.
     """
-    count, variance, person = len(off), SCATTERS_RAD**2, person_rad**2
+    count = len(off)
+    variance = SCATTERS_RAD**2
+    person = person_rad**2
     shrunk = count * person / (count * person + variance)
     score = -count * np.log(SCATTERS_RAD) + 0.5 * np.log(1.0 - shrunk)
     score -= 0.5 * (float(off @ off) - shrunk * count * float(off.mean()) ** 2) / variance
@@ -237,7 +243,8 @@ def _ridge(columns: Array, off: Array, sigma: float, prior: Array) -> tuple[Arra
 
 
 def _columns(where: Array) -> Array:
-    a, e = where[:, 0], where[:, 1]
+    a = where[:, 0]
+    e = where[:, 1]
     return np.stack([np.ones_like(a), a, e, a * a, a * e, e * e], axis=1)
 
 

@@ -83,16 +83,21 @@ class ArmRay:
         """Return origin and unit direction in {H}, or None if the finger is at the eyes."""
         x, y, z, w = orientation_xyzw
         square = x * x + y * y + z * z + w * w  # norms are 1 to within 1e-3 only
-        ahead, left, up = square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+        ahead = square - 2.0 * (y * y + z * z)
+        left = 2.0 * (x * y + w * z)
+        up = 2.0 * (x * z - w * y)
         shoulder_x = shoulder_y = 0.0
         if self._side_m:
             beside = self._side_m / max(math.hypot(ahead, left), VERTICAL * square)
-            shoulder_x, shoulder_y = -beside * left, beside * ahead
+            shoulder_x = -beside * left
+            shoulder_y = beside * ahead
         if not self._is_from_eyes:
             length = math.hypot(ahead, left, up)
             return (shoulder_x, shoulder_y, self._height_m), (ahead / length, left / length, up / length)
         arm = self._arm_m / square
-        ahead, left, up = arm * ahead + shoulder_x, arm * left + shoulder_y, arm * up - self._drop_m
+        ahead = arm * ahead + shoulder_x
+        left = arm * left + shoulder_y
+        up = arm * up - self._drop_m
         length = math.hypot(ahead, left, up)
         if length < MIN_REACH_M:
             return None
@@ -136,7 +141,8 @@ def apply(
         elevation_rad: of the raw ray.
     """
     if offset.rung == "pitch":
-        azimuth, elevation = 0.0, offset.elevation[0]
+        azimuth = 0.0
+        elevation = offset.elevation[0]
     else:
         a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
         a = _clamped(a, offset.azimuth_range_rad)
@@ -146,7 +152,8 @@ def apply(
     fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
     azimuth = fade * min(max(azimuth, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
     elevation = fade * min(max(elevation, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
-    lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
+    lowest = -math.pi / 2.0 - elevation_rad
+    highest = math.pi / 2.0 - elevation_rad
     return azimuth, min(max(elevation, lowest), highest)
 
 
@@ -205,7 +212,8 @@ class Pointer:
         sigma = None
         offset = self._offset
         if offset is not None:
-            azimuth, elevation = vector.azimuth(raw), vector.elevation(raw)
+            azimuth = vector.azimuth(raw)
+            elevation = vector.elevation(raw)
             yaw = self._yaw_rad
             by_azimuth, by_elevation = apply(offset, None if yaw is None else azimuth + yaw, elevation)
             direction = vector.direction(azimuth + by_azimuth, elevation + by_elevation)
@@ -258,7 +266,8 @@ class Freshness:
         if abs(now_ns - stamp_ns) > self._stale_ns or stamp_ns < self._newest_ns:
             self.stale += 1
             return "stale"
-        device_ns, before_ns = sample.device_time_ns, self._device_ns
+        device_ns = sample.device_time_ns
+        before_ns = self._device_ns
         if device_ns is not None:
             if before_ns is not None and device_ns <= before_ns:
                 if device_ns == before_ns:

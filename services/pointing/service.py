@@ -109,10 +109,8 @@ class Pointing(Service[PointingConfig]):
             self.bus.clear(LATE)
         elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
             self._is_warned = True
-            sentence, is_late = (
-                self._problem(now_ns - sample.stamp_ns),
-                verdict not in ("no direction", "repeated"),
-            )
+            sentence = self._problem(now_ns - sample.stamp_ns)
+            is_late = verdict not in ("no direction", "repeated")
             self.bus.warn(LATE, sentence if is_late else "")
             self.bus.warn("samples", "" if is_late else sentence)
 
@@ -126,15 +124,19 @@ class Pointing(Service[PointingConfig]):
                 )
             self._restarts = freshness.restarts
             self.bus.set_metric("restarts of the wrist", self._restarts)
-        count, repeated = freshness.count - self._count, freshness.repeated - self._repeated
+        count = freshness.count - self._count
+        repeated = freshness.repeated - self._repeated
         share = 100.0 * repeated / count if freshness.repeated else None  # most devices never do
         self.bus.set_metric("repeated samples", share, "%")
         self._metrics_ns = now_ns
-        self._count, self._repeated = freshness.count, freshness.repeated
+        self._count = freshness.count
+        self._repeated = freshness.repeated
 
     def _problem(self, age_ns: int) -> str:
-        freshness, verdict = self._pointer.freshness, self._pointer.verdict
-        age_s, limit_s = age_ns / NS_PER_S, self.config.stale_after_s
+        freshness = self._pointer.freshness
+        verdict = self._pointer.verdict
+        age_s = age_ns / NS_PER_S
+        limit_s = self.config.stale_after_s
         if verdict == "no direction":
             return "the finger would be at the eyes: correct the body measures of the person's profile"
         if verdict == "repeated":

@@ -52,7 +52,9 @@ class Passing:
 
     def end(self) -> None:
         """Reset: the ray meets something, or the person stopped pointing."""
-        self._since_ns, self._missed_ns, self.hint = None, 0, ""
+        self._since_ns = None
+        self._missed_ns = 0
+        self.hint = ""
 
     def miss(self, origin_m: Vec3, direction: Vec3, stamp_ns: int) -> Passed | None:
         """Return the thing nearest to a ray that passes everything, or None while the arm rests."""
@@ -60,7 +62,8 @@ class Passing:
             self._since_ns = None
             return None
         if self._since_ns is None or stamp_ns < self._since_ns:
-            self._since_ns, self._looked_ns = stamp_ns, stamp_ns - LOOK_NS
+            self._since_ns = stamp_ns
+            self._looked_ns = stamp_ns - LOOK_NS
         if not 0 <= stamp_ns - self._looked_ns < LOOK_NS:
             self._looked_ns = stamp_ns
             self._missed_ns += LOOK_NS

@@ -115,12 +115,14 @@ class Pui(Service[PuiConfig]):
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
         object_publisher: Publisher[TrackedObjects] | None = None
-        room, things = self._environment, listing(self._environment, 0)
+        room = self._environment
+        things = listing(self._environment, 0)
         while True:
             while object_publisher is not None or self._environment.fixed_things:
                 object_publisher = object_publisher or self.bus.publisher(topics.OBJECTS, TRACKER)
                 if room is not self._environment:
-                    room, things = self._environment, listing(self._environment, 0)
+                    room = self._environment
+                    things = listing(self._environment, 0)
                 object_publisher.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
                 await sleep(self.clock, PERIOD_S)
             self._map_came.clear()
@@ -159,7 +161,8 @@ class Pui(Service[PuiConfig]):
     def _on_map(self, environment: Environment, _name: str) -> None:
         """Use the site's map in a shard. If it is unusable, the default pui serves the shard's users."""
         self._map_came.set()
-        self._has_map, problem = True, ""
+        self._has_map = True
+        problem = ""
         try:
             if "points" in self.config.surfaces and environment.clouds:
                 raise ValueError(  # noqa: TRY301 - told like the others
@@ -213,7 +216,8 @@ class Pui(Service[PuiConfig]):
             environment, room = await asyncio.to_thread(self._read_room, self._map_file(query.path))
             room.surfaces.tolerance_rad = self._room.surfaces.tolerance_rad
             self._enter(room)
-            self._map, self._environment = _full_name(query.path), environment
+            self._map = _full_name(query.path)
+            self._environment = environment
             self._maps().put(environment)
             self._map_came.set()
         return UseMapReply(message=f"people point at the map {self._map}", path=self._map)
@@ -226,7 +230,8 @@ class Pui(Service[PuiConfig]):
         """
         if name_or_path in shipped_maps():
             return name_or_path
-        path, first = Path(name_or_path).resolve(), self.config.map_to_read
+        path = Path(name_or_path).resolve()
+        first = self.config.map_to_read
         folder = Path.cwd() if first in ("", *shipped_maps()) else Path(first).resolve().parent
         if path.suffix in (".yaml", ".yml") and path.is_relative_to(folder) and path.is_file():
             return name_or_path

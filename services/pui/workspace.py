@@ -102,11 +102,14 @@ class Workspace:
         """Return the hit of the ray from the eyes, with misses to the unsteered ray, or None."""
         steered = self._steered(vector.normalized(direction))
         if self._plane is not None:
-            ahead, uv_at = self._plane.intersect(eyes_m, steered), self._plane.uv_at
+            ahead = self._plane.intersect(eyes_m, steered)
+            uv_at = self._plane.uv_at
         elif self.kind == "sphere":
-            ahead, uv_at = self._radius_m, SphereSolid(eyes_m, self._radius_m).uv_at
+            ahead = self._radius_m
+            uv_at = SphereSolid(eyes_m, self._radius_m).uv_at
         else:
-            ahead, uv_at = self._leaves_cylinder(vector.subtract(eyes_m, feet_m), steered), None
+            ahead = self._leaves_cylinder(vector.subtract(eyes_m, feet_m), steered)
+            uv_at = None
         if ahead is None or ahead > FARTHEST_M:
             return None
         point = vector.add(eyes_m, vector.scale(steered, ahead))
@@ -135,7 +138,8 @@ class Workspace:
         if root < 0.0:
             return None
         ahead = (math.sqrt(root) - towards) / square
-        x, y = own[0] + ahead * d[0], own[1] + ahead * d[1]
+        x = own[0] + ahead * d[0]
+        y = own[1] + ahead * d[1]
         cosine = (d[0] * x + d[1] * y) / self._radius_m
         return ahead if ahead > 0.0 and cosine > math.sin(GRAZING_RAD) else None
 

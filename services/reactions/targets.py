@@ -46,7 +46,8 @@ PAUSES_S = (1.0, 4.0)
 AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
 MAX_REASON = 200
 """Characters of a server's words that are shown."""
-SUCCESS, REDIRECT = 200, 300
+SUCCESS = 200
+REDIRECT = 300
 TOO_MANY_REQUESTS = 429
 SERVER_ERROR = 500
 
@@ -167,7 +168,8 @@ class Webhook:
         """
         try:
             parts = urlsplit(url)
-            host, _port = parts.hostname, parts.port
+            host = parts.hostname
+            _port = parts.port
             if host:
                 parse_address(parts.netloc.rpartition("@")[2])
         except ValueError as error:
@@ -205,7 +207,8 @@ class Webhook:
             request = self._request(act)
         except (httpx.InvalidURL, UnicodeError) as error:
             return "error", f"was not sent, as its address is not valid ({error}): correct it"
-        problem, code = "", cast("FailureCode", "no_answer")
+        problem = ""
+        code = cast("FailureCode", "no_answer")
         for pause_s in (0.0, *PAUSES_S):
             await asyncio.sleep(pause_s)
             try:

@@ -236,7 +236,8 @@ class FileSeries:
     def _next(self, now_ns: int) -> None:
         """End the file, and begin one whose first entries are those that still hold."""
         self.close()
-        self._closed_size, self.closed_entries = self.size, self.entries
+        self._closed_size = self.size
+        self.closed_entries = self.entries
         self._file.close()
         self._file, self._writer = self._open(self._head.model_copy(update={"began_ns": now_ns}))
         log.info("the recording goes on in %s", self.path)
@@ -382,7 +383,8 @@ class Sink:
         return arrival
 
     def _count(self) -> None:
-        self.entries, self.size = self._files.entries, self._files.size
+        self.entries = self._files.entries
+        self.size = self._files.size
         if self._files.left_out:
             with self._lock:
                 self.left_out[TOO_MANY_KEYS] = self._files.left_out

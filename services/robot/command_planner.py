@@ -210,7 +210,8 @@ class CommandPlanner:
     def forget(self) -> None:
         """End the order and all that was wanted."""
         self.interrupt()
-        self._refused, self.problem = None, ""
+        self._refused = None
+        self.problem = ""
 
     def step(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
         """Return the command that starts or continues the request of the robot's user."""
@@ -264,10 +265,12 @@ class CommandPlanner:
         return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
 
     def _path(self, report: RobotReport, now_ns: int) -> Command | None:
-        goal, self._goal = self._goal, None
+        goal = self._goal
+        self._goal = None
         if goal is None:
             return None
-        here_m, wanted_m = report.position_m, (*goal.via_m, goal.position_m)
+        here_m = report.position_m
+        wanted_m = (*goal.via_m, goal.position_m)
         if not all(self._is_reachable(point, here_m) for point in wanted_m):
             self.problem = UNREACHABLE
             return None
@@ -296,7 +299,8 @@ class CommandPlanner:
 
         A quadrotor hovers above level places, a ground robot goes to no others.
         """
-        point, where = cursor.point_m, cursor.surface_id
+        point = cursor.point_m
+        where = cursor.surface_id
         if point is None or not self._is_reachable(point, here_m):
             return None
         if not self._safety.people.is_on_level(cursor):

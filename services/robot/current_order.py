@@ -130,7 +130,9 @@ class StandstillMonitor:
 
     def forget(self) -> None:
         """Record that the robot may move, or that its position is unknown."""
-        self.problem, self._due_ns, self._place = "", None, None
+        self.problem = ""
+        self._due_ns = None
+        self._place = None
 
     def is_left(self, report: RobotReport, now_ns: int) -> bool:
         """Return True if it has to be told once more to stop. Call this while it has no order."""
@@ -140,7 +142,8 @@ class StandstillMonitor:
             return False
         limit_m = MOVED_M + 2.0 * (report.position_sigma_m or 0.0)
         if self._place is not None and math.dist(self._place[1], report.position_m) > limit_m:
-            self.problem, self._place = self._text, None
+            self.problem = self._text
+            self._place = None
             self._due_ns = now_ns + round(REPEAT_S * NS_PER_S)
             return True
         if self._place is not None and now_ns - self._place[0] < WINDOW_S * NS_PER_S:
@@ -165,7 +168,8 @@ class ProgressMonitor:
             return ""
         since_ns, place_m = self._place
         if command.order != self._order or math.dist(place_m, report.position_m) > MOVED_M:
-            self._order, self._place = command.order, (now_ns, report.position_m)
+            self._order = command.order
+            self._place = (now_ns, report.position_m)
             return ""
         if now_ns - since_ns < STUCK_S * NS_PER_S:
             return ""

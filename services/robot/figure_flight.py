@@ -137,7 +137,8 @@ def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float) -> A
     level = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
     reach = np.hypot(level, away[..., 2])
     slope = np.zeros((2, *level.shape, 5))  # sideways, upwards; by x, y, yaw, bias, latency
-    slope[0, ..., 0], slope[0, ..., 1] = away[..., 1] / (level * reach), -away[..., 0] / (level * reach)
+    slope[0, ..., 0] = away[..., 1] / (level * reach)
+    slope[0, ..., 1] = -away[..., 0] / (level * reach)
     slope[0, ..., 2] = -level / reach
     slope[1, ..., :2] = away[..., 2:] * away[..., :2] / (level * reach**2)[..., None]
     slope[1, ..., 3] = 1.0
@@ -173,7 +174,8 @@ def _courses(length_m: float, *, is_flying: bool) -> Iterator[Array]:
 
 def _level_length(along: Array, aside: Array, up: Array, length_m: float) -> float:
     """Return the factor on `along` and `aside` that makes the course `length_m` long."""
-    low, high = 0.0, length_m
+    low = 0.0
+    high = length_m
     for _ in range(30):
         middle = 0.5 * (low + high)
         steps = np.diff(np.stack([middle * along, middle * aside, up]), axis=1)
@@ -266,7 +268,8 @@ class FigureFlight:
         if chosen is None:
             self.problem = NO_FIGURE
             return None
-        self._is_begun, self.problem = True, ""
+        self._is_begun = True
+        self.problem = ""
         return FollowPath(order.next(), chosen.points_m[1:], None, safety.speed_limit_mps(chosen.points_m))
 
     def _interrupt(self, order: CurrentOrder) -> Command | None:

@@ -186,7 +186,8 @@ def in_frame(command: Command, frame: Frame) -> Command:
     """Return a command that is in {W} as the driver gets it."""
     match command:
         case Follow():
-            place, yaw_rad = _point(command.position_m, frame), _yaw(command.yaw_rad, frame)
+            place = _point(command.position_m, frame)
+            yaw_rad = _yaw(command.yaw_rad, frame)
             return replace(command, position_m=place, yaw_rad=yaw_rad)
         case FollowPath():
             points = tuple(_point(each, frame) for each in command.points_m)

@@ -39,11 +39,13 @@ class RobotMessages:
 
     def state(self, now_ns: int) -> RobotState | None:
         """Return the state ten times a second, and at once if its phase, user or reason changes."""
-        pilot, config = self._pilot, self._config
+        pilot = self._pilot
+        config = self._config
         current = (pilot.phase, pilot.user, pilot.reason)
         if current == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
             return None
-        self._reported, self._state_ns = current, now_ns
+        self._reported = current
+        self._state_ns = now_ns
         self._states += 1
         yaw_rad = math.radians(config.start_yaw_deg)
         report = pilot.report
@@ -70,7 +72,9 @@ class RobotMessages:
 
     def plan(self, now_ns: int) -> RobotPlan | None:
         """Return its plan if that has changed."""
-        line, user, before = self._pilot.way_m, self._pilot.user, self._plan
+        line = self._pilot.way_m
+        user = self._pilot.user
+        before = self._plan
         if before is not None and before.user == user and len(before.line_m) == len(line):
             is_early = 0 <= now_ns - self._plan_ns < PLAN_NS
             if is_early or _distance_m(before.line_m, line) < PLAN_CHANGE_M:
@@ -86,7 +90,8 @@ class RobotMessages:
         is_early = report is not None and 0 <= now_ns - self._objects_ns < OBJECTS_NS
         if is_early or report is self._report:
             return None
-        self._report, self._objects_ns = report, now_ns
+        self._report = report
+        self._objects_ns = now_ns
         self._counted += 1
         if report is None:
             return TrackedObjects(stamp_ns=now_ns, seq=self._counted)

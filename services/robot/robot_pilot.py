@@ -106,7 +106,9 @@ class RobotPilot:
     @property
     def phase(self) -> RobotPhase:
         """Return its phase."""
-        report, command, stage = self.report, self._order.command, self._stage
+        report = self.report
+        command = self._order.command
+        stage = self._stage
         if self._lost or self._kind == "report" or report is None:
             return "lost"
         if self._stop is not None and not self.has_other_master:
@@ -173,11 +175,13 @@ class RobotPilot:
                 if self._lost:
                     self._since_ns = now_ns
                     self._halts = True  # it may still execute an earlier order
-                self.report, self._lost = item, ""
+                self.report = item
+                self._lost = ""
                 self._is_expected = False
                 self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
             case LinkLost(reason=reason):
-                self._lost, self._is_expected = reason, False
+                self._lost = reason
+                self._is_expected = False
                 self._planner.interrupt()
                 self._safety.on_link_lost(reason)
             case OrderStatus():

@@ -26,7 +26,8 @@ class Trajectory:
                 f"{motion.path}: has no positions in 'robot_x', 'robot_y', 'robot_z': no robot to replay"
             )
         is_known = np.isfinite(motion.robot_m).all(axis=1)
-        t_s, robot_m = motion.t_s[is_known], motion.robot_m[is_known]
+        t_s = motion.t_s[is_known]
+        robot_m = motion.robot_m[is_known]
         times_ns, first = np.unique(np.rint(t_s * NS_PER_S).astype(np.int64), return_index=True)
         if len(times_ns) < 2:
             raise ConfigError(f"{motion.path}: a robot that moves needs two samples at different times")

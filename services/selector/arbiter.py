@@ -96,7 +96,8 @@ class Arbiter:
                 the person who changed it, or `""` if everybody is to leave it first.
         """
         self._ownership = ownership
-        self._ledger, self._reservations = ownership.ledger, ownership.reservations
+        self._ledger = ownership.ledger
+        self._reservations = ownership.reservations
         self._positions = ownership.positions
         self._acts = ownership.acts
         self._latch = latch
@@ -120,7 +121,8 @@ class Arbiter:
 
     def use(self, config: SelectorConfig) -> None:
         """Note a change of the method or its times."""
-        self._publisher.method, self._dwell_s = config.method, config.dwell_s
+        self._publisher.method = config.method
+        self._dwell_s = config.dwell_s
         self._has_changed |= self._tells_method
 
     def tell_method(self) -> None:
@@ -192,7 +194,9 @@ class Arbiter:
             now_ns: time from which a reservation counts, ns. An event has the stamp of its claim.
             refused: reason for which it is refused anyway, or `""`.
         """
-        object_id, at_ns, cause = claim.object_id, claim.stamp_ns, claim.cause
+        object_id = claim.object_id
+        at_ns = claim.stamp_ns
+        cause = claim.cause
         action, taken_by = self._ownership.action(user, object_id, now_ns)
         if claim.wish == "reserve":
             if action in CHANGES and not refused:
@@ -330,7 +334,8 @@ class Arbiter:
 
         `newer_user`: who replaced it, whom the cue of the newer act tells enough.
         """
-        object_id, kind = act.record.object_id, act.record.kind
+        object_id = act.record.object_id
+        kind = act.record.kind
         name, (code, text) = kind or object_id, act.problem
         outputs = [self._publisher.outcome(act.outcome(now_ns))]
         if code == "replaced":
@@ -427,8 +432,10 @@ class Arbiter:
 
     def set_thing(self, user: str, query: SetThing, now_ns: int) -> list[Output]:
         """Fire a button or switch a switch, as `user`. Returns nothing if its state is that already."""
-        thing, on = query.thing, query.on
-        tracked, is_on = self._positions.objects.get(thing), self._ownership.is_selected(thing)
+        thing = query.thing
+        on = query.on
+        tracked = self._positions.objects.get(thing)
+        is_on = self._ownership.is_selected(thing)
         if tracked is None or tracked.mode == "claim":
             return [self._publisher.cue(user, "refused", f"no button or switch {thing} is placed", now_ns)]
         if on is is_on:

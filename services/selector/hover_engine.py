@@ -251,7 +251,8 @@ class HoverEngine:
         pointed: PointerResult,
         standing: tuple[Action, str],
     ) -> Hover | None:
-        object_id, stamp_ns = pointed.object_id, cursor.stamp_ns
+        object_id = pointed.object_id
+        stamp_ns = cursor.stamp_ns
         if object_id is None:
             empty_ns = self._empty_ns.get(user)
             if empty_ns is not None and 0 <= stamp_ns - empty_ns < EMPTY_PERIOD_NS:

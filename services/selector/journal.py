@@ -238,7 +238,8 @@ class Journal:
 
         if self._store.write(now_ns, write):
             self._pending.clear()
-            self._published_on_disk, self._alive_ns = self._published, now_ns
+            self._published_on_disk = self._published
+            self._alive_ns = now_ns
         else:
             del self._pending[:-MAX_PENDING]
 

@@ -77,7 +77,8 @@ class _OnLine:
         for at_m, speed_mps, reach_m, tracked in self._objects:
             gap_m = abs(at_m + speed_mps * elapsed_s - position_m)
             if gap_m <= reach_m and gap_m < min_m:
-                best, min_m = (gap_m, tracked), gap_m
+                best = (gap_m, tracked)
+                min_m = gap_m
         return best
 
 

@@ -199,7 +199,8 @@ class Ledger:
 
     def take_back(self, record: Record, now_ns: int, reason: str) -> Record | None:
         """Undo `record`, the last change of its object, which was not done. None if it is undone already."""
-        object_id, entry = record.object_id, self._entries.get(record.object_id)
+        object_id = record.object_id
+        entry = self._entries.get(record.object_id)
         if (entry is None) is (record.event == "selected"):
             return None
         if entry is not None:

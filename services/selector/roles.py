@@ -62,7 +62,10 @@ class SiteRole:
             max_mb=kept.max_mb,
         )
         self._journals = kept.enabled
-        self._bus, self._clock, self._put, self._use = bus, clock, put, use
+        self._bus = bus
+        self._clock = clock
+        self._put = put
+        self._use = use
         self.engine = SelectionEngine(config, self._journal.add, make)
         self._selections = bus.publisher(topics.SELECTION)
         self._events = bus.publisher(topics.SELECTION_EVENTS)
@@ -124,7 +127,8 @@ class SiteRole:
     def check(self, now_ns: int) -> None:
         """Maintain the journal, and show who claims too much, and what is refused. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
-        before, self._carrier_warnings = self._carrier_warnings, self.engine.carrier_warnings()
+        before = self._carrier_warnings
+        self._carrier_warnings = self.engine.carrier_warnings()
         for carrier in {*before, *self._carrier_warnings}:
             self._bus.warn(REFUSED_ACTS, self._carrier_warnings.get(carrier, ""), carrier)
         self._tell_manner(now_ns)
@@ -232,7 +236,10 @@ class ShardRole:
     def __init__(
         self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
     ) -> None:
-        self._bus, self._clock, self._put, self._use = bus, clock, put, use
+        self._bus = bus
+        self._clock = clock
+        self._put = put
+        self._use = use
         self.engine = ShardEngine(config, make)
         self._claims: dict[str, Publisher[Claim]] = {
             user: bus.publisher(topics.CLAIM, user) for user in config.people

@@ -322,7 +322,9 @@ class SeenObjects:
         center_m = (x, y, z)
         half_m = tracked.length_m / 2.0
         range_m = max(range_m, NEAREST_M)
-        along, velocity_mps, place = (0.0, 0.0, 0.0), tracked.velocity_mps, None
+        along = (0.0, 0.0, 0.0)
+        velocity_mps = tracked.velocity_mps
+        place = None
         across = 1.0
         if index < self._on_lines:
             age_s = 0.0 if self._ages_s is None else float(self._ages_s[index])
@@ -337,7 +339,8 @@ class SeenObjects:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
-        half_rad, outline_m = math.atan(half_m * across / range_m), None
+        half_rad = math.atan(half_m * across / range_m)
+        outline_m = None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
             solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)

@@ -87,7 +87,8 @@ class InteractionResume:
 
     def resumable_activity(self, localization: Localization) -> Literal["", "localizing", "pointing"]:
         """Return the activity to resume after the localizer's message `localization`, or `""`. Works once."""
-        before, self._before = self._before, None
+        before = self._before
+        self._before = None
         if before is None or before.state == "idle":
             return ""
         if before.state == "pointing":
@@ -128,7 +129,9 @@ class LocalizationAttempt:
         self.run = run
         self.is_answered = False
         self.next_step = transitions.WAIT
-        self.ahead, self.target_id, self._aimed = (), "", None
+        self.ahead = ()
+        self.target_id = ""
+        self._aimed = None
 
     def classify(self, localization: Localization, pose_ns: int | None) -> Event | None:
         """Return the event that `localization` is for this attempt, or None.
@@ -166,15 +169,19 @@ class LocalizationAttempt:
         if localization.ahead:
             self.counted_ns = now_ns
             self.next_step = transitions.queue(localization.ahead)
-            was_aimed, self._aimed, self.target_id = self._aimed is not None, None, ""
+            was_aimed = self._aimed is not None
+            self._aimed = None
+            self.target_id = ""
             return was_aimed
         if not localization.target_id:
             if not self.target_id:
                 self.next_step = transitions.WAIT
             return False
         if localization.target_index > self._reached:  # the timeout is per lamp
-            self._reached, self.counted_ns = localization.target_index, now_ns
-        aimed, self._aimed = self._aimed, (localization.since_ns, localization.target_index)
+            self._reached = localization.target_index
+            self.counted_ns = now_ns
+        aimed = self._aimed
+        self._aimed = (localization.since_ns, localization.target_index)
         self.next_step = transitions.aim(localization)
         self.target_id = localization.target_id
         return aimed != self._aimed
@@ -500,7 +507,8 @@ class LifeCycle:
     def _tell(
         self, outcome: Cue | Literal[""], now_ns: int, localization: Localization | None
     ) -> list[Output]:
-        attempt, cue = self._attempt, self._publisher.cue
+        attempt = self._attempt
+        cue = self._publisher.cue
         if attempt is None:
             rest: Cue = "refused" if outcome == "refused" else "stopped"
             last: Cue = "started" if self._stage == "pointing" else rest
@@ -508,7 +516,8 @@ class LifeCycle:
             first = [cue(now_ns, outcome, self._reason)] if outcome and outcome != last else []
             return [*first, *self._show(now_ns), cue(now_ns, last, text)]
         is_target_due = localization is not None and attempt.follow(localization, now_ns)
-        shown, target = self._show(now_ns), attempt.target_id
+        shown = self._show(now_ns)
+        target = attempt.target_id
         named = outcome or ("target" if is_target_due else "")
         cues = [cue(now_ns, named, attempt.next_step, target, waits=not target)] if named else []
         return [*shown, *cues]

@@ -162,7 +162,8 @@ def press_effect(
 def offset_problem(offset: PointingOffset) -> str:
     """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
     worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
-    worst_deg, limit_deg = math.degrees(worst_rad), math.degrees(MAX_RAD)
+    worst_deg = math.degrees(worst_rad)
+    limit_deg = math.degrees(MAX_RAD)
     worst = round_beyond(worst_deg, limit_deg, 0)
     text = f"an offset of {worst}° exceeds the limit of {limit_deg:.0f}°; are its angles in radians?"
     return text if worst_deg > limit_deg else ""

@@ -56,7 +56,8 @@ class OpenLoopError:
 
     def draw(self, amplitude_rad: float) -> None:
         """Draw a new error for a reach of `amplitude_rad`."""
-        config, rng = self._config, self._rng
+        config = self._config
+        rng = self._rng
         share = min(amplitude_rad / USUAL_REACH_RAD, 1.0)
         azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())
         elevation = math.radians(REACH_SD_DEG) * share * float(rng.standard_normal())
@@ -77,8 +78,13 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
     if elapsed_s >= duration_s:
         return (0.0, 0.0, 0.0)
     s = max(elapsed_s, 0.0) / duration_s
-    s2, s3, s4, s5 = s * s, s**3, s**4, s**5
-    x, v, a = start[0], start[1] * duration_s, start[2] * duration_s**2 / 2.0
+    s2 = s * s
+    s3 = s**3
+    s4 = s**4
+    s5 = s**5
+    x = start[0]
+    v = start[1] * duration_s
+    a = start[2] * duration_s**2 / 2.0
     position = (
         x * (1 - 10 * s3 + 15 * s4 - 6 * s5)
         + v * (s - 6 * s3 + 8 * s4 - 3 * s5)
@@ -142,7 +148,8 @@ class Arm:
     def reach(self, now_ns: int, aim: Aim, duration_s: float) -> None:
         """Start a reach from the current orientation to `aim`, complete after `duration_s`."""
         azimuth, elevation = self._states(now_ns)
-        old, self._aim = self._aim, aim
+        old = self._aim
+        self._aim = aim
         self._start = (
             (
                 vector.wrap(old.azimuth_rad + azimuth[0] - aim.azimuth_rad),
@@ -201,7 +208,9 @@ class PosturalNoise:
         self._poles_s = (config.hold_correlation_s, SECOND_SHARE * config.hold_correlation_s)
         first_s, second_s = self._poles_s
         self._source_variance = (first_s + second_s) / first_s
-        y, x, more = rng.standard_normal(2), rng.standard_normal(2), math.sqrt(self._source_variance - 1.0)
+        y = rng.standard_normal(2)
+        x = rng.standard_normal(2)
+        more = math.sqrt(self._source_variance - 1.0)
         self._state = [(float(b + more * a), float(b)) for a, b in zip(y, x, strict=True)]
         """Driving noise and wandering of each axis. The wandering has variance 1."""
         self._passed_s = -1.0
@@ -237,7 +246,8 @@ class PosturalNoise:
     def _over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
         """Return the exact update of the state over a step: three factors, the noise's triangular matrix."""
         first_s, second_s = self._poles_s
-        k1, k2 = math.exp(-passed_s / first_s), math.exp(-passed_s / second_s)
+        k1 = math.exp(-passed_s / first_s)
+        k2 = math.exp(-passed_s / second_s)
         c = first_s * (k1 - k2) / (first_s - second_s)
         s2 = self._source_variance
         yy = s2 * (1.0 - k1 * k1)
@@ -270,7 +280,8 @@ class StandingPosition:
             self._next_ns = self._after(now_ns)
         elif now_ns >= self._next_ns:
             x, y = self._sd_m * self._rng.standard_normal(2)
-            self._from, self._spot = self._spot, (float(x), float(y))
+            self._from = self._spot
+            self._spot = (float(x), float(y))
             self._began_ns = now_ns
             self._next_ns = self._after(now_ns)
         elapsed_s = max(0, now_ns - self._began_ns) / NS_PER_S

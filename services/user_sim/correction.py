@@ -115,7 +115,8 @@ class Correction:
 
     def expected_m(self, at_ns: int, goal: PersonGoal) -> Vec3 | None:
         """Return the approximate position of the cursor at `at_ns`, {W}, or None if unknown."""
-        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        target = goal.point_at(at_ns)
+        did = self._recall(at_ns)
         if target is None or did is None:
             return None
         azimuth, elevation = self._stance.sight_of(target)
@@ -124,10 +125,12 @@ class Correction:
 
     def see(self, point_m: Vec3, at_ns: int, goal: PersonGoal, *, confirms: bool = True) -> None:
         """Process the position of the cursor at `at_ns`. `confirms`: it is exact, as far as people see."""
-        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        target = goal.point_at(at_ns)
+        did = self._recall(at_ns)
         if target is None or did is None:
             return
-        shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        shown = self._stance.sight_of(point_m)
+        intended = self._stance.sight_of(target)
         self._beside = (vector.wrap(shown[0] - intended[0] - did[0]), shown[1] - intended[1] - did[1])
         if at_ns < self._look_from_ns:
             return
@@ -143,10 +146,12 @@ class Correction:
 
     def see_mark(self, point_m: Vec3, at_ns: int, goal: PersonGoal) -> None:
         """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
-        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        target = goal.point_at(at_ns)
+        did = self._recall(at_ns)
         if target is None or did is None or at_ns < self._look_from_ns:
             return
-        shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        shown = self._stance.sight_of(point_m)
+        intended = self._stance.sight_of(target)
         self._aside_rad = did[0] - vector.wrap(shown[0] - intended[0])
 
     def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: PersonGoal, named_m: Vec3 | None) -> None:
@@ -154,10 +159,12 @@ class Correction:
 
         They lead to the thing that the cue names, at `named_m` if it is visible, and from there to the goal.
         """
-        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        target = goal.point_at(at_ns)
+        did = self._recall(at_ns)
         if target is None or did is None:
             return
-        named, intended = self._stance.sight_of(named_m or target), self._stance.sight_of(target)
+        named = self._stance.sight_of(named_m or target)
+        intended = self._stance.sight_of(target)
         azimuth = did[0] - turn_rad[0] - vector.wrap(named[0] - intended[0])
         self.now_rad = _held((azimuth, did[1] + turn_rad[1] - (named[1] - intended[1])))
         if named_m is not None:

@@ -137,7 +137,8 @@ class SeenPixels:
         return (self._by_belt if kind == "belt" else self._by_strip)[pixel]
 
     def _add(self, strip: Strip, line: Polyline) -> Array:
-        offset, self.count = self.count, self.count + strip.pixels
+        offset = self.count
+        self.count = self.count + strip.pixels
         self.strips.append((strip.id, strip.pixels))
         pitch_m = line.length_m / strip.pixels
         arcs = (np.arange(strip.pixels, dtype=np.float64) + 0.5) * pitch_m
@@ -151,7 +152,8 @@ class SeenPixels:
     def _lay_beside(self, belt: Belt, line: Polyline, points: Array) -> None:
         """Find the pixels beside a belt, each with the nearest arc length of its centre line."""
         reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
-        low, high = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
+        low = line.vertices_m.min(axis=0) - reach_m
+        high = line.vertices_m.max(axis=0) + reach_m
         near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
         arcs, gaps = line.nearest_to(points[near])
         there = np.flatnonzero((gaps <= reach_m) & ~line.is_beyond_ends(points[near], arcs))
@@ -222,7 +224,8 @@ def brightness(code: int) -> int:
 @functools.lru_cache(maxsize=4096)
 def is_same_hue(code: int, other: int) -> bool:
     """Return True if two colours differ in brightness only."""
-    a, b = rgb(code), rgb(other)
+    a = rgb(code)
+    b = rgb(other)
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     lengths = math.hypot(*a) * math.hypot(*b)
     return lengths > 0.0 and dot >= lengths * math.cos(HUE_TOLERANCE)
@@ -277,7 +280,8 @@ class UsualLooks:
             if not is_same_hue(code, body) or (is_own_hue and brightness(code) > BRIGHTER * dimmest)
         ]
         is_own = [own_color.share(code) > 0.0 for code in ends]
-        own, foreign = any(is_own), not all(is_own)
+        own = any(is_own)
+        foreign = not all(is_own)
         if not bodies:  # covered by a cursor or another thing
             return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
         dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
@@ -430,7 +434,8 @@ class Eyes:
         found: Literal["", "body"] = ""
         for line, at_m in self._pixels.places(run.pixels[len(run.pixels) // 2], kind):
             for start_m, end_m in lying.get((line.kind, line.id), ()):
-                from_start_m, to_end_m = at_m - start_m, end_m - at_m
+                from_start_m = at_m - start_m
+                to_end_m = end_m - at_m
                 if min(from_start_m, to_end_m) < -END_M:
                     continue
                 if min(from_start_m, to_end_m) < 2.0 * END_M:
@@ -510,7 +515,8 @@ def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> l
     for arc_m, pixel in lit:
         if arc_m - last_m > gap * line.pitch_m:
             runs.append(_Run(line, first_m, last_m, pixels, 1))
-            first_m, pixels = arc_m, []
+            first_m = arc_m
+            pixels = []
         last_m = arc_m
         pixels.append(pixel)
     return [*runs, _Run(line, first_m, last_m, pixels, 1)]

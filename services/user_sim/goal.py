@@ -140,7 +140,8 @@ class ButtonModel:
         """
         if self._born_ns is None or now_ns < self._born_ns:
             self._born_ns = now_ns
-        passed_ns, self._before_ns = now_ns - self._before_ns, now_ns
+        passed_ns = now_ns - self._before_ns
+        self._before_ns = now_ns
         if sees is not None:
             self._in_vain_ns = 0 if sees else self._in_vain_ns + max(0, min(passed_ns, NS_PER_S))
         if perceived.state == "pointing":

@@ -74,7 +74,8 @@ class Perception:
 
     def _look(self, now_ns: int, goal: PersonGoal) -> None:
         frame_ns = self._sight.frame_ns
-        is_new, self._frame_ns = frame_ns is not None and frame_ns != self._frame_ns, frame_ns
+        is_new = frame_ns is not None and frame_ns != self._frame_ns
+        self._frame_ns = frame_ns
         self._looks += is_new
         is_round = self._looks % ROUND == 0
         if not goal.closed_loop and not (is_new and is_round):
@@ -84,7 +85,9 @@ class Perception:
         if goal.closed_loop and self._sight.announced is not None and (named := self._sight.named(now_ns)):
             self._see_answer(named, self._sight.announced.began_ns, goal)
         elif answering is not None:  # the light may be far from the thing, so that it is no cursor
-            self.cursor, self._answering_id, self._cursor_ns = None, answering.thing.id, now_ns
+            self.cursor = None
+            self._answering_id = answering.thing.id
+            self._cursor_ns = now_ns
             self._see_answer(answering, now_ns - self._sight.delay_ns, goal)
         elif is_new and frame_ns is not None and goal.closed_loop:
             self._find_cursor(frame_ns, goal, objects)
@@ -98,7 +101,8 @@ class Perception:
 
     def _answering(self, goal: PersonGoal, objects: list[SeenObject]) -> SeenObject | None:
         """Return the thing whose own light shows that the ray is on it, rather the goal than another one."""
-        sight, things = self._sight, self.things
+        sight = self._sight
+        things = self.things
         shown = [
             seen
             for seen in objects
@@ -110,7 +114,8 @@ class Perception:
         expected_m = self._correction.expected_m(frame_ns, goal)
         self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
         if self.cursor is not None:
-            self._answering_id, self._cursor_ns = "", frame_ns
+            self._answering_id = ""
+            self._cursor_ns = frame_ns
             self._correction.see(self.cursor.point_m, frame_ns, goal, confirms=goal.on_line)
             return
         mark_m = self._sight.eyes.mark(goal.kind)
@@ -133,18 +138,21 @@ class Perception:
             self.things.believe(object_id, status_of_cue[cue.cue], now_ns)
 
     def _under_cursor(self, now_ns: int) -> str:
-        cursor, at_ns = self.cursor, self._cursor_ns
+        cursor = self.cursor
+        at_ns = self._cursor_ns
         if not 0 <= now_ns - at_ns < MAX_CURSOR_AGE_S * NS_PER_S:
             return ""
         if cursor is None:
             return self._answering_id
-        best, min_distance_m = "", float("inf")
+        best = ""
+        min_distance_m = float("inf")
         for seen in self._sight.objects(now_ns):
             if seen.key != (cursor.kind, cursor.line_id):
                 continue
             gap_m = abs(seen.along_m(at_ns) - cursor.position_m)
             if gap_m < min(seen.thing.length_m / 2.0 + ON_M, min_distance_m):
-                best, min_distance_m = seen.thing.id, gap_m
+                best = seen.thing.id
+                min_distance_m = gap_m
         return best
 
 
@@ -152,5 +160,6 @@ def _spans(objects: list[SeenObject], at_ns: int) -> Iterator[Span]:
     for seen in objects:
         key = seen.key
         if key is not None:
-            middle_m, half_m = seen.along_m(at_ns), seen.thing.length_m / 2.0
+            middle_m = seen.along_m(at_ns)
+            half_m = seen.thing.length_m / 2.0
             yield (key, middle_m - half_m, middle_m + half_m)

@@ -100,7 +100,8 @@ class SimulatedPerson:
         self._perception.update(now_ns, self.goal)
         self._stance.move(self._standing.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
-        correction, closed = self._correction, self.goal.closed_loop
+        correction = self._correction
+        closed = self.goal.closed_loop
         if closed and correction.step(now_ns):
             self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
@@ -163,7 +164,8 @@ class SimulatedPerson:
         return Aim(self._azimuth_rad, elevation_rad)
 
     def _aim_with_rate(self, now_ns: int) -> Aim:
-        aim, later = self._aim(now_ns), self._aim(now_ns + RATE_STEP_NS)
+        aim = self._aim(now_ns)
+        later = self._aim(now_ns + RATE_STEP_NS)
         step_s = RATE_STEP_NS / NS_PER_S
         return Aim(
             aim.azimuth_rad,

@@ -161,7 +161,8 @@ class _RobotUser(ABC):
         return True
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
-        self._stage, self._since_ns = stage, now_ns
+        self._stage = stage
+        self._since_ns = now_ns
 
     def _press(self, stage: Stage, now_ns: int, gesture: Gesture = "press") -> None:
         self._presses += 1

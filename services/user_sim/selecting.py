@@ -118,7 +118,10 @@ class Selecting:
                 kinds = {seen.thing.kind for seen in sight.objects(now_ns)}
                 named = frozenset(kind for kind in kinds if f" {kind}." in cue.text)
                 if named or self._is_instructed:
-                    self._kinds, self._is_instructed, self._current, self._next = named, True, "", ""
+                    self._kinds = named
+                    self._is_instructed = True
+                    self._current = ""
+                    self._next = ""
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""
@@ -161,7 +164,8 @@ class Selecting:
         if self._next:
             seen = sight.find(self._next, now_ns)
             if seen is not None and self._is_task(seen) and not self._is_decided(seen, now_ns):
-                self._current, self._since_ns = self._next, now_ns
+                self._current = self._next
+                self._since_ns = now_ns
                 self._before = self._things.status(self._current)
                 self._goal = on_object(seen, sight, closed_loop=True)
                 if self._pace.lapses():

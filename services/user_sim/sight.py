@@ -107,7 +107,8 @@ class Sight:
     def objects(self, now_ns: int) -> list[SeenObject]:
         """Return all visible objects."""
         fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
-        oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
+        oldest_ns = now_ns - self.delay_ns - fresh_ns
+        newest_ns = now_ns + fresh_ns
         for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
             del self._trackers[name]
         return [
@@ -134,7 +135,8 @@ class Sight:
     def robots(self, now_ns: int) -> dict[str, RobotState]:
         """Return the robots in the room by name. Only what is visible of one counts: kind, place, speed."""
         fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
-        oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
+        oldest_ns = now_ns - self.delay_ns - fresh_ns
+        newest_ns = now_ns + fresh_ns
         return {
             name: state for name, state in self._robots.items() if oldest_ns <= state.stamp_ns <= newest_ns
         }
@@ -175,7 +177,9 @@ class Sight:
         return min(decided_s, self._leaves_s(seen, now_ns))
 
     def _leaves_s(self, seen: SeenObject, now_ns: int) -> float:
-        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        thing = seen.thing
+        key = seen.key
+        speed = seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
         if key is None or line is None or speed == 0.0:
             return float("inf")
@@ -186,7 +190,9 @@ class Sight:
 
     def has_come(self, seen: SeenObject, now_ns: int) -> bool:
         """Return True if an object has entered its surface with one and a half of its length."""
-        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        thing = seen.thing
+        key = seen.key
+        speed = seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
         if line is None or speed == 0.0 or self._is_fed(thing):
             return True
@@ -211,7 +217,8 @@ class Sight:
             onward = None if key[0] != "belt" else self._onward(key[1])
             if onward is None:
                 break
-            key, at_m = ("belt", onward.target), onward.target_position_m
+            key = ("belt", onward.target)
+            at_m = onward.target_position_m
         return total_m
 
     def _deadline_m(self, belt: str) -> float | None:

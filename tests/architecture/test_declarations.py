@@ -76,7 +76,8 @@ def configuration(row: Process, folder: Path) -> Config:
 
 @pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in PROCESSES])
 async def test_a_service_declares_what_its_row_says(row: Process, tmp_path: Path) -> None:
-    bus, clock = MemoryBus(LocalBroker()), ManualClock()
+    bus = MemoryBus(LocalBroker())
+    clock = ManualClock()
     user = "anna" if row.scope == "user" else ""
     view = ServiceBus(bus, clock, row.name, row.name, user)
     bus.announce(USER_ALIVE, "anna")  # some write for any person present

@@ -74,7 +74,8 @@ def is_well(report: dict[str, Any]) -> bool:
 
 def until(holds: Callable[[], bool], what: Callable[[], str], patience_s: float = PATIENCE_S) -> float:
     """Wait until something holds; return how long that took, s."""
-    began_s, patience = time.monotonic(), Patience(patience_s)
+    began_s = time.monotonic()
+    patience = Patience(patience_s)
     while not holds():
         assert not patience.is_over(), what()
         time.sleep(1.0)  # each look starts programs of podman

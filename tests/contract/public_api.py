@@ -163,7 +163,8 @@ def signature(function: Any) -> str:
     if (
         hasattr(function, "__wrapped__") and function.__code__.co_name != "accepting"
     ):  # of `SyncSite`, by `Site`
-        result, awaited = without_modules(inspect.signature(function).return_annotation), ""
+        result = without_modules(inspect.signature(function).return_annotation)
+        awaited = ""
     return f"({', '.join(shown)}) -> {awaited}{result}"
 
 

@@ -41,10 +41,12 @@ class TestLatest:
         assert subscriptions[0].traffic.dropped >= 2 * 99
 
     async def test_a_subscription_to_one_name_gets_no_other(self, site: Site) -> None:
-        one, everyone = Sink(), Sink()
+        one = Sink()
+        everyone = Sink()
         site.b.subscribe(IMU, one, "anna")
         site.b.subscribe(IMU, everyone)
-        anna, ben = site.a.publisher(IMU, "anna"), site.a.publisher(IMU, "ben")
+        anna = site.a.publisher(IMU, "anna")
+        ben = site.a.publisher(IMU, "ben")
         await reached(anna, one, everyone)
         ben.put(imu(1))
         anna.put(imu(2))
@@ -64,7 +66,8 @@ class TestLatest:
         assert set(sink.seen) == {("anna", 2)}
 
     async def test_readers_of_the_writers_process_get_the_very_object_later(self, site: Site) -> None:
-        first, second = Sink(), Sink()
+        first = Sink()
+        second = Sink()
         site.a.subscribe(IMU, first)
         site.a.subscribe(IMU, second, "anna")
         message = imu(1)
@@ -129,7 +132,8 @@ class TestEvent:
 
 class TestState:
     async def test_a_late_reader_gets_the_last_value_at_once(self, site: Site) -> None:
-        writer, other = site.a.publisher(PROFILE, "anna"), site.b.publisher(PROFILE, "ben")
+        writer = site.a.publisher(PROFILE, "anna")
+        other = site.b.publisher(PROFILE, "ben")
         for seq in range(1, 4):
             writer.put(profile(seq))
             other.put(profile(10 * seq))
@@ -152,7 +156,8 @@ class TestState:
         await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
 
     async def test_the_value_goes_with_its_writer(self, site: Site) -> None:
-        gone, stays = site.a.publisher(PROFILE, "anna"), site.a.publisher(PROFILE, "ben")
+        gone = site.a.publisher(PROFILE, "anna")
+        stays = site.a.publisher(PROFILE, "ben")
         gone.put(profile(1))
         stays.put(profile(2))
         gone.close()
@@ -178,7 +183,8 @@ class TestState:
             assert not sink.seen
 
     async def test_a_second_writer_takes_over_and_keeps_its_value(self, site: Site) -> None:
-        first, second = site.a.publisher(PROFILE, "anna"), site.b.publisher(PROFILE, "anna")
+        first = site.a.publisher(PROFILE, "anna")
+        second = site.b.publisher(PROFILE, "anna")
         first.put(profile(1))
         second.put(profile(2))
         first.close()
@@ -196,7 +202,8 @@ class TestReaders:
         def fail(_message: Message, _name: str) -> None:
             raise RuntimeError("broken handler")
 
-        sink, other = Sink(), Sink()
+        sink = Sink()
+        other = Sink()
         failing = site.b.subscribe(topic, fail)
         site.b.subscribe(topic, sink)
         site.c.subscribe(topic, other)
@@ -210,7 +217,8 @@ class TestReaders:
         assert len(said) == 1, "at most once a second"
 
     async def test_nothing_runs_after_a_subscription_is_closed(self, site: Site) -> None:
-        closed, open_ = Sink(), Sink()
+        closed = Sink()
+        open_ = Sink()
         subscription = site.b.subscribe(BUTTON, closed)
         site.b.subscribe(BUTTON, open_)
         writer = site.a.publisher(BUTTON, "anna")
@@ -262,7 +270,8 @@ class TestTap:
         await until(lambda: all(sink.seen == [("anna", 1), ("anna", 2)] for sink in sinks))
 
     async def test_nothing_comes_after_it_is_closed(self, site: Site) -> None:
-        closed, open_one = Sink(), Sink()
+        closed = Sink()
+        open_one = Sink()
         tap = site.b.tap(IMU, tapped(closed), "anna")
         site.b.tap(IMU, tapped(open_one))
         writer = site.a.publisher(IMU, "anna")
@@ -324,7 +333,8 @@ class TestPresence:
         assert all(record.exc_info for record in caplog.records if "watcher" in record.message)
 
     async def test_a_closed_watcher_reports_nothing(self, site: Site) -> None:
-        roll, other = Roll(), Roll()
+        roll = Roll()
+        other = Roll()
         watching = site.b.watch(topics.USER_ALIVE, roll)
         site.b.watch(topics.USER_ALIVE, other)
         site.a.announce(topics.USER_ALIVE, "anna")
@@ -338,7 +348,9 @@ class TestPresence:
 
 class TestClose:
     async def test_nothing_works_and_nothing_runs_afterwards(self, site: Site) -> None:
-        sink, roll, alive = Sink(), Roll(), Sink()
+        sink = Sink()
+        roll = Roll()
+        alive = Sink()
         latest = site.b.publisher(topics.IMU, "anna")
         event = site.b.publisher(topics.BUTTON, "anna")
         state = site.b.publisher(topics.PROFILE, "anna")

@@ -65,7 +65,8 @@ def test_the_asyncapi_document_holds_together() -> None:
 def test_channels_say_how_they_are_delivered_and_requests_have_a_query_and_a_reply() -> None:
     document = json.loads((FOLDER / "asyncapi.json").read_bytes())
     channels = document["channels"]
-    imu, button = channels["users.user.imu"], channels["users.user.button"]
+    imu = channels["users.user.imu"]
+    button = channels["users.user.button"]
     assert (imu["x-delivery"], imu["x-rate-hz"], button["x-delivery"]) == ("latest", 50, "event")
     assert "imu-bridge" in imu["x-writers"]
     assert list(imu["parameters"]) == ["user"]

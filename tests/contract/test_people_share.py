@@ -28,7 +28,9 @@ class Instance:
         self.bus = ServiceBus(bus, ManualClock(), "pui", self.instance)
         self.lost: list[str] = []
         self.share = PeopleShare(self.bus, "pui", people, name=name, lost=self.lost.append)
-        self.imu, self.profile, self.button = Sink(), Sink(), Sink()
+        self.imu = Sink()
+        self.profile = Sink()
+        self.button = Sink()
         self.share.subscribe(IMU, self.imu)
         self.share.subscribe(PROFILE, self.profile)
         self.share.subscribe(BUTTON, self.button)
@@ -48,7 +50,8 @@ class Instance:
 
 async def flows(writer: Publisher[ImuSample], user: str, sink: Sink) -> None:
     """Publish for `user` until the reader hears it."""
-    before, seq = len(sink.of(user)), 0
+    before = len(sink.of(user))
+    seq = 0
     while len(sink.of(user)) == before:
         writer.put(imu(seq := seq + 1))
         await asyncio.sleep(0.005)
@@ -190,7 +193,8 @@ class TestPeopleShare:
     async def test_who_is_heard_without_presence_is_heard_till_silent(
         self, three: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        default, wrists = three.default, three.wrists
+        default = three.default
+        wrists = three.wrists
         timers: list[Callable[[], None]] = []
 
         def call_later(_delay_s: float, callback: Callable[[], None]) -> None:
@@ -204,7 +208,8 @@ class TestPeopleShare:
         await until(lambda: len(timers) == 2)
         await flows(wrists["ben"], "ben", default.imu)
         assert default.figures == {"people heard": 2.0, "people of shards": 1.0}
-        pending, timers[:] = [*timers], []
+        pending = [*timers]
+        timers[:] = []
         for timer in pending:
             timer()
         assert len(timers) == 2, "both were heard in the meantime"

@@ -88,7 +88,8 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
 
     monkeypatch.setattr(ros2_service, "opened", opened)
     monkeypatch.setattr(foxglove_service, "LOOK_S", 3600.0)  # no viewer comes
-    clock, now_s = WallClock(), asyncio.get_running_loop().time
+    clock = WallClock()
+    now_s = asyncio.get_running_loop().time
 
     def context(name: str) -> Context:
         return Context(bus=ServiceBus(bus, clock, name, name, ""), clock=clock)

@@ -69,7 +69,8 @@ class BumbleWrist:
 
     async def appear(self) -> None:
         """Advertise, also after each connection."""
-        kinds, wrist = core.AdvertisingData, self.wrist
+        kinds = core.AdvertisingData
+        wrist = self.wrist
         service = bytes(core.UUID(wrist.advertised_service or wrist.service))
         name = (kinds.COMPLETE_LOCAL_NAME, wrist.name.encode())
         data = [(kinds.COMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS, service)]

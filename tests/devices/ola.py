@@ -74,7 +74,8 @@ def running_ola() -> Generator[tuple[str, str, str]]:
         pytest.skip(f"needs {', '.join(missing)} (packages iproute2, util-linux, ola)")
     routes = _run("ip", "route")
     block = next(number for number in BLOCKS if f"198.19.{number}." not in routes)
-    name, device = f"{PREFIX}{os.getpid()}", f"ola{os.getpid()}"
+    name = f"{PREFIX}{os.getpid()}"
+    device = f"ola{os.getpid()}"
     gate, address, broadcast = (f"198.19.{block}.{last}" for last in (1, 2, 3))
     folder = Path(tempfile.mkdtemp())  # not pytest's, which only its owner enters
     _configure(folder, address)

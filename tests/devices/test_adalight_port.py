@@ -16,7 +16,8 @@ async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> N
     output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)])
     output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\xb1X\1\2\3\4"),)))
     header = bytes.fromhex("416461000154")
-    dark, frame = header + bytes(6), header + b"\xb1X\1\2\3\4"
+    dark = header + bytes(6)
+    frame = header + b"\xb1X\1\2\3\4"
     # On a busy machine this device is read so late that the port is opened again, with another dark frame.
     async with background(output.run()):
         await until(lambda: frame in device.received)

@@ -167,7 +167,8 @@ async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_failure
 
 
 async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tmp_path: Path) -> None:
-    memory_home, port = lit_home(), free_port()
+    memory_home = lit_home()
+    port = free_port()
     async with memory_bench(WallClock()) as bench:
         site = HomeSite(bench, thing("desk", LAMP))
         async with memory_home.serving(port):
@@ -181,7 +182,8 @@ async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tm
 async def test_hovered_lamp_returns_also_after_the_end_and_a_restart_of_home_assistant(
     tmp_path: Path,
 ) -> None:
-    memory_home, port = lit_home(), free_port()
+    memory_home = lit_home()
+    port = free_port()
     config = config_of(tmp_path, port)
     async with memory_bench(WallClock()) as bench:
         site = HomeSite(bench, thing("desk", LAMP))
@@ -449,7 +451,8 @@ def test_own_token_is_for_nobody_else_that_of_another_owner_for_a_group_that_of_
 ) -> None:
     """As systemd (`LoadCredential`, 0440 of root), and a container's engine (secrets, 0444) give them."""
     config = config_of(tmp_path, 1)
-    path, me = Path(config.token_file), os.geteuid()
+    path = Path(config.token_file)
+    me = os.geteuid()
     path.chmod(0o640)
     with pytest.raises(ConfigError, match=r"token: others can read it; make it yours alone with `chmod 600"):
         config.read_token()
@@ -483,7 +486,8 @@ def test_address_of_the_websocket_is_below_the_path(url: str, address: str, tmp_
 
 async def test_connection_leaves_no_task_if_its_end_is_cancelled(tmp_path: Path) -> None:
     before: set[asyncio.Task[Any]] = set()
-    is_open, is_over = asyncio.Event(), asyncio.Event()
+    is_open = asyncio.Event()
+    is_over = asyncio.Event()
 
     async def answer(websocket: ServerConnection) -> None:
         before.update(asyncio.all_tasks())  # without that of the client's pings, which is not connected yet

@@ -17,7 +17,8 @@ async def test_sender_has_the_address_that_people_write_and_gets_answers(
     host: str, family: socket.AddressFamily
 ) -> None:
     heard: list[Address] = []
-    port, health = free_udp_port(), Health()
+    port = free_udp_port()
+    health = Health()
     server = UdpServer("::", port, health, lambda _data, address: heard.append(address), remedy="")
     async with background(server.run()):
         with socket.socket(family, socket.SOCK_DGRAM) as wrist:

@@ -31,7 +31,8 @@ PATIENCE_S = 60.0
 NAMES = ("led_0", "led_1", "led_2", "led_3")
 LAMPS = tuple(Lamp(id=name, position_m=(0.0, 0.0, 1.0)) for name in ("desk", "door"))
 OFF = b'{"state":"OFF"}'
-RED, GREEN = (255, 0, 0), (0, 255, 0)
+RED = (255, 0, 0)
+GREEN = (0, 255, 0)
 
 
 @contextlib.asynccontextmanager
@@ -124,7 +125,8 @@ async def test_lamps_follow_their_newest_colour_and_go_off_at_the_end(port: int)
             output.show_lamp("door", (0, 0, 0))
             await until(lambda: len(heard) >= 4, what="two more")
         await until(lambda: len(heard) >= 6, what="the end")
-    desk, door = "zigbee2mqtt/desk/set", "zigbee2mqtt/door/set"
+    desk = "zigbee2mqtt/desk/set"
+    door = "zigbee2mqtt/door/set"
     assert heard[0] == ("pointit/status", b"online")
     assert heard[1] == (desk, b'{"state":"ON","brightness":127,"color":{"r":0,"g":255,"b":0}}')
     assert sorted(heard[2:4]) == [
@@ -276,7 +278,8 @@ async def test_a_lamp_that_is_lit_again_after_a_loss_stays_lit_when_the_broker_n
 async def test_a_broker_that_asks_for_a_password_gets_it_from_the_environment_or_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    users, secret = tmp_path / "users", tmp_path / "secret"
+    users = tmp_path / "users"
+    secret = tmp_path / "secret"
     users.write_text("anna:sesame\n", encoding="utf-8")
     users.chmod(0o600)
     hashed = await asyncio.create_subprocess_exec("mosquitto_passwd", "-U", str(users))

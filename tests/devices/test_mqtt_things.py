@@ -20,7 +20,8 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         results = bench.collect(ACT_RESULTS)
         watcher.on_map(ROOM)
         await until(lambda: len(found(heard)) == 3, what="announcements")
-        screws, seat = found(heard)["event screws"], found(heard)["event seat"]
+        screws = found(heard)["event screws"]
+        seat = found(heard)["event seat"]
         radio = found(heard)["switch radio"]
         assert (screws["name"], screws["event_types"]) == ("Screws, 4 mm", ["pointed"])
         assert seat["event_types"] == ["pointed", "released"]

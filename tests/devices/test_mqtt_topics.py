@@ -15,7 +15,10 @@ from pointit.runtime.mqtt.broker import client_options, connected, keep_connecte
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from tests.support.bench import background, until
 
-CONNECT, SUBSCRIBE, PUBREC, PUBREL = 1, 8, 5, 6
+CONNECT = 1
+SUBSCRIBE = 8
+PUBREC = 5
+PUBREL = 6
 
 
 def publish(topic: bytes, qos: int = 0) -> bytes:

@@ -39,10 +39,12 @@ class Controller(UdpDevice):
 
     def frames(self) -> list[bytes]:
         """Return all bytes at each push."""
-        pixels, shown = bytearray(), list[bytes]()
+        pixels = bytearray()
+        shown = list[bytes]()
         for datagram in self.datagrams:
             packet = Packet.from_bytes(datagram)
-            start, end = packet.header.offset, packet.header.offset + packet.header.length
+            start = packet.header.offset
+            end = packet.header.offset + packet.header.length
             assert packet.header.length == len(packet.data) <= 1440
             pixels.extend(bytes(max(0, end - len(pixels))))
             pixels[start:end] = packet.data
@@ -70,7 +72,9 @@ def mixed(strips: dict[str, list[Pixels]]) -> bytes:
 async def test_published_frames_arrive_pixel_for_pixel_on_any_part_of_two_outputs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    published, first, second = Published(monkeypatch), Controller(), Controller()
+    published = Published(monkeypatch)
+    first = Controller()
+    second = Controller()
     outputs: list[dict[str, object]] = [
         {"kind": "ddp", "host": "127.0.0.1", "port": first.port, "segments": MIXED},
         {
@@ -181,7 +185,8 @@ async def listening(port: int) -> AsyncGenerator[Listener]:
 
 
 async def test_frames_arrive_and_the_end_of_the_stream_is_noticed() -> None:
-    port, chance = free_udp_port(), random.Random(1)
+    port = free_udp_port()
+    chance = random.Random(1)
     config = E131Config(host="127.0.0.1", port=port, universe=UNIVERSES[0], gamma=1.0)
     output = make_e131(config, Surroundings.detached())
     output.set_strips([STRIP])
@@ -248,7 +253,8 @@ async def test_controller_in_the_network_is_found_beside_others_that_answer_nons
         for name, port in ports.items():
             await (await announcer.async_register_service(announcement(name, port)))
         names = {"Kitchen, 120 pixels, WLED 0.15.1", "wled-garbage", "wled-slow"}
-        patience, found = Patience(60.0), dict[str, FoundDevice]()
+        patience = Patience(60.0)
+        found = dict[str, FoundDevice]()
         while not names <= found.keys():
             assert not patience.is_over(), found
             found = {each.label: each for each in await find_wled(3.0)}

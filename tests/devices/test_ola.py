@@ -76,7 +76,8 @@ async def test_each_frame_arrives_pixel_for_pixel_and_the_last_is_dark(ola: Ola,
     chance = random.Random(kind)
     parameters = {"host": ola.address}
     if kind == "multicast":
-        kind, parameters = "e131", {"host": "multicast", "interface": ola.gate}
+        kind = "e131"
+        parameters = {"host": "multicast", "interface": ola.gate}
     first, second = UNIVERSES[kind]
     async with sending(kind, **parameters) as output:
         for _ in range(SHOWN):

@@ -19,7 +19,9 @@ from pointit.schemas import Strip
 HEADER = 10
 STEPS = 10
 """Steps of the two strips of scenario_3."""
-RED, GREEN, BLUE = b"\xff\0\0", b"\0\xff\0", b"\0\0\xff"
+RED = b"\xff\0\0"
+GREEN = b"\0\xff\0"
+BLUE = b"\0\0\xff"
 COUNT = 150
 """Pixels of each of the two strips of scenario_3."""
 

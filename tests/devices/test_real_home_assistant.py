@@ -53,7 +53,8 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Generator[HomeAssistantConfig]:
     """Start a Home Assistant with a user and a token."""
-    folder, port = tmp_path_factory.mktemp("home"), free_port()
+    folder = tmp_path_factory.mktemp("home")
+    port = free_port()
     (folder / "configuration.yaml").write_text(CONFIGURATION.format(port=port))
     hass = (PYTHON, "-m", "homeassistant")
     login = ("--script", "auth", "-c", str(folder), "add", "anna", "of a test")

@@ -56,7 +56,8 @@ async def test_person_selects_with_a_wrist_of_each_format_on_one_port() -> None:
         run = pointit.run("scenario_3", imu=[f"serial:{device.path}"], settings=settings)
         async with run as site, asyncio.timeout(PATIENCE_S):
             person = Follower(site)
-            selections, reports = site.selections("user1"), site.health("imu-bridge.user1")
+            selections = site.selections("user1")
+            reports = site.health("imu-bridge.user1")
             for name, encode in FORMATS.items():
 
                 def packet(encode: Callable[[Quaternion], bytes] = encode) -> bytes:

@@ -26,7 +26,8 @@ pytestmark = pytest.mark.wall_time
 @pytest.fixture
 def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the file of what a program in place of espeak-ng says."""
-    file, says = tmp_path / PROGRAM, tmp_path / "says"
+    file = tmp_path / PROGRAM
+    says = tmp_path / "says"
     source = f"#!/bin/sh\ncat >/dev/null\necho $* >>{tmp_path}/asked\ncat {says} >&2\n"
     file.write_text(source, encoding="utf-8")
     file.chmod(0o755)

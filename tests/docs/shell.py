@@ -165,7 +165,8 @@ def prepare(folder: Path, root: Path) -> dict[str, str]:
 @asynccontextmanager
 async def shell(folder: Path, root: Path = ROOT) -> AsyncGenerator[Shell]:
     """Yield a shell in the new folder `folder`/page, with namespaces of its own, for a reader of `root`."""
-    page, notes = folder / "page", folder / "blocks"
+    page = folder / "page"
+    notes = folder / "blocks"
     page.mkdir()
     notes.mkdir()
     environment = prepare(page, root)

@@ -23,7 +23,8 @@ def problems(text: str) -> Iterator[str]:
             inner = command.get_command(context, words[0])
             if inner is None:
                 break  # a placeholder; names of commands have a test in tests/architecture
-            command, words = inner, words[1:]
+            command = inner
+            words = words[1:]
         options = {"--help"}.union(
             *((*each.opts, *each.secondary_opts) for each in command.get_params(context))
         )

@@ -42,7 +42,8 @@ class Timer:
 
 def environment(folder: Path, installer: str) -> dict[str, str]:
     """Return the environment of a new machine: empty home and caches, uv only if it is the installer."""
-    bin_, home = folder / "bin", folder / "home"
+    bin_ = folder / "bin"
+    home = folder / "home"
     for each in (bin_, home):
         each.mkdir()
     if installer == "uv":
@@ -62,7 +63,8 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
         clone / "scripts/demo", "--no-browser", cwd=clone, env=reader, start_new_session=True,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
     )  # fmt: skip
-    stdout, printed = there(process.stdout), ""
+    stdout = there(process.stdout)
+    printed = ""
     parts = {".venv/bin/python": "has a .venv", ".venv/.installed-web": "has installed"}
     reading = asyncio.ensure_future(stdout.readline())
     try:
@@ -94,7 +96,8 @@ async def main() -> None:
     parser.add_argument("--of", type=Path, default=ROOT, metavar="FOLDER", help="checkout that is cloned")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="timed-") as name:
-        folder, timer = Path(name), Timer()
+        folder = Path(name)
+        timer = Timer()
         reader = environment(folder, arguments.installer)
         clone = folder / "pointit"
         git = await asyncio.create_subprocess_exec("git", "clone", "--quiet", arguments.of.resolve(), clone)

@@ -204,7 +204,8 @@ async def test_a_lost_link_holds_what_it_holds() -> None:
 
 def picks(seed: int, number: int) -> list[tuple[str, str, float]]:
     """Return the box that a simulated person meant, the one that was taken, and the time, s, of each pick."""
-    wishes, taken = list[tuple[Wish, int]](), list[tuple[str, str, float]]()
+    wishes = list[tuple[Wish, int]]()
+    taken = list[tuple[str, str, float]]()
 
     async def main() -> None:
         settings = {"arm-user.seed": seed}

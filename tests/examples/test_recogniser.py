@@ -18,7 +18,8 @@ from tests.support import strangers
 
 SOURCE = ROOT / "examples" / "vosk_recogniser" / "vosk_recogniser.py"
 START_NS = 1_000 * NS_PER_S
-SILENT, SPOKEN = b"silent", b"spoken"
+SILENT = b"silent"
+SPOKEN = b"spoken"
 
 
 class Decoder:

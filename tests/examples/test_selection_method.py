@@ -36,7 +36,8 @@ def acts_on_all(_object_id: str) -> bool:
 def fired(*stays: tuple[str | None, float]) -> Iterator[str]:
     """Yield what is selected by a cursor that is on each object for so many seconds."""
     plugin = GROUPS["selection-method"].get("leaky")
-    method, now_ns = plugin.make(plugin.config(dwell_s=0.8), Surroundings.detached("anna")), STEP_NS
+    method = plugin.make(plugin.config(dwell_s=0.8), Surroundings.detached("anna"))
+    now_ns = STEP_NS
     for under, stay_s in stays:
         for _ in range(round(stay_s * 1e9 / STEP_NS)):
             now_ns += STEP_NS

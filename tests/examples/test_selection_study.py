@@ -25,7 +25,8 @@ def command(*arguments: str) -> list[str]:
 
 @pytest.mark.slow
 def test_selection_study_is_whole_after_kill_9_in_the_middle(tmp_path: Path) -> None:
-    data, study = tmp_path / "data", tmp_path / STUDY.name
+    data = tmp_path / "data"
+    study = tmp_path / STUDY.name
     study.write_text(STUDY.read_text().replace("participants: 12 ", f"participants: {PEOPLE} "))
     run = command("run", str(study), "--simulated", str(PEOPLE), "--to", str(data))
     with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as killed:

@@ -298,7 +298,8 @@ def is_not_let_in(config: zenoh.Config, for_ms: int = KNOCK_MS) -> None:
 
 def keeps_out(who: Link, rightful: Link) -> None:
     """Fail if `who` can connect, or if the `rightful` cannot in the same time."""
-    patience, for_ms = Patience(PATIENCE_S), SHUT_MS
+    patience = Patience(PATIENCE_S)
+    for_ms = SHUT_MS
     while True:
         config = configuration(rightful)
         config.insert_json5("connect/timeout_ms", str(for_ms))

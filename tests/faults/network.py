@@ -93,7 +93,8 @@ class Network:
     def join(self, name: str, *, here: bool = False) -> Host:
         """Make a host that the wire connects with all others; `here`: of this machine's own namespace."""
         number = 4 * len(self.hosts)
-        mine, gate = f"198.18.{self.block}.{number + 1}", f"198.18.{self.block}.{number + 2}"
+        mine = f"198.18.{self.block}.{number + 1}"
+        gate = f"198.18.{self.block}.{number + 2}"
         namespace = "" if here else f"{PREFIX}{os.getpid()}-{name}"
         host = self.hosts[name] = Host(name, mine, namespace)
         device = f"pit{self.block}" if here else "eth0"

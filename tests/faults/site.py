@@ -88,7 +88,8 @@ class Site:
     def on_small_disk(self) -> Generator[None]:
         """Put the state on a small disk of its own, where that is allowed."""
         options = ("-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(self.state))
-        mount, unmount = shutil.which("mount"), shutil.which("umount")
+        mount = shutil.which("mount")
+        unmount = shutil.which("umount")
         if mount is not None and unmount is not None:
             done = subprocess.run([mount, *options], check=False, capture_output=True)
             self.has_small_disk = done.returncode == 0
@@ -153,7 +154,8 @@ class Site:
 
     async def content(self, patience_s: float = FLOWS_S) -> float:
         """Ask doctor until all is well, however slow the machine is; return how long that took, s."""
-        began_s, patience = time.monotonic(), Patience(patience_s)
+        began_s = time.monotonic()
+        patience = Patience(patience_s)
         while True:
             findings = (await self.doctor())["findings"]
             found = [item for item in findings if item["severity"] != "note" and item["code"] != "slow"]

@@ -109,7 +109,8 @@ class Central:
         Repeated if the gap is long: a blackout by floods repeats, one by other jobs of the machine may not.
         Only then is it measured what gap there is with nobody flooding.
         """
-        flooded_s, most_s = math.inf, LONGEST_S
+        flooded_s = math.inf
+        most_s = LONGEST_S
         for _ in range(TRIES):
             await self.fresh()
             if flooded_s < math.inf:
@@ -205,7 +206,8 @@ async def test_three_insiders_who_come_back_whenever_they_are_blocked_take_nobod
     tmp_path: Path, account: Account, what: str
 ) -> None:
     async with central_site(tmp_path) as site:
-        gap_s, most_s = math.inf, 0.0
+        gap_s = math.inf
+        most_s = 0.0
         for _ in range(TRIES):  # another job of the machine may take as long
             gap_s, most_s = await site.gap_of_three(what)
             if gap_s <= most_s:

@@ -52,7 +52,8 @@ async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, w
             noticed_s = await attacked.is_told(*words, refused="may not" in words[0])
             await asyncio.sleep(FLOOD_S)
             await until(lambda: attacked.delay_s() < LATE_S, 10, "fresh cursors during the flood")
-            late_s, rate_hz = attacked.delay_s(), flood_rate_hz(flood.out)
+            late_s = attacked.delay_s()
+            rate_hz = flood_rate_hz(flood.out)
         await attacked.unharmed()
         assert attacked.growth_mb() < GROWTH_MB
         lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
@@ -74,7 +75,8 @@ async def test_a_stopped_reader_holds_nobody_up(site: Site, account: Account, na
         for reader in readers:
             reader.process.send_signal(signal.SIGSTOP)
         await asyncio.sleep(STUCK_S)
-        late_s, growth_mb = attacked.delay_s(), attacked.growth_mb()
+        late_s = attacked.delay_s()
+        growth_mb = attacked.growth_mb()
         for reader in readers:
             reader.process.send_signal(signal.SIGCONT)
             reader.kill()
@@ -101,7 +103,9 @@ LARGE_GROWTH_MB = 150.0
 async def test_ten_megabytes_go_nowhere(
     site: Site, account: Account, name: str, writes: str, asks: str
 ) -> None:
-    keys, requests, large = keys_of(VICTIM), request_keys_of(VICTIM), bytes(LARGE)
+    keys = keys_of(VICTIM)
+    requests = request_keys_of(VICTIM)
+    large = bytes(LARGE)
     async with besieged(site) as attacked:
         with member(site, name) as evil:
             attacked.begin()
@@ -174,7 +178,8 @@ class Recorder:
         self._hears = [member.session.declare_subscriber(key, take) for key in keys]
 
     def _take(self, sample: zenoh.Sample) -> None:
-        key, payload = str(sample.key_expr), bytes(sample.payload)
+        key = str(sample.key_expr)
+        payload = bytes(sample.payload)
         self.taken.append(Recorded(time.monotonic(), key, payload, sample.encoding))
 
     def end(self, last_s: float) -> list[Recorded]:
@@ -221,16 +226,19 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
             await until(lambda: SELECTION_EVENTS.at() in {each.key for each in recorder.taken}, FLOWS_S)
             recorded = recorder.end(last_s=2.0)
             await asyncio.sleep(LATER_S)
-            count, selected = len(seen.told()), set(seen.selected)
+            count = len(seen.told())
+            selected = set(seen.selected)
             made.clear()
             seen.cursors["user1"].clear()
-            played_ns, played_s = time.time_ns(), time.monotonic()
+            played_ns = time.time_ns()
+            played_s = time.monotonic()
             playing = asyncio.create_task(play(member, recorded))
             await until(lambda: all(complains(seen, reader) for reader in READERS), NOTICED_S, "health")
             noticed_s = time.monotonic() - played_s
             await playing
         old = known(recorder.taken)
-        new_s, taken = played_s, []
+        new_s = played_s
+        taken = []
         for at_s, each in made:
             if each.stamp_ns >= played_ns - round(LATER_S * 0.8 * 1e9):
                 new_s = at_s
@@ -276,9 +284,11 @@ async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, nam
             assert len(samples) > 10
             attacked.begin()
             if name == "supervisor":  # may write all that; a reader distinguishes old from new
-                words, instance = "were older than those before them", "pui"
+                words = "were older than those before them"
+                instance = "pui"
             else:
-                words, instance = f"plant/{name} may not write ", "router"
+                words = f"plant/{name} may not write "
+                instance = "router"
             noticed_s = await attacked.is_told(words, instance=instance, again=lambda: say(evil, samples))
             ended_s = time.monotonic() + FOR_S
             while time.monotonic() < ended_s:

@@ -40,8 +40,10 @@ from tests.support.pace import within
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 BY = "doctor: router; the router's log"
-USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
-EVIL, VICTIM = "anna", "user1"
+USER = "transport/auth/usrpwd/user"
+PASSWORD = "transport/auth/usrpwd/password"
+EVIL = "anna"
+VICTIM = "user1"
 SILENT = 150
 """More than Zenoh allows to wait at its door by default."""
 STRANGER = "somebody was not let in"

@@ -82,7 +82,8 @@ async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path
         anna = site.commands.start_program("person", "add", "anna", "--no-view", environment=environment)
         await seen.flows("anna")
         for ahead_s in JUMPS_S:
-            jump_ns, jump_s = time.time_ns(), time.monotonic()
+            jump_ns = time.time_ns()
+            jump_s = time.monotonic()
             clock.set(ahead_s)
             await until(lambda: names(seen, "watch"), NOTICED_S, "doctor to name the machine")
             noticed_s = time.monotonic() - jump_s
@@ -131,7 +132,8 @@ async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: 
         await moved(site, seen, clock)
         before = seen.processes()
         await seen.sees_selected(1)
-        jump_ns, jump_s = time.time_ns(), time.monotonic()
+        jump_ns = time.time_ns()
+        jump_s = time.monotonic()
         selected = set(seen.selected)
         clock.set(ahead_s)
         await until(lambda: names(seen, machine), NOTICED_S, "doctor to name the machine")
@@ -139,7 +141,8 @@ async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: 
         await asyncio.sleep(max(0.0, 3.0 - noticed_s))
         clock.set(0.0)
         right_s = time.monotonic()
-        told, dispatched = len(seen.told()), len(seen.events)
+        told = len(seen.told())
+        dispatched = len(seen.events)
         await seen.flows()
         flows_s = time.monotonic() - right_s
         await until(lambda: len(seen.told()) > told, 30.0, "selecting to go on")

@@ -100,12 +100,14 @@ class Trial:
 
         Of doctor's findings only `codes` count, and all that are `named` must be among them.
         """
-        view, plant = self.view, self.plant
+        view = self.view
+        plant = self.plant
         await view.flows(HERE, THERE)
         await view.calm()
         await self._events_arrive()
         memory = plant.memory_mb()
-        began_s, patience = time.monotonic(), Patience(lasts_s + GONE_S)
+        began_s = time.monotonic()
+        patience = Patience(lasts_s + GONE_S)
         found: dict[str, float] = {}
         try:
             begin()

@@ -39,7 +39,8 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     [("operator", "by TLS"), pytest.param("dashboard1", "by QUIC, thinned to 20 Hz", marks=pytest.mark.long)],
 )
 async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, who: str, how: str) -> None:
-    wire, c = plant.network, plant.network.hosts["c"]
+    wire = plant.network
+    c = plant.network.hosts["c"]
     spectator = plant.spectator(c, who)
     async with plant.view() as view:
         await view.flows(HERE, THERE)
@@ -47,7 +48,8 @@ async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, w
         wide = await _kbit(plant, c, WIDE_S)
         assert wide > KBIT, "it would not be sent more"
         memory = plant.memory_mb()
-        began_s, began_ns = time.monotonic(), time.time_ns()
+        began_s = time.monotonic()
+        began_ns = time.time_ns()
         try:
             wire.narrow(c, KBIT)
             narrow = await _kbit(plant, c, NARROW_S)
@@ -83,7 +85,8 @@ async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, w
 
 
 async def _kbit(plant: Plant, host: Host, for_s: float) -> float:
-    before, began_s = plant.network.sent_bytes(host), time.monotonic()
+    before = plant.network.sent_bytes(host)
+    began_s = time.monotonic()
     await asyncio.sleep(for_s)
     return (plant.network.sent_bytes(host) - before) * 8e-3 / (time.monotonic() - began_s)
 

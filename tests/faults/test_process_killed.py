@@ -31,9 +31,11 @@ async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Acc
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)
-        before, selected = seen.processes(), set(seen.selected)
+        before = seen.processes()
+        selected = set(seen.selected)
         memory = Memory.now(pid for other, (pid, _) in before.items() if other != instance)
-        killed_ns, killed_s = time.time_ns(), time.monotonic()
+        killed_ns = time.time_ns()
+        killed_s = time.monotonic()
         os.kill(before[instance][0], signal.SIGKILL)
         finding = await seen.finds(instance, "absent")
         noticed_s = time.monotonic() - killed_s
@@ -64,10 +66,12 @@ async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Ac
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)
-        before, selected = seen.processes(), set(seen.selected)
+        before = seen.processes()
+        selected = set(seen.selected)
         memory = Memory.now(pid for pid, _ in before.values())
         lost = site.says_lost()
-        killed_ns, killed_s = time.time_ns(), time.monotonic()
+        killed_ns = time.time_ns()
+        killed_s = time.monotonic()
         site.router.process.kill()
         await until(lambda: site.says_lost() > lost, NOTICED_S, "the run to say so")
         noticed_s = time.monotonic() - killed_s
@@ -120,10 +124,13 @@ async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Accou
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)
-        before, selected = seen.processes(), set(seen.selected)
+        before = seen.processes()
+        selected = set(seen.selected)
         pids = {name: pid for name, (pid, _) in before.items()} | {"router": site.router.process.pid}
-        memory, lost = Memory.now(pids.values()), site.says_lost()
-        stopped_ns, stopped_s = time.time_ns(), time.monotonic()
+        memory = Memory.now(pids.values())
+        lost = site.says_lost()
+        stopped_ns = time.time_ns()
+        stopped_s = time.monotonic()
         os.kill(pids[instance], signal.SIGSTOP)
         try:
             if instance == "router":
@@ -135,7 +142,8 @@ async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Accou
             growth_mb = Memory.now(pids.values()).growth_mb(memory)
         finally:
             os.kill(pids[instance], signal.SIGCONT)
-        woken_ns, woken_s = time.time_ns(), time.monotonic()
+        woken_ns = time.time_ns()
+        woken_s = time.monotonic()
         await seen.flows()
         await until(lambda: set(INSTANCES) <= seen.present, WOKEN_S, "all to be present")
         recovered_s = time.monotonic() - woken_s
@@ -198,10 +206,12 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
     async with witness(small) as seen:
         await seen.begins(small)
         await seen.sees_selected(1)
-        before, selected = seen.processes(), set(seen.selected)
+        before = seen.processes()
+        selected = set(seen.selected)
         memory = Memory.now(pid for pid, _ in before.values())
         filler = small.state / "filler"
-        full_ns, full_s = time.time_ns(), time.monotonic()
+        full_ns = time.time_ns()
+        full_s = time.monotonic()
         try:
             await fill(small, filler)
             await until(lambda: complains(seen, "selector"), NOTICED_S, "the selector to say so")

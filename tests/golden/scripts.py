@@ -170,7 +170,8 @@ async def moves_on_workspaces(bus: MemoryBus) -> None:
 
 async def presses(bus: MemoryBus) -> None:
     """The person presses again and again while a camera tracks what they point at."""
-    desk, objects = _Desk(bus), asyncio.create_task(tracks(bus))
+    desk = _Desk(bus)
+    objects = asyncio.create_task(tracks(bus))
     for tick in range(22):
         await desk.at(3.0 + 0.6 * tick)
         desk.press("anna")
@@ -179,7 +180,8 @@ async def presses(bus: MemoryBus) -> None:
 
 async def tries_things(bus: MemoryBus) -> None:
     """A camera tracks a cart for a while. Things are fired by a press, and without pointing, too."""
-    desk, camera = _Desk(bus), bus.publisher(topics.OBJECTS, "camera")
+    desk = _Desk(bus)
+    camera = bus.publisher(topics.OBJECTS, "camera")
     pressed: list[int] = []
 
     def on_hover(hover: models.Hover, user: str) -> None:
@@ -200,7 +202,8 @@ async def tries_things(bus: MemoryBus) -> None:
 
 async def tracks(bus: MemoryBus) -> None:
     """A camera tracks objects along a strip and in the air. It loses them for a while."""
-    desk, camera = _Desk(bus), bus.publisher(topics.OBJECTS, "camera")
+    desk = _Desk(bus)
+    camera = bus.publisher(topics.OBJECTS, "camera")
     for tick in range(240):
         time_s = 0.5 + 0.07 * tick
         await desk.at(time_s)
@@ -235,7 +238,8 @@ async def tracks(bus: MemoryBus) -> None:
 
 async def walks_by(bus: MemoryBus) -> None:
     """A tracked visitor walks through the area of the robots; somebody stops the quadrotor."""
-    desk, pose = _Desk(bus), bus.publisher(topics.POSE, "visitor")
+    desk = _Desk(bus)
+    pose = bus.publisher(topics.POSE, "visitor")
     for tick in range(230):
         time_s = 6.0 + 0.1 * tick
         await desk.at(time_s)

@@ -210,7 +210,8 @@ def _write_robot(path: Path) -> None:
         rows.writerow(["t", "qw", "qx", "qy", "qz", "robot_x", "robot_y", "robot_z"])
         for tick in range(25 * 60):
             angle = 0.4 * tick / 25
-            x, y = 2.0 + 2.5 * math.cos(angle), 0.5 + 1.5 * math.sin(2 * angle)
+            x = 2.0 + 2.5 * math.cos(angle)
+            y = 0.5 + 1.5 * math.sin(2 * angle)
             rows.writerow([f"{number:.4f}" for number in (tick / 25, 1, 0, 0, 0, x, y, 0.1)])
 
 

@@ -63,7 +63,8 @@ def pose(x_m: float, seq: int = 0) -> UserPose:
 
 def test_a_difference_names_the_first_changed_key_with_both_counts() -> None:
     cue = Feedback(stamp_ns=1, cue="stopped")
-    before, after = hashes_of(pose(1.0), pose(2.0, seq=1), cue), hashes_of(pose(1.0))
+    before = hashes_of(pose(1.0), pose(2.0, seq=1), cue)
+    after = hashes_of(pose(1.0))
     assert difference(before, before) == ""
     assert difference(before, after).startswith(
         "users/anna/pose changed first: 2 messages were recorded, 1 came"

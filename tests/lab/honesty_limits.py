@@ -36,7 +36,8 @@ def main() -> None:
     limits = dict(before)
     for row in rows:
         if row.duration == EVERY:
-            key, own = (row.set, row.condition), limits_of(row)
+            key = (row.set, row.condition)
+            own = limits_of(row)
             limits[key] = before[key].tightened(own) if key in before else own
     write(limits)
     for key, own in limits.items():

@@ -224,7 +224,8 @@ def _run_fresh(count: int, seed: str, parts: Sequence[str]) -> int:
             continue
         began = time.monotonic()
         if reason := reasons.get((file, line, mutated)):
-            answer, said = "equivalent", reason
+            answer = "equivalent"
+            said = reason
         else:
             answer, said = _fresh_verdict(Mutant(file, line, mutated, ""))
         tally[answer] += 1

@@ -81,7 +81,8 @@ def changes(source: str) -> Iterator[tuple[str, str]]:
     for node in _code(ast.parse(source)):
         if not isinstance(node, ast.expr | ast.stmt) or node.end_lineno != node.lineno:
             continue
-        text, line = lines[node.lineno - 1], stripped[node.lineno - 1]
+        text = lines[node.lineno - 1]
+        line = stripped[node.lineno - 1]
         if line.isascii() and stripped.count(line) == 1:
             for instead in _mistakes(node):
                 mutated = (text[: node.col_offset] + instead + text[node.end_col_offset :]).strip()

@@ -8,7 +8,8 @@ from tests.mutants import __main__ as runner
 from tests.mutants import fresh
 
 SOURCE = "def area(a, b):\n    return a * b\n"
-LINE, MUTATED = "return a * b", "return a + b"
+LINE = "return a * b"
+MUTATED = "return a + b"
 
 
 @pytest.fixture

@@ -149,7 +149,8 @@ class RouterProcess:
 
     def stop(self, number: int = signal.SIGKILL) -> float:
         """Send a signal; return how long the process took to end, s."""
-        process, self._process = self._process, None
+        process = self._process
+        self._process = None
         if process is None:
             return 0.0
         began_s = time.monotonic()

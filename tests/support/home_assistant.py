@@ -153,7 +153,8 @@ class MemoryHome:
         """See `LocalSocket`; of the next connection."""
         self.junk: list[Any] = []
         """Entries of the list of states that are none."""
-        self.refusal, self.refusal_code = "", "home_assistant_error"
+        self.refusal = ""
+        self.refusal_code = "home_assistant_error"
         self._client_queue = asyncio.Queue[str]()
         self.client = LocalSocket(self._client_queue, asyncio.Queue())
         """Client's end of the last connection without a network."""
@@ -179,7 +180,8 @@ class MemoryHome:
     @contextlib.asynccontextmanager
     async def connected(self, config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistantConnection]:
         """Yield an authenticated connection without a network, in place of that of the bridge."""
-        there, here = asyncio.Queue[str](), asyncio.Queue[str]()
+        there = asyncio.Queue[str]()
+        here = asyncio.Queue[str]()
         server = LocalSocket(there, here)
         self.client = LocalSocket(here, there, self.is_alive)
         self._client_queue = here
@@ -246,7 +248,8 @@ class MemoryHome:
         elif command["type"] == "subscribe_events":
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
-            entity, data = command["target"]["entity_id"], command["service_data"]
+            entity = command["target"]["entity_id"]
+            data = command["service_data"]
             context = self.new_context("pointit")
             delay_s = self.latency_s + self.report_delay_s
             if delay_s and not self.refusal:  # also if the client is dead by then
@@ -295,7 +298,8 @@ async def played(path: Path) -> AsyncGenerator[int]:
     lines = [json.loads(line) for line in path.read_text().splitlines()]  # noqa: ASYNC240 - of a test
 
     async def play(websocket: ServerConnection) -> None:
-        entries, first = list(lines), 0
+        entries = list(lines)
+        first = 0
         while first < len(entries) and "server" in entries[first]:
             await _send(websocket, entries[first]["server"])
             first += 1

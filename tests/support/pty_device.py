@@ -38,7 +38,10 @@ class PtyDevice:
     def unplug(self) -> None:
         """Unplug the device. Readers and writers get the errors of a removed device."""
         self.path.unlink(missing_ok=True)
-        master, slave, self.master, self._slave = self.master, self._slave, -1, -1
+        master = self.master
+        slave = self._slave
+        self.master = -1
+        self._slave = -1
         for end in (slave, master):
             if end >= 0:
                 os.close(end)

@@ -78,7 +78,10 @@ def write_motion(
     # the sensor's x axis looks away from the finger
     half_az = 0.5 * (np.arctan2(arms[:, 1], arms[:, 0]) + math.pi)
     half_el = 0.5 * np.arcsin(-arms[:, 2])
-    ca, sa, ce, se = np.cos(half_az), np.sin(half_az), np.cos(half_el), np.sin(half_el)
+    ca = np.cos(half_az)
+    sa = np.sin(half_az)
+    ce = np.cos(half_el)
+    se = np.sin(half_el)
     sensors = np.column_stack([ca * ce, sa * se, -ca * se, sa * ce])  # w, x, y, z: Rz(az) Ry(-el)
     rows: list[list[float]] = []
     for i, t in enumerate(times):

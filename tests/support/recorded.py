@@ -43,12 +43,15 @@ def write_recording(path: Path, entries: Iterable[Entry], began_ns: int = START_
 
 
 async def _session(scenario: str, duration_s: float, users: tuple[str, ...]) -> list[Entry]:
-    plan, choices = read_scenario(scenario), Choices(seed=1)
+    plan = read_scenario(scenario)
+    choices = Choices(seed=1)
     launches = site_launches(plan, choices)
     for index, user in enumerate(users):
         launches += user_launches(plan, choices, user, index)
-    exchange, clock = LocalBroker(), VirtualClock()
-    onlooker, bus = MemoryBus(exchange), MemoryBus(exchange)
+    exchange = LocalBroker()
+    clock = VirtualClock()
+    onlooker = MemoryBus(exchange)
+    bus = MemoryBus(exchange)
     entries: list[Entry] = []
 
     def on_message(row: Topic[Any], message: Message, name: str) -> None:

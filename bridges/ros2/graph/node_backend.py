@@ -273,7 +273,8 @@ class MessageQueue(Generic[T]):
             messages = tuple(self._messages)
             self._messages.clear()
             self._is_scheduled = False
-            oversized, overrun = self.oversized, self.overrun
+            oversized = self.oversized
+            overrun = self.overrun
         if oversized + overrun != self._lost and not self._is_closed:
             self._lost = oversized + overrun
             self._context.warnings.show_losses(self._topic, oversized, overrun, self._context.max_bytes)

@@ -33,7 +33,9 @@ def quaternion(value: Any, label: str) -> Quaternion | str:
 
 def place(value: Any, label: str) -> Vec3 | str:
     """Return a geometry_msgs/Point or Vector3 in metres, or the rejection."""
-    x, y, z = float(value.x), float(value.y), float(value.z)
+    x = float(value.x)
+    y = float(value.y)
+    z = float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
         return f"{label} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
     return (x, y, z)
@@ -41,7 +43,9 @@ def place(value: Any, label: str) -> Vec3 | str:
 
 def velocity(value: Any) -> Vec3 | str:
     """Return the velocity of a twist, a geometry_msgs/Vector3 in m/s, or why it cannot be used."""
-    x, y, z = float(value.x), float(value.y), float(value.z)
+    x = float(value.x)
+    y = float(value.y)
+    z = float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
         return (
             f"the twist is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"

@@ -33,7 +33,8 @@ EVERY_STRIP = 0xFF
 
 def belt_command(value: Any, context: ConversionContext) -> Taken:
     """Convert a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
-    names, speeds = list(value.name), [float(each) for each in value.velocity]
+    names = list(value.name)
+    speeds = [float(each) for each in value.velocity]
     if not names or len(names) != len(speeds) or len(names) > MAX_BELTS:
         return (
             ConversionWarning(
@@ -82,10 +83,13 @@ class AddPack:
 
     def asks(self, request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
         """Convert a request."""
-        uid, belt, position = int(request.uid), int(request.belt), float(request.position)
+        uid = int(request.uid)
+        belt = int(request.belt)
+        position = float(request.position)
         state = context.state
         taken = {state.uids.number(item.id) for item in state.tracked()}
-        kind, lanes = state.kinds.kind(int(request.kind)), state.lanes
+        kind = state.kinds.kind(int(request.kind))
+        lanes = state.lanes
         if kind is None:
             return ConversionWarning(_no_kind("add_pack", int(request.kind), context))
         if belt >= len(lanes):
@@ -109,7 +113,8 @@ class AddPack:
 
     def answers(self, request: Any, reply: Reply | None, context: ConversionContext) -> Any:
         """Return the response, and bind the caller's number to the new object."""
-        uids, uid = context.state.uids, int(request.uid)
+        uids = context.state.uids
+        uid = int(request.uid)
         if self._open.get(uid) is request:
             del self._open[uid]
             uids.end_reservation(uid)
@@ -133,7 +138,8 @@ def reset(_request: Any, _context: ConversionContext) -> BusOutput | ConversionW
 
 def set_brightness(request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to dim all strips, or those with channels (`id` in `/led_strips`) in the mask."""
-    brightness, mask = float(request.brightness), int(request.channel_index_mask)
+    brightness = float(request.brightness)
+    mask = int(request.channel_index_mask)
     if not math.isfinite(brightness):
         return ConversionWarning(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
     strips: tuple[str, ...] = ()

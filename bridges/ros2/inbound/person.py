@@ -152,7 +152,8 @@ class Poses:
 
     def _stands(self, each: Any, user: str, context: ConversionContext) -> Taken:
         """Return the pose by a transform of /tf_static, or a warning. A ROS-only user has no localizer."""
-        moved, now = each.transform, context.state.types.make("builtin_interfaces/msg/Time")
+        moved = each.transform
+        now = context.state.types.make("builtin_interfaces/msg/Time")
         if user in context.state.ros_users:
             context.state.person(user).tf_until_ns = FOR_EVER_NS
             return self._pose(moved.translation, moved.rotation, now, context._replace(name=user))

@@ -68,13 +68,15 @@ class Subscriptions:
 
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a conveyor_msgs/PUISubscription; repetitions are dropped."""
-        state, name = context.state, value.user_name
+        state = context.state
+        name = value.user_name
         user = next((each for each in state.ros_users if state.names.of(each) == name), None)
         if user is None:
             is_ours = any(state.names.of(each) == name for each in state.people)
             return () if is_ours or not value.subscribe else (_unknown_user(name),)
         ros_user = state.ros_users[user]
-        was, ros_user.is_subscribed = ros_user.is_subscribed, bool(value.subscribe)
+        was = ros_user.is_subscribed
+        ros_user.is_subscribed = bool(value.subscribe)
         if not ros_user.is_subscribed:
             why = "they want no cursor any more"
             return (interaction(state, user, context.stamp_ns, why),) if was else ()
@@ -116,7 +118,8 @@ def _unknown_user(name: str) -> ConversionWarning:
 
 def _look(value: Any, user: str) -> _Look | str:
     channels = [float(each) for each in (value.pointer_color.r, value.pointer_color.g, value.pointer_color.b)]
-    width_m, colormap = float(value.pointer_size), value.pointer_cmap
+    width_m = float(value.pointer_size)
+    colormap = value.pointer_cmap
     if not all(map(math.isfinite, channels)):
         return f"the cursor's colour of {user} is none: send r, g and b from 0 to 1; it stays as it was"
     if not 0.0 < width_m <= WIDEST_M:

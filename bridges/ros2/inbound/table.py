@@ -43,7 +43,9 @@ SLOWEST, FASTEST = 0.01, 100.0
 
 def inward() -> tuple[InboundRoute, ...]:
     """Return the routes, with new converters."""
-    wrist, poses, button = Wrist(), Poses(), Button()
+    wrist = Wrist()
+    poses = Poses()
+    button = Button()
     return (
         InboundRoute(
             *("imu_in", "/{user}/imu_in", "sensor_msgs/msg/Imu"),
@@ -186,7 +188,8 @@ class SimTimeInput:
                     f"/clock says {sample.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"
                 ),
             )
-        last, self._last = self._last, sample
+        last = self._last
+        self._last = sample
         if last is None or _has_jumped(last, sample):
             self._wait_ns = FIRST_NS
             return self._tick(sample)
@@ -205,5 +208,6 @@ class SimTimeInput:
 
 def _has_jumped(last: _Sample, sample: _Sample) -> bool:
     """Return True if the simulated clock was stepped, or the wall clock was set back."""
-    passed_ns, ran_ns = sample.wall_ns - last.wall_ns, sample.sim_ns - last.sim_ns
+    passed_ns = sample.wall_ns - last.wall_ns
+    ran_ns = sample.sim_ns - last.sim_ns
     return not 0 <= ran_ns <= JUMP_NS + passed_ns * FASTEST

@@ -107,8 +107,10 @@ def candidate_match(_user_pose: UserPose, context: ConversionContext) -> Convert
     """Return the match of a person's body with the person, for hri_person_manager."""
     make = context.state.types.make
     match = make("hri_msgs/msg/IdsMatch")
-    match.id1, match.id1_type = _body(context), match.BODY
-    match.id2, match.id2_type = context.state.names.of(context.name), match.PERSON
+    match.id1 = _body(context)
+    match.id1_type = match.BODY
+    match.id2 = context.state.names.of(context.name)
+    match.id2_type = match.PERSON
     match.confidence = 1.0
     return (match,)
 
@@ -134,7 +136,8 @@ def head_frame(_user_pose: UserPose, context: ConversionContext) -> Converted:
 
 def joint_states(_sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the angles of the pointing arm's shoulder, and 0 for all other joints."""
-    person, types = context.state.person(context.name), context.state.types
+    person = context.state.person(context.name)
+    types = context.state.types
     angles = dict.fromkeys(JOINTS, 0.0)
     if person.arm is not None:
         side = person.profile.hand[0]

@@ -33,7 +33,9 @@ SHAPES: dict[Shape, int] = {
 }
 """Constants of the message; a line is a LINE_STRIP, triangles are a TRIANGLE_LIST."""
 
-ADD, DELETE, DELETE_ALL = 0, 2, 3
+ADD = 0
+DELETE = 2
+DELETE_ALL = 3
 
 WHITE: Rgb = (255, 255, 255)
 
@@ -41,7 +43,9 @@ Place = Iterable[float]
 
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
-STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
+STRIP_M = 0.02
+LAMP_M = 0.1
+THIN_M = 0.005
 
 BELT: Rgb = (70, 74, 84)
 STRIP: Rgb = (150, 155, 165)
@@ -93,7 +97,9 @@ HIGH_M = {"quadrotor": 0.08, "ground": 0.25}
 FRONT_M: Vec3 = (0.02, 0.05, 0.06)
 """Width of the shaft and head of the arrow to its front, length of the head."""
 
-PLAN_M, SPOT_M, LABEL_M = 0.03, 0.1, 0.3
+PLAN_M = 0.03
+SPOT_M = 0.1
+LABEL_M = 0.3
 
 
 class MarkerBuilder:
@@ -250,8 +256,10 @@ def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
             continue
         half = width_m / 2.0 / level_m
         across_m = (-way[1] * half, way[0] * half, 0.0)
-        a, b = vector.add(start_m, across_m), vector.subtract(start_m, across_m)
-        c, d = vector.add(end_m, across_m), vector.subtract(end_m, across_m)
+        a = vector.add(start_m, across_m)
+        b = vector.subtract(start_m, across_m)
+        c = vector.add(end_m, across_m)
+        d = vector.subtract(end_m, across_m)
         corners_m += [a, b, c, c, b, d, a, c, b, c, d, b]
     return corners_m
 
@@ -262,9 +270,11 @@ def _vertices(line: Polyline) -> list[Vec3]:
 
 def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
     """Return the rotation whose x and y axes are `u` and `v`, orthonormal."""
-    azimuth, elevation = vector.azimuth(u), vector.elevation(u)
+    azimuth = vector.azimuth(u)
+    elevation = vector.elevation(u)
     level = rotation.from_azimuth_elevation(azimuth, elevation)
-    across, up = rotation.rotate(level, (0.0, 1.0, 0.0)), rotation.rotate(level, (0.0, 0.0, 1.0))
+    across = rotation.rotate(level, (0.0, 1.0, 0.0))
+    up = rotation.rotate(level, (0.0, 0.0, 1.0))
     roll = float(np.arctan2(vector.dot(v, up), vector.dot(v, across)))
     return rotation.from_azimuth_elevation(azimuth, elevation, roll)
 
@@ -361,7 +371,9 @@ def _object(
     rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
     length_m = item.length_m or USUAL_M
     line = state.lines.get((item.surface, item.surface_id))
-    at_m, turned, size_m = item.position_m, rotation.IDENTITY, (length_m, length_m, length_m)
+    at_m = item.position_m
+    turned = rotation.IDENTITY
+    size_m = (length_m, length_m, length_m)
     if line is not None:
         ahead = line.tangent_at(item.surface_position_m)
         turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
@@ -399,7 +411,9 @@ def _robot(
     owner = state.people.get(robot_state.user)
     rgb = OTHER_COLOR if owner is None else owner.profile.cursor_color
     is_halted = robot_state.phase in {"stopped", "lost"}
-    group, at_m, wide_m = f"robot {name}", robot_state.position_m, 2.0 * robot_state.radius_m
+    group = f"robot {name}"
+    at_m = robot_state.position_m
+    wide_m = 2.0 * robot_state.radius_m
     size_m = (wide_m, wide_m, HIGH_M[robot_state.kind])
     body = HALTED if is_halted else rgb
     yield markers.shape("cylinder", group, 0, size_m=size_m, rgb=body, at_m=at_m)

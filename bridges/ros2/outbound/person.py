@@ -64,7 +64,8 @@ def imu(sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the sample with all vectors in {H}, since the arm has no published frame."""
     types = context.state.types
     turned = sample.orientation_xyzw
-    turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
+    turning = sample.angular_velocity_radps
+    push = sample.acceleration_mps2
     nothing = (0.0, 0.0, 0.0)
     return values.stamped(
         context,
@@ -149,7 +150,8 @@ def button(event: ButtonEvent, context: ConversionContext) -> Converted:
 
 def state(interaction: Interaction, context: ConversionContext) -> Converted:
     """Return the state of the interaction, as a transition of the ROS toolkit's supervisor."""
-    make, value = context.state.types.make, STATES[interaction.state]
+    make = context.state.types.make
+    value = STATES[interaction.state]
     return (make("conveyor_msgs/msg/State", node_name=SUPERVISOR, state=value),)
 
 

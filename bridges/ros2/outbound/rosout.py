@@ -61,7 +61,8 @@ class _Service:
         self.last = health
         for identity, report in list(self.reports.items()):
             if line := now.get(identity):
-                report.missed, report.text = 0, line[1]
+                report.missed = 0
+                report.text = line[1]
                 continue
             report.missed += 1
             if report.missed >= OVER_REPORTS and self._may():
@@ -97,7 +98,8 @@ class Rosout:
             spent = self._gone.pop(context.name, 0)
             service = self._services[context.name] = _Service(context.name, spent)
         types = context.state.types
-        stamp, name = values.time(types, context.stamp_ns), values.text(f"pointit.{context.name}")
+        stamp = values.time(types, context.stamp_ns)
+        name = values.text(f"pointit.{context.name}")
         return tuple(
             types.make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=values.text(output))
             for level, output in service.hear(health)

@@ -20,7 +20,8 @@ def time(types: Types, stamp_ns: int) -> Any:
     """Return a time in Unix ns, `LAST_S` at most."""
     seconds, rest_ns = divmod(stamp_ns, NS_PER_S)
     if seconds > LAST_S:
-        seconds, rest_ns = LAST_S, 0
+        seconds = LAST_S
+        rest_ns = 0
     return types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest_ns)
 
 

@@ -8,9 +8,12 @@ from pointit.bridges.ros2.graph.backend import Qos
 DEFAULT_DEPTH = 42
 """Default depth of rmw_zenoh. ROS nodes use 10 or 1 instead."""
 
-RELIABLE, BEST_EFFORT = 1, 2
-TRANSIENT_LOCAL, VOLATILE = 1, 2
-KEEP_LAST, KEEP_ALL = 1, 2
+RELIABLE = 1
+BEST_EFFORT = 2
+TRANSIENT_LOCAL = 1
+VOLATILE = 2
+KEEP_LAST = 1
+KEEP_ALL = 2
 
 ENDLESS_NS = 2**63 - 1
 """Infinite time in ROS, of which seconds and nanoseconds are omitted separately."""

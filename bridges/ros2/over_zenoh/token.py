@@ -31,7 +31,8 @@ KINDS: dict[str, EndpointKind] = {code: kind for kind, code in CODES.items()}
 ENCLAVE = "/"
 """Enclave of nodes that do not run under SROS 2."""
 
-NODE_CHUNKS, ENDPOINT_CHUNKS = 9, 13
+NODE_CHUNKS = 9
+ENDPOINT_CHUNKS = 13
 
 MAX_CHARACTERS = 4096
 """Maximum length, far above that of the longest names in ROS."""

@@ -52,7 +52,9 @@ class Ros2Driver:
                 f"robot {spec.name}: control {config.control} is not for a {spec.kind} robot; set it to "
                 f"{'nav2' if spec.kind == 'ground' else 'setpoints'}"
             )
-        self._config, self._spec, self._around = config, spec, surroundings
+        self._config = config
+        self._spec = spec
+        self._around = surroundings
         self._actuator: Actuator | None = None
         self._report: Report | None = None
         self._last_ns = 0
@@ -81,7 +83,8 @@ class Ros2Driver:
         settings = self._config.backend
         if not settings.node:
             settings = settings.model_copy(update={"node": f"/pointit_{RosNames().of(self._spec.name)}"})
-        now_ns, health = self._around.clock.now_ns, self._around.health
+        now_ns = self._around.clock.now_ns
+        health = self._around.health
         backend = await opened(settings, health, now_ns=now_ns)
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(backend.close)
@@ -138,7 +141,9 @@ class Ros2Driver:
         report(LinkLost(self._problem or f"no pose comes from {where}: start the robot, or correct `pose`"))
 
     def _leave(self) -> None:
-        self._actuator, self._report, self._last_ns = None, None, 0
+        self._actuator = None
+        self._report = None
+        self._last_ns = 0
 
 
 def _leads_somewhere(command: Command) -> bool:

@@ -133,7 +133,8 @@ class GoalBook:
                 if goal != self.wanted:
                     known.state = "over"
                 elif known.end == GoalStatus.UNKNOWN:
-                    known.end, known.end_ns = status, now_ns
+                    known.end = status
+                    known.end_ns = now_ns
         return [each for each in outcomes if each is not None]
 
     def overdue(self, now_ns: int) -> Outcome | None:

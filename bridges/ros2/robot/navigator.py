@@ -70,9 +70,13 @@ class ActionClient:
             on_status: called with the ids of all goals of the server, and their status.
             on_problem: called with a sentence if a message cannot be read.
         """
-        self._backend, self._types, self._kind = backend, types, kind
+        self._backend = backend
+        self._types = types
+        self._kind = kind
         self._topics = f"{action}/_action"
-        self._on_feedback, self._on_status, self._on_problem = on_feedback, on_status, on_problem
+        self._on_feedback = on_feedback
+        self._on_status = on_status
+        self._on_problem = on_problem
         feedback = f"{kind}_FeedbackMessage"
         types.prepare(feedback, STATUS, CANCEL, f"{kind}_SendGoal", f"{kind}_GetResult")
         self._ends: tuple[Closable, ...] = (
@@ -172,7 +176,10 @@ class Navigator:
         on_distance: Callable[[float], None],
     ) -> None:
         """Subscribe to the action's topics; `on_distance` gets the rest of the way, m, by Nav2's feedback."""
-        self._types, self._config, self._now_ns, self._tell = types, config, now_ns, report
+        self._types = types
+        self._config = config
+        self._now_ns = now_ns
+        self._tell = report
         self._on_distance = on_distance
         self._client = ActionClient(
             backend,
@@ -208,17 +215,23 @@ class Navigator:
     def command(self, command: Command) -> None:
         """Carry out `command`."""
         if isinstance(command, Follow):
-            self._order, self._follow, self._way = command.order, command, []
+            self._order = command.order
+            self._follow = command
+            self._way = []
             self.tick()
             return
-        self._order, self._follow, self._last_m, self._way = command.order, None, None, []
+        self._order = command.order
+        self._follow = None
+        self._last_m = None
+        self._way = []
         match command:
             case FollowPath(points_m=points_m, yaw_rad=yaw_rad):
                 self._way = [*((point_m, None) for point_m in points_m[:-1]), (points_m[-1], yaw_rad)]
                 self._next()
             case Stop():
                 self._book.drop()
-                self._is_clear, self._cleared_ns = False, 0
+                self._is_clear = False
+                self._cleared_ns = 0
                 self.tick()
             case _:
                 self._say("refused", "a robot with Nav2 neither takes off nor lands")
@@ -244,7 +257,9 @@ class Navigator:
 
     async def close(self) -> None:
         """Cancel all goals and wait for that, `HALT_S` at most; then unsubscribe."""
-        self._order, self._follow, self._way = 0, None, []
+        self._order = 0
+        self._follow = None
+        self._way = []
         self._book.drop()
         try:
             async with asyncio.timeout(HALT_S):
@@ -361,6 +376,7 @@ class Navigator:
 
 
 def _why(result: Any, status: int) -> str:
-    message, code = getattr(result, "error_msg", ""), int(getattr(result, "error_code", 0))
+    message = getattr(result, "error_msg", "")
+    code = int(getattr(result, "error_code", 0))
     text = message or (f"error {code}" if code else f"status {status}")
     return f"Nav2 gave up: {text[:200]}"

@@ -102,8 +102,11 @@ class PoseInput:
         on_problem: Callable[[str], None],
     ) -> None:
         """Subscribe; `on_problem` gets a sentence, or `""` when a message is well."""
-        self._types, self._reader, self._now_ns = types, reader, now_ns
-        self._on_report, self._on_problem = on_report, on_problem
+        self._types = types
+        self._reader = reader
+        self._now_ns = now_ns
+        self._on_report = on_report
+        self._on_problem = on_problem
         types.prepare(TF_TYPE)
         tf = types.kind(TF_TYPE)
         self._ends: list[Closable] = [

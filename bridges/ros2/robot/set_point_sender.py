@@ -90,12 +90,14 @@ class SetPoints:
             return "refused", "it is on the ground: take off first"
         if isinstance(command, Stop | Land) and not self.is_flying and self._now is None:
             return "done", ""
-        self._command, self._is_over = command, False
+        self._command = command
+        self._is_over = False
         self._way = self._places(command, self._at_m)
         yaw_rad = getattr(command, "yaw_rad", None)
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
         if self._now is None or isinstance(command, Stop):
-            self._now, self._speed_mps = self._rest_m(self._at_m), 0.0
+            self._now = self._rest_m(self._at_m)
+            self._speed_mps = 0.0
         return None if isinstance(command, Follow | Stop) else ("active", "")
 
     def step(self, passed_s: float, *, is_fresh: bool) -> tuple[SetPoint | None, Outcome | None]:
@@ -173,7 +175,8 @@ class SetPoints:
         if is_landing:
             if self.is_flying or (self._now is not None and self._now != self._way[0]):
                 return None
-            self._now, self._way = None, []
+            self._now = None
+            self._way = []
         elif vector.norm(vector.subtract(self._way[0], at_m)) > THERE_M:
             return None
         elif len(self._way) > 1:
@@ -198,7 +201,10 @@ class SetPointSender:
         now_ns: Callable[[], int],
         report: Report,
     ) -> None:
-        self._types, self._config, self._now_ns, self._tell = types, config, now_ns, report
+        self._types = types
+        self._config = config
+        self._now_ns = now_ns
+        self._tell = report
         self._points = SetPoints(spec, config.ground_m)
         types.prepare(POSE)
         self._writer = backend.advertise(config.setpoint_topic, types.kind(POSE), Qos(depth=10))

@@ -86,7 +86,8 @@ class Person:
         """Store a message that came at `now_ns`."""
         match message:
             case Cursor():
-                self.cursor, self.cursor_ns = message, now_ns
+                self.cursor = message
+                self.cursor_ns = now_ns
             case Hover():
                 self.hover = message
             case UserPose():
@@ -99,7 +100,8 @@ class Person:
                 self.is_pointing = message.state == "pointing"
             case ImuSample():
                 if self.forearm_yaw is not None:
-                    stamp_ns, epoch = message.stamp_ns, message.yaw_epoch
+                    stamp_ns = message.stamp_ns
+                    epoch = message.yaw_epoch
                     self.forearm_yaw.add_arm(stamp_ns, message.orientation_xyzw, epoch)
                 self.arm = rotation.rotate(message.orientation_xyzw, (1.0, 0.0, 0.0))
                 if abs(vector.elevation(self.arm)) < STEEP_RAD:

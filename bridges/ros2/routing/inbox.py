@@ -238,7 +238,8 @@ class Inbox:
             timer.cancel()
 
     def _on_message(self, route: InboundRoute, name: str, cdr: bytes) -> None:
-        state, clock = self._site.state, self._site.clock
+        state = self._site.state
+        clock = self._site.clock
         subject = _subject(route, state, name)
         try:
             value = state.types.decode(route.type, cdr, max_bytes=route.max_bytes)

@@ -61,7 +61,8 @@ class RosNames:
     def _free(self, wanted: str) -> str:
         if wanted[0].isdigit():
             wanted = f"_{wanted}"
-        made, count = wanted, 1
+        made = wanted
+        count = 1
         while made in self._taken:
             count += 1
             made = f"{wanted}_{count}"

@@ -96,7 +96,8 @@ class _Line:
             self._sent.pop(name, None)
 
     def _due(self) -> None:
-        waiting, self._waiting = self._waiting, {}
+        waiting = self._waiting
+        self._waiting = {}
         self._rate_limiter.sent(self._loop.time())
         for message, name in waiting.values():
             self._send(message, name)

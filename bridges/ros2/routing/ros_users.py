@@ -139,7 +139,8 @@ class RosUsers:
     def _come(self, user: str, ros_user: RosUser) -> None:
         if ros_user.is_here:
             return
-        state, bus = self._site.state, self._site.bus
+        state = self._site.state
+        bus = self._site.bus
         if not ros_user.is_subscribed:
             now_ns = self._site.clock.now_ns()
             self._inbox.publish(interaction(state, user, now_ns, "they have not asked for a cursor"))

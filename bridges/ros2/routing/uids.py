@@ -38,7 +38,8 @@ class Uids:
         for old in (self._names.get(number), name):
             if old is not None and old in self._numbers:
                 del self._names[self._numbers.pop(old)]
-        self._numbers[name], self._names[number] = number, name
+        self._numbers[name] = number
+        self._names[number] = name
 
     def claim(self, number: int, name: str) -> None:
         """Bind `number`, if a name can have such a one, to `name`, unless it has it."""

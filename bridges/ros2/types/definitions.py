@@ -27,7 +27,10 @@ from pointit.runtime.errors import ConfigError
 
 Fields = Sequence[tuple[str, Any]]
 
-BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
+BASE = 1
+NAME = 2
+ARRAY = 3
+SEQUENCE = 4
 
 NAMED_ID = 1
 IDS = {
@@ -50,7 +53,9 @@ IDS = {
     "wstring": 18,
 }
 BOUNDED_IDS = {"string": 21, "wstring": 22}
-ARRAY_IDS, BOUNDED_SEQUENCE_IDS, SEQUENCE_IDS = 48, 96, 144
+ARRAY_IDS = 48
+BOUNDED_SEQUENCE_IDS = 96
+SEQUENCE_IDS = 144
 
 EMPTY: Fields = [("structure_needs_at_least_one_member", (BASE, ("uint8", 0)))]
 """Placeholder of an empty definition, in hashes and in CDR."""
@@ -176,12 +181,16 @@ class Rihs01:
 
 def _kind(of: Any) -> dict[str, Any]:
     shape, rest = of
-    offset, capacity, string_capacity, nested = 0, 0, 0, ""
+    offset = 0
+    capacity = 0
+    string_capacity = 0
+    nested = ""
     if shape in {ARRAY, SEQUENCE}:
         (shape, rest), capacity = rest
         offset = ARRAY_IDS if of[0] == ARRAY else BOUNDED_SEQUENCE_IDS if capacity else SEQUENCE_IDS
     if shape == NAME:
-        number, nested = NAMED_ID, rest
+        number = NAMED_ID
+        nested = rest
     else:
         base, string_capacity = rest
         number = BOUNDED_IDS[base] if string_capacity else IDS[base]

@@ -132,7 +132,8 @@ class People:
 
     def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:
         """Publish words of `user`, who must be present; `words` have ages of wall time, s."""
-        now_ns, speed = self._clock.now_ns(), self._clock.speed
+        now_ns = self._clock.now_ns()
+        speed = self._clock.speed
 
         def stamped(word: Mapping[str, Any]) -> Word:
             start_ns, end_ns = (now_ns - round(word[age] * speed * NS_PER_S) for age in ("start_s", "end_s"))

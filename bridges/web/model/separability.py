@@ -41,7 +41,8 @@ class FloorSeparability:
     def set_room(self, room: Environment) -> None:
         """Use `room` from now on."""
         if self._room is None or room.model_copy(update=_stamps(self._room)) != self._room:
-            self._room, self._floor_task = room, None
+            self._room = room
+            self._floor_task = None
 
     async def answer(self) -> Floor:
         """Return the squares of the floor, see `Floor`.

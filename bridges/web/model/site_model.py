@@ -55,7 +55,8 @@ def shown_path(path: Path) -> str:
 
     A path elsewhere is shortened to its folder's name and its own: `…/maps/room.yaml`.
     """
-    path, start = path.absolute(), Path.cwd()
+    path = path.absolute()
+    start = Path.cwd()
     return str(path.relative_to(start) if path.is_relative_to(start) else Path("…", *path.parts[-2:]))
 
 
@@ -105,11 +106,14 @@ class SiteObservation:
 
     def end_run(self, now_s: float) -> None:
         """Note that the run has ended on purpose: services that leave from now on are not missing."""
-        self._is_over, self._settled_s = True, now_s + ENDING_S
+        self._is_over = True
+        self._settled_s = now_s + ENDING_S
 
     def begin_run(self, now_s: float) -> None:
         """Note that another scenario has begun: services of the previous one are not missing."""
-        self._is_over, self._began_run_s, self._settled_s = False, now_s, now_s + SETTLE_S
+        self._is_over = False
+        self._began_run_s = now_s
+        self._settled_s = now_s + SETTLE_S
         self._left_s.clear()
         self._missed_s.clear()
 
@@ -288,7 +292,8 @@ class SiteModel:
         """Start of each run that goes on, by deployment."""
         self._lamps: frozenset[str] | None = None
         """Lamps of the map, or None before the map has come."""
-        self._now_ns, self._now_s = 0, now_s
+        self._now_ns = 0
+        self._now_s = now_s
 
     @property
     def present(self) -> frozenset[str]:
@@ -299,11 +304,14 @@ class SiteModel:
         """Store a message. Return False if there is no room for its key."""
         if topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
             return True  # possibly invented: lamps that are not on the map are not shown
-        self._now_ns, self._now_s = now_ns, now_s
+        self._now_ns = now_ns
+        self._now_s = now_s
         return self.cache.has_room(topic, name) and self.state.take(topic, name, message, now_s)
 
     def _on_change(self, change: Change) -> None:
-        topic, name, message = change.topic, change.name, change.message
+        topic = change.topic
+        name = change.name
+        message = change.message
         if message is None:
             self.cache.forget(topic, name)
             if self._recent is not None:

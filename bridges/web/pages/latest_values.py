@@ -173,7 +173,8 @@ class LatestValueCache:
 
     def become(self, other: "LatestValueCache") -> None:
         """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
-        old_states, new_states = self.states_since(0), other.states_since(0)
+        old_states = self.states_since(0)
+        new_states = other.states_since(0)
         wanted = {(key, name) for key, name, _ in new_states}
         gone: list[Change] = [(key, name, None) for key, name, _ in old_states if (key, name) not in wanted]
         held = set(old_states)
@@ -288,8 +289,10 @@ class PageFeed:
         states = tuple(cache.states_since(self.version))
         events = cache.events_since(self._events)
         dropped = cache.event_count - self._events - len(events)
-        history, self._history = self._history, []
-        self.version, self._events = cache.version, cache.event_count
+        history = self._history
+        self._history = []
+        self.version = cache.version
+        self._events = cache.event_count
         self.dropped += dropped
         if not states and not history and not events and not dropped:
             return None
@@ -299,7 +302,8 @@ class PageFeed:
 
     def skip_events(self) -> None:
         """Send no event of before."""
-        self._events, self._history = self._cache.event_count, []
+        self._events = self._cache.event_count
+        self._history = []
 
     def ack(self, n: int) -> bool:
         """Acknowledge batch `n` and all before; return False if `n` was not sent."""

@@ -195,11 +195,13 @@ class PageSession:
             await self._wake_event.wait()
             self._wake_event.clear()
             while self._texts:
-                texts, self._texts = self._texts, []
+                texts = self._texts
+                self._texts = []
                 for text in texts:
                     await socket.send_text(text)
             if self._status:
-                status, self._status = self._status, ""
+                status = self._status
+                self._status = ""
                 await socket.send_text(status)
             batch = self.feed.take(self._loop.time())
             if batch is not None:
@@ -282,7 +284,8 @@ class PageSession:
             self._forward_aim()
 
     def _forward_aim(self) -> None:
-        aim, now_s = self._aim, self._loop.time()
+        aim = self._aim
+        now_s = self._loop.time()
         if aim is None:
             return
         if self._aim_bucket.take(now_s):
@@ -452,7 +455,8 @@ class Pages:
         self._bus.set_metric("to pages", (sent_bytes - self._reported[1]) / span_s / 1e3, "kB/s")
         self._bus.set_metric("pages that wait", float(waiting))
         self._bus.set_metric("events dropped", float(dropped))
-        self._reported, self._reported_s = (batches, sent_bytes), now_s
+        self._reported = (batches, sent_bytes)
+        self._reported_s = now_s
         if p95_ms is not None and p95_ms > SLOW_MS:
             self._bus.warn(
                 "lag",

@@ -31,7 +31,8 @@ class FilePast:
         self._recording = recording
         self._title = title
         self.site = recording.head.site
-        self.began_ns, self.ended_ns = recording.began_ns, recording.ended_ns
+        self.began_ns = recording.began_ns
+        self.ended_ns = recording.ended_ns
         self.read_ns = self.began_ns
         self._lanes = Lanes()
         self._times: list[int] = []
@@ -89,7 +90,8 @@ class FilePast:
         self._checkpoints.append(states)
         if len(self._times) > MAX_CHECKPOINTS or self._bytes > MAX_BYTES:
             # The newest is always kept: the next one contains the changes since then only.
-            self._times, self._checkpoints = self._times[::-2][::-1], self._checkpoints[::-2][::-1]
+            self._times = self._times[::-2][::-1]
+            self._checkpoints = self._checkpoints[::-2][::-1]
             self._distance_ns *= 2
             kept = {id(each): each for states in self._checkpoints for each in states.values()}
             self._bytes = sum(len(each.payload) for each in kept.values())

@@ -56,7 +56,8 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None, start_
             f"a page (limit {LONGEST_S:.0f} s, a clock may have leapt); record a shorter session"
         )
     hello = Hello(version=pointit_version(), site=past.site, role="viewer", requests=(), deeds=())
-    packer, packed = zlib.compressobj(9, wbits=31), bytearray()
+    packer = zlib.compressobj(9, wbits=31)
+    packed = bytearray()
     for part in (hello.model_dump_json(), past.timeline().model_dump_json(), *frames(past)):
         packed += packer.compress(pack(part))
         if isinstance(part, tuple):

@@ -114,7 +114,9 @@ class PastPage:
     # Time.
 
     async def _play(self) -> None:
-        reported_s, read_ns, sought_s = self._now_s(), -1, -math.inf
+        reported_s = self._now_s()
+        read_ns = -1
+        sought_s = -math.inf
         while True:
             if self._wake_event.is_set() and self._now_s() - sought_s >= SEEK_S:
                 self._wake_event.clear()
@@ -138,8 +140,10 @@ class PastPage:
                 await wait_up_to(self._wake_event, STATUS_S)
 
     def _do(self) -> None:
-        play, self._next_play = self._next_play, Play()
-        playback, now_s = self._playback, self._now_s()
+        play = self._next_play
+        self._next_play = Play()
+        playback = self._playback
+        now_s = self._now_s()
         if play.at_s is not None:
             playback.seek(self._past.began_ns + round(play.at_s * NS_PER_S), now_s)
         playback.play(now_s, is_playing=play.is_playing, speed=play.speed)

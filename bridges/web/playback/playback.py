@@ -93,7 +93,8 @@ class Playback:
         return self.model.status(people, self._at_ns / NS_PER_S, viewers=1, lan_url="", speed=1.0)
 
     def _move(self, at_ns: int, now_s: float) -> None:
-        self._at_ns, self._since_s = at_ns, now_s
+        self._at_ns = at_ns
+        self._since_s = now_s
 
     def _play_until(self, at_ns: int) -> int:
         for _ in range(MAX_AT_ONCE):
@@ -105,7 +106,9 @@ class Playback:
 
     def _apply(self, entry: Entry, model: SiteModel) -> None:
         at_s = entry.time_ns / NS_PER_S
-        row, name, body = entry.row, entry.name, entry.body
+        row = entry.row
+        name = entry.name
+        body = entry.body
         if isinstance(row, Topic) and isinstance(body, Message):
             model.take(row, name, body, entry.time_ns, at_s)
         elif row is SERVICE_ALIVE:

@@ -264,7 +264,8 @@ class Lanes:
 
         `identity` stays the same while only figures of `text` change. None: it is `text`.
         """
-        key, identity = (kind, user, instance), identity or text
+        key = (kind, user, instance)
+        identity = identity or text
         before = self._open.get(key)
         if before is not None:
             if before[2] == identity:
@@ -318,7 +319,8 @@ class _Chunk:
 
     def moments(self) -> Iterator[Moment]:
         """Yield the messages."""
-        data, offset = zlib.decompress(self._packed), 0
+        data = zlib.decompress(self._packed)
+        offset = 0
         for time_ns, place, length in zip(self._times, self._places, self._lengths, strict=True):
             yield Moment(time_ns, *self._keys[place], data[offset : offset + length])
             offset += length
@@ -395,7 +397,8 @@ class Recent:
 
     def _close_chunk(self, now_ns: int) -> None:
         chunk = _Chunk(self._before, self._open)
-        self._open, self._open_bytes = [], 0
+        self._open = []
+        self._open_bytes = 0
         self._chunks.append(chunk)
         self._bytes += chunk.bytes
         oldest_ns = now_ns - self._window_ns
@@ -409,7 +412,9 @@ class RecentPast:
 
     def __init__(self, site: str, chunks: list[_Chunk], timeline: Timeline, ended_ns: int) -> None:
         self.site = site
-        self.began_ns, self.ended_ns, self.read_ns = timeline.began_ns, ended_ns, ended_ns
+        self.began_ns = timeline.began_ns
+        self.ended_ns = ended_ns
+        self.read_ns = ended_ns
         self._chunks = chunks
         self._timeline = timeline
         self._times = [chunk.began_ns for chunk in chunks]

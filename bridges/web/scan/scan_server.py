@@ -120,7 +120,8 @@ class ScanServer:
     async def _on_message(self, request: Request) -> Response:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
-        session, now_s = self._session, time.monotonic()
+        session = self._session
+        now_s = time.monotonic()
         may_begin = True
         if self._is_operator(request):
             self._begin_until_s = self._open_until_s = max(self._open_until_s, now_s + OPEN_S)

@@ -105,7 +105,8 @@ def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence
         raise ConfigError(f"strip {origin!r} is not known yet" if origin else "no strip is known yet")
     base = scan.strips[origin or names[0]]
     x_m, y_m, _ = base.start
-    along_m, across_m = base.end[0] - x_m, base.end[1] - y_m
+    along_m = base.end[0] - x_m
+    across_m = base.end[1] - y_m
     is_upright = math.hypot(along_m, across_m) < UPRIGHT_M
     placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
     x_axis = "" if is_upright else ", x points towards its last LED"
@@ -145,6 +146,7 @@ class SolverProcess:
 
     def close(self) -> None:
         """End the process."""
-        pool, self._pool = self._pool, None
+        pool = self._pool
+        self._pool = None
         if pool is not None:
             pool.shutdown(wait=False, cancel_futures=True)

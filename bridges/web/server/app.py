@@ -136,7 +136,8 @@ class _Page:
         self._download = download
 
     async def index(self, request: Request) -> Response:
-        info, now_s = info_of(request), time.monotonic()
+        info = info_of(request)
+        now_s = time.monotonic()
         token = request.query_params.get("token")
         if token is not None:
             if self._access.enter(token, info, now_s) is None:

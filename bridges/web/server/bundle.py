@@ -110,7 +110,8 @@ class Pieces(Response):
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
         body = memoryview(self.body)
         for start in range(0, max(len(body), 1), PIECE):
-            piece, more = bytes(body[start : start + PIECE]), start + PIECE < len(body)
+            piece = bytes(body[start : start + PIECE])
+            more = start + PIECE < len(body)
             await send({"type": "http.response.body", "body": piece, "more_body": more})
 
 
@@ -149,5 +150,6 @@ def file_response(request: Request, bundle: Bundle, name: str) -> Response:
         return Response(status_code=304, headers=headers)
     content = file.content
     if file.compressed and "gzip" in request.headers.get("accept-encoding", ""):
-        content, headers["Content-Encoding"] = file.compressed, "gzip"
+        content = file.compressed
+        headers["Content-Encoding"] = "gzip"
     return Pieces(content, headers=headers, media_type=file.media_type)

@@ -59,7 +59,8 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
         certificate = _read(*files)
         fits = _fits(certificate, names, wanted, now)
     except FileNotFoundError:
-        certificate, fits = None, False
+        certificate = None
+        fits = False
     except (OSError, ValueError, x509.DuplicateExtension) as error:
         is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
         reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
@@ -67,7 +68,8 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
             f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
             "which browsers warn of again"
         )
-        certificate, fits = None, False
+        certificate = None
+        fits = False
     if certificate is None or not fits:
         key = ec.generate_private_key(ec.SECP256R1())
         certificate = _sign(key, names, wanted, now)

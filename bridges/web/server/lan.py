@@ -130,7 +130,9 @@ class Lan:
     async def close(self) -> None:
         """Close the listener and its connections."""
         async with self._opening:
-            listener, self._listener, self.url = self._listener, None, ""
+            listener = self._listener
+            self._listener = None
+            self.url = ""
             if listener is not None:
                 await listener.close()
 

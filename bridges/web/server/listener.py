@@ -196,9 +196,12 @@ class Listener:
             if connection not in self._state.connections:
                 del self._visits[connection]
                 continue
-            cycle, owed = connection.cycle, connection.transport.get_write_buffer_size()
+            cycle = connection.cycle
+            owed = connection.transport.get_write_buffer_size()
             if cycle is not visit.cycle or owed != visit.owed or (_is_busy(connection) and not owed):
-                visit.cycle, visit.owed, visit.since_s = cycle, owed, now_s
+                visit.cycle = cycle
+                visit.owed = owed
+                visit.since_s = now_s
             elif now_s - visit.since_s > QUIET_S:
                 _cut(connection)
 

@@ -73,7 +73,8 @@ class HeadsetPose:
         has_moved = math.dist(self.feet_m, self._published_m) > MOVED_M
         if 0 <= age_ns < (POSE_NS if has_moved else MAX_POSE_NS):  # below 0: the clock was set back
             return None
-        self._published_ns, self._published_m = now_ns, self.feet_m
+        self._published_ns = now_ns
+        self._published_m = self.feet_m
         return UserPose(
             stamp_ns=now_ns,
             position_m=self.feet_m,

@@ -179,7 +179,8 @@ class PhoneConnection:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _turn(self, turn: Turn) -> WristSample | None:
-        phone, wrists = self.phone, self._host.wrists
+        phone = self.phone
+        wrists = self._host.wrists
         before = wrists.holder(phone.user)
         sample = wrists.turn(phone.user, phone.page, turn, self._host.now_ns())
         if wrists.holder(phone.user) != before:
@@ -256,7 +257,8 @@ class PhoneCues:
         return changed
 
     def _change(self, **fields: Any) -> Cue | None:
-        before, self._current = self._current, self._current.model_copy(update=fields)
+        before = self._current
+        self._current = self._current.model_copy(update=fields)
         return None if self._current == before else self._current
 
 
@@ -373,7 +375,8 @@ class Phones:
             return PlainTextResponse("a list is expected", 400)
         if not items:
             self._greet(line)
-        before, sample = set(line.asks), None
+        before = set(line.asks)
+        sample = None
         for item in items:
             sample = line.hear(item) or sample
         self._send(phone, sample)  # only the newest orientation counts

@@ -78,7 +78,8 @@ def choose_pose(room: Environment) -> Stand:
     points = places(room)[:, :2]
     if not len(points):
         return ((0.0, 0.0, 0.0), 0.0)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     center = (low + high) / 2.0
     beyond_m = CLEAR_M + 0.5
     columns, rows = np.linspace(low - beyond_m, high + beyond_m, _GRID).T
@@ -176,7 +177,8 @@ class MouseArm:
     def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
         """Set the person's pose: {H} in {W}, m and rad."""
         if (position_m, yaw_rad) != (self._position_m, self._yaw_rad):
-            self._position_m, self._yaw_rad = position_m, yaw_rad
+            self._position_m = position_m
+            self._yaw_rad = yaw_rad
             self._turn()
 
     @property
@@ -225,7 +227,10 @@ def _towards(start: Quaternion, end: Quaternion, most_rad: float) -> Quaternion:
     """Return `start` turned towards `end`, by `most_rad` at most."""
     x, y, z, w = rotation.multiply(rotation.inverse(start), end)
     if w < 0.0:  # the shorter way round
-        x, y, z, w = -x, -y, -z, -w
+        x = -x
+        y = -y
+        z = -z
+        w = -w
     sine = math.hypot(x, y, z)
     if 2.0 * math.atan2(sine, w) <= most_rad:
         return end
@@ -305,7 +310,9 @@ class WristControl:
         if loser and person.by == "phone":
             person.lost.add(loser)
         person.lost.discard(page)
-        person.page, person.by, person.sent_ns = page, by, 0
+        person.page = page
+        person.by = by
+        person.sent_ns = 0
         if by == "headset":
             person.headset = HeadsetPose(yaw_rad=person.standing.at[1])
             person.arm.set_tremor(0.0)
@@ -372,7 +379,8 @@ class WristControl:
             del person.sessions[next(iter(person.sessions))]
         person.phones[page] = _Phone(now_ns, turn, session)
         if not person.page and page not in person.lost:
-            person.page, person.by = page, "phone"
+            person.page = page
+            person.by = "phone"
         if person.page != page:
             return None
         return self._sample(person, now_ns)
@@ -408,7 +416,8 @@ class WristControl:
             if person.by == "mouse":
                 due.append((user, self._sample(person, now_ns)))
                 continue
-            is_headset, phone = person.by == "headset", person.phones.get(person.page)
+            is_headset = person.by == "headset"
+            phone = person.phones.get(person.page)
             heard_ns = phone.heard_ns if phone else -math.inf  # simulated time may begin at 0
             silent_ns = now_ns - (person.headset.last_received_ns(now_ns) if is_headset else heard_ns)
             silence_s = silent_ns / (speed * NS_PER_S)
@@ -461,7 +470,8 @@ class WristControl:
         person.sent_ns = now_ns
         person.seq += 1
         if person.by != "phone":
-            source, arm_xyzw = "headset" if person.by == "headset" else "", person.arm.step(now_ns)
+            source = "headset" if person.by == "headset" else ""
+            arm_xyzw = person.arm.step(now_ns)
             return WristSample(stamp_ns=now_ns, seq=person.seq, orientation_xyzw=arm_xyzw, source=source)
         phone = person.phones[person.page]
         return WristSample(

@@ -98,7 +98,8 @@ class Taking:
     """Points at a box until the hand is above it, presses, and does the same with a place for it."""
 
     def __init__(self, person: ArmUser) -> None:
-        self._person, self._rng = person, person.rng
+        self._person = person
+        self._rng = person.rng
         self._now_ns = self._turns = self._presses = 0
         self._hand_m: Vec3 = (0.0, 0.0, 0.0)
         self._boxes_m: dict[str, Vec3] = {}
@@ -113,7 +114,9 @@ class Taking:
         boxes = {name: thing.position_m for name, thing in seen.items() if thing.press}
         if HAND not in seen or not boxes:
             return PersonGoal("rest", presses=self._presses)
-        self._now_ns, self._hand_m, self._boxes_m = now_ns, seen[HAND].position_m, boxes
+        self._now_ns = now_ns
+        self._hand_m = seen[HAND].position_m
+        self._boxes_m = boxes
         self._table_m = min(z for _, _, z in boxes.values())
         next(self._goals)
         x, y, _ = self._aim_m()

@@ -216,7 +216,9 @@ class Arm(Service[ArmConfig]):
         yield from self._go(self._above(place_m))
         yield from self._go(place_m)
         self.arm.grip(on=False)
-        self._boxes[self._held], self._held, self._over = place_m, "", ""
+        self._boxes[self._held] = place_m
+        self._held = ""
+        self._over = ""
         yield from self._wait(SUCTION_S)
         yield from self._go(self._above(place_m))
 
@@ -269,7 +271,8 @@ class Arm(Service[ArmConfig]):
         if self._owner in near:
             self._near_ns = now_ns
         elif not self._owner or (now_ns - self._near_ns > QUIET_S * NS_PER_S and not self._held):
-            self._owner, self._near_ns = min(near, default=""), now_ns
+            self._owner = min(near, default="")
+            self._near_ns = now_ns
 
     def _nearest(self, ray: Ray) -> str:
         """Return the box nearest to a ray, or an empty name. Another one than `_over` must be much nearer."""
@@ -321,7 +324,8 @@ class Arm(Service[ArmConfig]):
 
     def _advise(self) -> None:
         """Tell the owner what a press does next. Their page, phone and terminal show it while they point."""
-        holds, takes = f"Point at a place for {self._held}", "Point at a box: the hand hovers above it"
+        holds = f"Point at a place for {self._held}"
+        takes = "Point at a box: the hand hovers above it"
         advice = f"{holds} and press: it is put there." if self._held else f"{takes}. Press, and it is taken."
         if self._owner and (self._owner, advice) != self._advised:
             self._advised = (self._owner, advice)

@@ -22,7 +22,9 @@ def joint_angles(base_m: Vec3, tip_m: Vec3) -> tuple[float, float, float, float,
     is straight and level along x.
     """
     x, y, z = (a - b for a, b in zip(tip_m, base_m, strict=True))
-    across_m, up_m = math.hypot(x, y), z + HAND_M - SHOULDER_M  # of the wrist from the shoulder
+    # of the wrist from the shoulder
+    across_m = math.hypot(x, y)
+    up_m = z + HAND_M - SHOULDER_M
     cosine = (across_m**2 + up_m**2 - UPPER_M**2 - FORE_M**2) / (2.0 * UPPER_M * FORE_M)
     if not -0.95 <= cosine <= 0.999:  # not folded upon itself, not quite straight
         return None
@@ -35,7 +37,8 @@ def joint_angles(base_m: Vec3, tip_m: Vec3) -> tuple[float, float, float, float,
 
 def link_ends(base_m: Vec3, angles: tuple[float, ...]) -> list[Vec3]:
     """Return the positions of shoulder, elbow, wrist and tip, {W}, m."""
-    elevation, ends = 0.0, [np.add(base_m, (0.0, 0.0, SHOULDER_M))]
+    elevation = 0.0
+    ends = [np.add(base_m, (0.0, 0.0, SHOULDER_M))]
     for angle, length_m in zip(angles[1:4], (UPPER_M, FORE_M, HAND_M), strict=True):
         elevation += angle
         turn = rotation.from_azimuth_elevation(angles[0], elevation)
@@ -52,7 +55,8 @@ class SimulatedArm:
         """True if the arm answers."""
         self.holds = False
         """True if the suction is on. On a real arm: if its sensor feels something."""
-        self._base_m, self._clock = base_m, clock
+        self._base_m = base_m
+        self._clock = clock
         self._tip_m = self._goal_m = tip_m
         self._at_ns = clock.now_ns()
 
@@ -67,7 +71,8 @@ class SimulatedArm:
     def tip_m(self) -> Vec3:
         """Return the position of the tip now, {W}, m."""
         now_ns = self._clock.now_ns()
-        passed_s, self._at_ns = min(max(now_ns - self._at_ns, 0) / NS_PER_S, 0.1), now_ns
+        passed_s = min(max(now_ns - self._at_ns, 0) / NS_PER_S, 0.1)
+        self._at_ns = now_ns
         left_m = math.dist(self._goal_m, self._tip_m)
         step_m = min(MAX_SPEED_MPS, APPROACH_RATE * left_m + 0.01) * passed_s
         share = min(step_m / left_m, 1.0) if left_m > 0.0 else 1.0

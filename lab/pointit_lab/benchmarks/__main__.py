@@ -196,7 +196,9 @@ def _measure_bridges(
         rounds = [measure_hop(duration) for _ in range(ROUNDS)]
         result["hop"] = {way: [row[way] for row in rounds] for way in rounds[0]}
         for way, times_us in result["hop"].items():
-            low, middle, high = min(times_us), statistics.median(times_us), max(times_us)
+            low = min(times_us)
+            middle = statistics.median(times_us)
+            high = max(times_us)
             console.print(f"{way:<32} {middle:>6.0f} µs of CPU ({low:.0f} to {high:.0f})")
     if "things" in wanted:
         console.print("things: IMU sample to the call of a function for what it fires …")
@@ -260,7 +262,8 @@ def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
     for column in ("people", "CPU of a core", "services", "driver", "delivered", "p99 age ms"):
         table.add_column(column, justify="right")
     for row in rows:
-        age, driver_us = row["age_of_cursors"], row["driver_us_per_sample"]
+        age = row["age_of_cursors"]
+        driver_us = row["driver_us_per_sample"]
         table.add_row(
             str(row["users"]),
             f"{row['services_share_of_a_core']:.1%}",

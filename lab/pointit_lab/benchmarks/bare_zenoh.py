@@ -32,7 +32,8 @@ ENVIRONMENT = dict(os.environ)
 TAIL_S = 0.2
 """Time for the last messages to arrive, s."""
 
-THERE, BACK = "relayed", "returned"
+THERE = "relayed"
+BACK = "returned"
 PAYLOAD = bytes(100)
 ATTACHMENT = bytes(33)
 READY_S = 20.0
@@ -152,8 +153,10 @@ async def relay_cost(
         duration_s: duration of the measurement, s.
         per_turn: messages that `put` publishes.
     """
-    before, began_s = process.cpu_times(), time.perf_counter()
-    loop, turn = asyncio.get_running_loop(), 0
+    before = process.cpu_times()
+    began_s = time.perf_counter()
+    loop = asyncio.get_running_loop()
+    turn = 0
     due_s = loop.time()
     end_s = due_s + duration_s
     while due_s < end_s:
@@ -162,7 +165,8 @@ async def relay_cost(
         # no larger bursts to catch up, in which only the newest message would be delivered
         due_s = max(due_s + 1.0 / rate_hz, loop.time())
         await asyncio.sleep(due_s - loop.time())
-    after, took_s = process.cpu_times(), time.perf_counter() - began_s
+    after = process.cpu_times()
+    took_s = time.perf_counter() - began_s
     await asyncio.sleep(TAIL_S)
     cpu_s = after.user + after.system - before.user - before.system
     messages = turn * per_turn
@@ -227,8 +231,10 @@ async def measure_relay(rate_hz: float, duration_s: float) -> dict[str, Any]:
 
 def relay_until_terminated(source: str, session: str) -> None:
     """Forward both ways between the sessions at two addresses."""
-    near, far = opened(connect=source), opened(connect=session)
-    there, back = far.declare_publisher(THERE), near.declare_publisher(BACK)
+    near = opened(connect=source)
+    far = opened(connect=session)
+    there = far.declare_publisher(THERE)
+    back = near.declare_publisher(BACK)
 
     def relay(sample: zenoh.Sample) -> None:
         there.put(sample.payload.to_bytes(), attachment=ATTACHMENT)

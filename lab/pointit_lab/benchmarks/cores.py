@@ -84,7 +84,8 @@ class PersonBeforeThings:
         """Create from size of the things, distance between them and from the eyes, m, and their number."""
         size_m, apart_m, away_m = shelf
         self._wide_rad = math.atan(2.0 * apart_m / away_m)
-        y_m, z_m = -(columns - 1) / 2.0 * apart_m, 1.4 - (rows - 1) / 2.0 * apart_m
+        y_m = -(columns - 1) / 2.0 * apart_m
+        z_m = 1.4 - (rows - 1) / 2.0 * apart_m
         things = tuple(
             Thing(
                 id=f"t{column}_{row}",
@@ -110,7 +111,8 @@ class PersonBeforeThings:
             now_ns = 100 * NS_PER_S + sample * (NS_PER_S // RATE_HZ)
             if sample % round(PERIOD_S * RATE_HZ) == 0:
                 self._list(now_ns)
-            azimuth, elevation = self._wide_rad * math.sin(sample / 40), 0.15 * math.sin(sample / 13) - 0.09
+            azimuth = self._wide_rad * math.sin(sample / 40)
+            elevation = 0.15 * math.sin(sample / 13) - 0.09
             ray = PointingRay.model_construct(
                 stamp_ns=now_ns, origin_m=EYES_M, direction=vector.direction(azimuth, elevation)
             )
@@ -157,7 +159,8 @@ async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, An
         began_s = drawn_s = 0.0
         for number in range(WARM_FRAMES + FRAMES):
             if number == WARM_FRAMES:
-                began_s, drawn_s = time.process_time(), 0.0
+                began_s = time.process_time()
+                drawn_s = 0.0
             drawn_s += await _draw(lights, outputs, ids, number)
         spent_s = time.process_time() - began_s
         for task in tasks:

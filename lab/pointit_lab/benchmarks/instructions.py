@@ -106,7 +106,8 @@ class BytecodeCounter:
 
     def _on_call(self, frame: FrameType, event: str, argument: object) -> Callable[..., Any]:
         del event, argument
-        frame.f_trace_lines, frame.f_trace_opcodes = False, True
+        frame.f_trace_lines = False
+        frame.f_trace_opcodes = True
         return self._on_event
 
     def _on_event(self, frame: FrameType, event: str, argument: object) -> Callable[..., Any]:
@@ -127,7 +128,8 @@ async def drive(
     launches = [
         launch for launch in itertools.chain(site, *people.values()) if launch.service.NAME not in left_out
     ]
-    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
+    bus = MemoryBus(LocalBroker())
+    clock = VirtualClock()
     services = asyncio.create_task(run_services(launches, bus, clock))
     messages = Counter[str]()
 

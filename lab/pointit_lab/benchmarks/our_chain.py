@@ -161,7 +161,8 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         if endpoint:
             worker = await Worker.start(Group(name="wrists", wrists=[*people]), bus.site, endpoint)
             stack.push_async_callback(worker.end)
-            drive, driver = _in_worker(worker), None
+            drive = _in_worker(worker)
+            driver = None
         else:
             drive = _here(
                 [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)]
@@ -206,7 +207,8 @@ class _Used:
 
 
 async def _used(drive: Drive, duration_s: float) -> _Used:
-    cpu_s, wall_s = time.process_time(), time.monotonic()
+    cpu_s = time.process_time()
+    wall_s = time.monotonic()
     sent = await drive(duration_s)
     return _Used(time.process_time() - cpu_s, time.monotonic() - wall_s, sent)
 

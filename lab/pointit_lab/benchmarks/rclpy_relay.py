@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 PYTHON = Path(__file__).parents[3] / ".venv-rclpy" / "bin" / "python"
-THERE, BACK = "relayed", "returned"
+THERE = "relayed"
+BACK = "returned"
 DEPTH = 100
 READY_S = 20.0
 SETTLE_S = 1.0
@@ -50,7 +51,8 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
                 text=True,
             ) as drive,
         ):
-            output, process = drive.stdout, psutil.Process(relay.pid)
+            output = drive.stdout
+            process = psutil.Process(relay.pid)
             try:
                 is_ready = output is not None and output.readline() == "ready\n"
                 before = process.cpu_times()
@@ -101,7 +103,8 @@ def drive(rate_hz: float, duration_s: float) -> None:
     time.sleep(SETTLE_S)
     returned.clear()
     print("ready", flush=True)
-    sent, began_s = 0, time.monotonic()
+    sent = 0
+    began_s = time.monotonic()
     while (due_s := began_s + sent / rate_hz) < began_s + duration_s:
         time.sleep(max(0.0, due_s - time.monotonic()))
         publisher.publish(message())

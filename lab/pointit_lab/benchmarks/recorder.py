@@ -80,7 +80,8 @@ def _run(commands: Commands, *more: str) -> tuple[str, Command]:
 async def _shares(duration_s: float, *commands: Command) -> list[float]:
     """Return the share of a core that each command takes during `duration_s`."""
     processes = [psutil.Process(command.process.pid) for command in commands]
-    before_s, began_s = [sum(each.cpu_times()[:2]) for each in processes], time.monotonic()
+    before_s = [sum(each.cpu_times()[:2]) for each in processes]
+    began_s = time.monotonic()
     await asyncio.sleep(duration_s)
     wall_s = time.monotonic() - began_s
     return [

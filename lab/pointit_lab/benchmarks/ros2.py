@@ -32,7 +32,8 @@ HZ = 50.0
 ROUNDS = 3
 TIMEOUT_S = 60.0
 SETTLE_S = 1.0
-RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
+RAY_TYPE = "geometry_msgs/msg/PoseStamped"
+ROTATION_TYPE = "geometry_msgs/msg/QuaternionStamped"
 ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\n"
 """Raises the rate limits, which would determine the result."""
 

@@ -105,7 +105,8 @@ def honesty(
                 jobs=jobs,
                 tick=lambda done, of: tell_progress(f"further people of rows with few poses: {done} of {of}"),
             )
-        rows, pooled = rows_of(verdicts), pooled_rows(verdicts, SIMULATED)
+        rows = rows_of(verdicts)
+        pooled = pooled_rows(verdicts, SIMULATED)
         asked = {
             (name, each.name)
             for name in sets or (SIMULATED if recordings is None else SETS)

@@ -179,7 +179,8 @@ class VirtualAgv:
         if not self.base:
             return {"vx": 0.0, "vy": 0.0, "omega": 0.0}
         to = self.base[0]["nodePosition"]
-        x_m, y_m = to["x"] - self.place[0], to["y"] - self.place[1]
+        x_m = to["x"] - self.place[0]
+        y_m = to["y"] - self.place[1]
         away_m = math.hypot(x_m, y_m) or 1.0
         return {"vx": SPEED_MPS * x_m / away_m, "vy": SPEED_MPS * y_m / away_m, "omega": 0.0}
 

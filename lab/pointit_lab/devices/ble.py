@@ -32,13 +32,15 @@ class BleDevice(FakeDevice):
     async def unplug(self) -> None:
         """Vanish, as when its battery is taken out."""
         self.peripheral.is_there = False
-        link, self.peripheral.link = self.peripheral.link, None
+        link = self.peripheral.link
+        self.peripheral.link = None
         if link is not None:
             link.lose()
 
     async def send(self, data: bytes) -> None:
         """Notify of `data` in its stream, if it is connected and streams."""
-        wrist, link = self.peripheral.wrist, self.peripheral.link
+        wrist = self.peripheral.wrist
+        link = self.peripheral.link
         if link is not None and wrist.is_streaming:
             link.notify(wrist.stream, data)
 

@@ -30,7 +30,8 @@ class MqttBrokerDevice(TcpDevice):
         """Send a message to the program, whatever it has subscribed to."""
         name = topic.encode()
         body = len(name).to_bytes(2) + name + payload
-        size, rest = bytearray(), len(body)
+        size = bytearray()
+        rest = len(body)
         while rest > 0x7F:
             size.append(rest & 0x7F | 0x80)
             rest >>= 7
@@ -54,13 +55,15 @@ class MqttBrokerDevice(TcpDevice):
 def published(received: bytes) -> Iterator[Published]:
     """Yield the messages in complete packets."""
     while received:
-        size, start = 0, 1
+        size = 0
+        start = 1
         while start < len(received) and start <= 4:
             size |= (received[start] & 0x7F) << 7 * (start - 1)
             start += 1
             if not received[start - 1] & 0x80:
                 break
-        packet, received = received[: start + size], received[start + size :]
+        packet = received[: start + size]
+        received = received[start + size :]
         if packet[0] >> 4 == PUBLISH and len(packet) == start + size:
             topic, rest = _text(packet[start:])
             yield Published(topic, rest[2:] if packet[0] & 0x06 else rest)
@@ -68,7 +71,8 @@ def published(received: bytes) -> Iterator[Published]:
 
 async def _packet(reader: asyncio.StreamReader) -> bytes:
     packet = await reader.readexactly(2)
-    size, shift = packet[1] & 0x7F, 7
+    size = packet[1] & 0x7F
+    shift = 7
     while packet[-1] & 0x80:
         packet += await reader.readexactly(1)
         size |= (packet[-1] & 0x7F) << shift
@@ -84,7 +88,9 @@ def _answer(packet: bytes) -> bytes:
     if kind == PING:
         return PINGRESP
     if kind == SUBSCRIBE:
-        number, rest, grants = body[:2], body[2:], b""
+        number = body[:2]
+        rest = body[2:]
+        grants = b""
         while rest:
             _topic, rest = _text(rest)
             grants += rest[:1]

@@ -211,7 +211,8 @@ def command(
 
 
 def _sections(done: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
-    first, last = done[0], done[-1]
+    first = done[0]
+    last = done[-1]
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
     made = [OutputSection(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]

@@ -82,7 +82,8 @@ def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
     """Return the group of this process and those of others, for `count` people."""
     site, by_name = load_launches(count)
     site = [] if load.connect else site
-    names, people = list(by_name), list(by_name.values())
+    names = list(by_name)
+    people = list(by_name.values())
     if load.layout == "one":
         own = [launch for person in people for launch in person]
         return Group(name="all", launches=[*site, *own], wrists=names), []

@@ -84,7 +84,8 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
     async with contextlib.AsyncExitStack() as stack:
         port = free_port()
         endpoint = f"tls/127.0.0.1:{port}" if load.secured else f"tcp/127.0.0.1:{port}"
-        credentials, router = None, None
+        credentials = None
+        router = None
         if load.router:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
             configuration = plain_configuration(endpoint, ())

@@ -60,7 +60,8 @@ class LoadTest:
     async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
         """Drive all wrists for `duration_s` and return the result."""
         self._sight.clear()
-        before, sent = read_usage(), sum(wrist.sent for wrist in self._wrists)
+        before = read_usage()
+        sent = sum(wrist.sent for wrist in self._wrists)
         router = read_usage(self._router) if self._router else None
         began_s = time.monotonic()
         for worker in self._workers:

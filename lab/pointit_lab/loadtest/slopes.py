@@ -17,7 +17,9 @@ import numpy as np
 from pointit_lab.loadtest.load_result import MIN_SENT, LoadResult, Usage
 
 CONFIDENCE = 0.95
-FIXED, PER_PERSON, PER_HOST = "fixed", "per_person", "per_host"
+FIXED = "fixed"
+PER_PERSON = "per_person"
+PER_HOST = "per_host"
 CORE = 100.0
 """A core, in percent of a core."""
 
@@ -52,7 +54,8 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
         return {}
     from scipy.stats import t as student  # noqa: PLC0415 - takes half a second
 
-    design, measured = np.column_stack(list(kept.values())), np.asarray(values)
+    design = np.column_stack(list(kept.values()))
+    measured = np.asarray(values)
     solution = np.linalg.lstsq(design, measured)[0]
     free = len(values) - len(kept)
     error: list[float | None] = [None] * len(kept)

@@ -63,7 +63,8 @@ class PanelCommand(click.Command):
         if self.usual and ALL_OPTIONS not in ctx.meta:
             first, *others = inspect.cleandoc(self.help or "").split("\n\n")
             examples = (each for each in others if each.removeprefix("\b\n").startswith("Example"))
-            shown.help, shown.epilog = "\n\n".join((first, *examples)), None
+            shown.help = "\n\n".join((first, *examples))
+            shown.epilog = None
         super(PanelCommand, shown).format_help(ctx, formatter)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -117,8 +117,11 @@ class SiteObserver:
         )
 
     def _observe(self, link: Link) -> Observation:
-        reports, now_s, site = self._reports, time.monotonic(), self._site
-        room, tick = site.get(MAP), site.get(CLOCK)
+        reports = self._reports
+        now_s = time.monotonic()
+        site = self._site
+        room = site.get(MAP)
+        tick = site.get(CLOCK)
         return Observation(
             began_s=self._began_s,
             now_s=now_s,
@@ -287,7 +290,8 @@ def _show(
 
 def _record(seen: Observation, instance: str) -> Row:
     health = seen.newest(instance)
-    service, user = split_instance(instance)[0], person_of(instance)
+    service = split_instance(instance)[0]
+    user = person_of(instance)
     return {
         "instance": instance,
         "service": service,

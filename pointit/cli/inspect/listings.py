@@ -143,11 +143,13 @@ def plugins() -> OutputSection:
     for kind, group in GROUPS.items():
         option = OPTIONS[kind]
         for name in group.names:
-            use, about = f"{option}{name}", group.foreign_summary(name)
+            use = f"{option}{name}"
+            about = group.foreign_summary(name)
             if about is None:
                 try:
                     plugin = group.get(name)
-                    use, about = f"{use}{plugin.value}", plugin.summary
+                    use = f"{use}{plugin.value}"
+                    about = plugin.summary
                 except ConfigError as error:
                     about = str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})

@@ -237,7 +237,8 @@ class RateMeter:
     def _reset(self) -> None:
         self._messages = self._bytes = self._periods = 0
         self._mean_s = self._squares_s2 = 0.0
-        self._min_s, self._max_s = math.inf, 0.0
+        self._min_s = math.inf
+        self._max_s = 0.0
 
     def add(self, now_s: float, size: int) -> None:
         """Count a message of `size` bytes received at `now_s`."""
@@ -299,7 +300,8 @@ async def hz(
         while True:
             await asyncio.sleep(window_s)
             rates = counter.take(loop.time(), window_s)
-            conflated, truth = counter.take_conflated(), counter.pose_errors.take()
+            conflated = counter.take_conflated()
+            truth = counter.pose_errors.take()
             read_on = show_rates(rates, window_s, conflated, truth, as_json=as_json)
             if not (watch and read_on):
                 return 0 if any(rate.messages for rate in rates) else EXIT_FAILED
@@ -330,7 +332,8 @@ class TopicCounter:
     def take_conflated(self) -> int:
         """Return the number of messages conflated before they were counted, since the last call."""
         total = sum(subscription.traffic.dropped for subscription in self._subscriptions)
-        fresh, self._conflated = total - self._conflated, total
+        fresh = total - self._conflated
+        self._conflated = total
         return fresh
 
     def _handler(self, topic: AnyTopic) -> Any:

@@ -197,7 +197,8 @@ def _lamps(x_m: float, y_m: float, count: int) -> Iterator[str]:
     step_rad = min(2 * math.pi / count, math.pi / 2)
     for index in range(count):
         azimuth_rad = math.atan2(1, -1) - index * step_rad
-        right, ahead = math.cos(azimuth_rad), math.sin(azimuth_rad)
+        right = math.cos(azimuth_rad)
+        ahead = math.sin(azimuth_rad)
         reach_m = 1 / max(abs(right) / x_m, abs(ahead) / y_m)
         height_m = LAMP_HEIGHTS_M[index % len(LAMP_HEIGHTS_M)]
         position = f"[{reach_m * right:.3f}, {reach_m * ahead:.3f}, {height_m}]"
@@ -206,7 +207,8 @@ def _lamps(x_m: float, y_m: float, count: int) -> Iterator[str]:
 
 def _strips(x_m: float, y_m: float, count: int) -> Iterator[str]:
     """Yield strips along the walls ahead, right, left and behind, then above these."""
-    a, b = x_m - MARGIN_M, y_m - MARGIN_M
+    a = x_m - MARGIN_M
+    b = y_m - MARGIN_M
     walls = (
         ("ahead", (-a, y_m), (a, y_m)),
         ("right", (x_m, b), (x_m, -b)),

@@ -113,7 +113,8 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
     """Return the result of `fields` as lines for people."""
     x, y, z = shown["position_m"]
     is_exact = shown["position_sigma_m"] == shown["yaw_sigma_deg"] == 0.0
-    place, turn = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m", f"{shown['yaw_deg']:.1f}°"
+    place = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m"
+    turn = f"{shown['yaw_deg']:.1f}°"
     if not is_exact:
         place += f"; 1 sigma {shown['position_sigma_m']:.2f} m"
         turn += f"; 1 sigma {shown['yaw_sigma_deg']:.1f}°"

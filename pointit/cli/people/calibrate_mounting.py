@@ -182,7 +182,8 @@ def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> F
     def seen(pose: Quaternion, direction: Vec3) -> Vec3:
         return rotation.rotate(pose, direction)
 
-    before, after = seen(forward, ahead), seen(forward, axis)
+    before = seen(forward, ahead)
+    after = seen(forward, axis)
     half_turn = math.pi / 2.0
     return FittedMounting(
         arm_from_true=arm_from_true,
@@ -366,7 +367,8 @@ class _Wrist:
 
 def format_result(fitted: FittedMounting) -> list[str]:
     """Return the result as lines of text."""
-    about_deg, off_deg = math.degrees(fitted.about_arm_rad), math.degrees(fitted.off_axis_rad)
+    about_deg = math.degrees(fitted.about_arm_rad)
+    off_deg = math.degrees(fitted.off_axis_rad)
     direction = "clockwise" if about_deg > 0 else "counter-clockwise"
     mounting_text = (
         f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), "

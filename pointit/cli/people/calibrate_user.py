@@ -377,7 +377,8 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
 
 async def _lamps(bus: Bus, user: str, options: Sequence[str]) -> list[str]:
     """Return the lamps to point at, after checking that the person's pose is known."""
-    room, pose = LatestMessage(bus, MAP), LatestMessage(bus, POSE, user)
+    room = LatestMessage(bus, MAP)
+    pose = LatestMessage(bus, POSE, user)
     latest = LatestMessage(bus, LOCALIZATION, user)
     with site_link.notify_if_slow("waiting for the map …"):
         environment = await room.wait(site_link.TIMEOUT_S)

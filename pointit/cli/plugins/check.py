@@ -214,7 +214,9 @@ class _Reporter:
     """A plug-in of pytest that reports the results of the tests of one contract."""
 
     def __init__(self, contract: type[Contract], title: str, report: Report) -> None:
-        self._contract, self._title, self._report = contract, title, report
+        self._contract = contract
+        self._title = title
+        self._report = report
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Report the result of a test, unless it was skipped."""

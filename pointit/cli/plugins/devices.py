@@ -20,7 +20,8 @@ from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import HOME_ASSISTANTS, IMPORT, SearchResult, import_options, search, words
 from pointit.runtime.service.logs import setup_logging
 
-MOCAP, HOME = "mocap", "home-assistant"
+MOCAP = "mocap"
+HOME = "home-assistant"
 SECTIONS = {
     "imu-source": ("wrists", "wrists", "--imu"),
     "led-output": ("lights", "outputs", "--output"),

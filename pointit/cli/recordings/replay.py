@@ -285,14 +285,16 @@ def _differing(one: object, other: object) -> object:
         pixel = next(at for at, (x, y) in enumerate(zip(one, other, strict=True)) if x != y) // 3
         return {"pixel": pixel, "rgb": list(one[3 * pixel :][:3])}
     if isinstance(one, dict) and isinstance(other, dict):
-        mine, other_fields = cast("dict[str, object]", one), cast("dict[str, object]", other)
+        mine = cast("dict[str, object]", one)
+        other_fields = cast("dict[str, object]", other)
         return {
             name: _differing(value, other_fields.get(name))
             for name, value in mine.items()
             if name == "id" or value != other_fields.get(name)
         }
     if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
-        items, others = cast("Sequence[object]", one), cast("Sequence[object]", other)
+        items = cast("Sequence[object]", one)
+        others = cast("Sequence[object]", other)
         if len(items) == len(others) and any(isinstance(each, dict) for each in items):
             pairs = zip(items, others, strict=True)
             return [_differing(item, partner) for item, partner in pairs if item != partner]

@@ -97,7 +97,8 @@ def _options(function: Any) -> Any:
 def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the recorder of a run, if any; ConfigError: it has a file already, or options but no file."""
     file: Path | None = options["record"]
-    without, pseudonyms = options["without"], options["pseudonyms"]
+    without = options["without"]
+    pseudonyms = options["pseudonyms"]
     if file is None:
         if without or pseudonyms:
             raise ConfigError("--without and --pseudonyms are for a recording: add --record FILE")

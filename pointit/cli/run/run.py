@@ -203,7 +203,8 @@ class _Run:
 
     def _lasted_s(self, scenario: RunningScenario) -> float:
         """Return the time that `scenario` has run: its duration, if that ended it."""
-        now_s, end_s = time.monotonic(), self._end_s()
+        now_s = time.monotonic()
+        end_s = self._end_s()
         is_prolonged = self._limit_s is None and end_s is not None and self._viewers.until_s > end_s
         if end_s is not None and not is_prolonged:
             now_s = min(now_s, end_s)

@@ -158,7 +158,8 @@ def joining(options: dict[str, Any]) -> Link:
     Raises:
         ConfigError: See `link_of`.
     """
-    listen, connect = tuple(options["listen"]), tuple(options["connect"])
+    listen = tuple(options["listen"])
+    connect = tuple(options["connect"])
     if not listen and not connect:
         credentials = given_credentials()
         if credentials is None:

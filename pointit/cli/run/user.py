@@ -116,7 +116,8 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
         found = (USUAL, 1) if not link.connect else inspect_site(link.site, link.connect)
         if found is None:
             return 0
-        scenario, place = scenario or found[0], place or found[1]
+        scenario = scenario or found[0]
+        place = place or found[1]
     chosen: Scenario = read_scenario(scenario)
     choices = dataclasses.replace(choices_of(options), page=True)
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):

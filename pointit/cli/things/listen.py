@@ -173,7 +173,8 @@ async def command(
 
 async def _publish(bus: Bus, user: str, spoken: AsyncIterator[Speech]) -> int:
     """Publish utterances until there are no more. Return their number."""
-    publisher, count = bus.publisher(SPEECH, user), 0
+    publisher = bus.publisher(SPEECH, user)
+    count = 0
     async for speech in spoken:
         publisher.put(speech)
         count += 1
@@ -220,7 +221,8 @@ async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
         file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below
     except OSError as error:
         raise ConfigError(f"{text}: {error.strerror}") from error
-    start_ns, timed_words = clock.now_ns(), list[TimedWord]()
+    start_ns = clock.now_ns()
+    timed_words = list[TimedWord]()
     try:
         async for line in _with_end(lines_of(file.fileno())):
             words = words_in(line)

@@ -43,7 +43,8 @@ SET = "/set"
 """End of the topic of a switch's commands, `ON` and `OFF`."""
 EVENT = "/event"
 """End of the topic of a switch's events."""
-ONLINE, OFFLINE = "online", "offline"
+ONLINE = "online"
+OFFLINE = "offline"
 NOT_OF_IDS = re.compile(r"[^A-Za-z0-9_-]")
 EVENTS = {"selected": "pointed", "deselected": "released"}
 """Types of events of things by the event of the selection."""
@@ -120,7 +121,8 @@ class Announcements:
 
     def discovery(self, thing: Thing) -> list[Publication]:
         """Return the announcements of a thing: a switch or events, and the triggers of its device."""
-        name, topic = _id_of(thing.id), self._topic(thing.id)
+        name = _id_of(thing.id)
+        topic = self._topic(thing.id)
         common: dict[str, Any] = {
             "device": {
                 "identifiers": [self._node],
@@ -294,7 +296,8 @@ class MqttThings:
         Return the subscriptions, and a function that ends the connection.
         """
         del on_event
-        self._bus, self._announcements = bus, Announcements(bus.site, self._prefix)
+        self._bus = bus
+        self._announcements = Announcements(bus.site, self._prefix)
         self._carrier = Carrier(bus, SiteClock(bus), USER)
         self._ending = contextlib.ExitStack()
         self._ending.callback(asyncio.create_task(self._run(), name="things by MQTT").cancel)

@@ -124,7 +124,8 @@ class NameWatcher:
 
 def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the parameters and the watcher of names. Raises ConfigError if nothing can be announced."""
-    announce, language = options["announce"], options["language"]
+    announce = options["announce"]
+    language = options["language"]
     if announce is None:
         if language:
             raise ConfigError("--language is that of spoken names: add --announce")

@@ -316,7 +316,8 @@ def _person(
 ) -> dict[str, dict[str, Any]]:
     """Return one person's parameters from the command line: body, pose and which services know the pose."""
     place = scenario.place_of(index)
-    position_m, yaw_deg = list(place.position_m), None if choices.localize else place.yaw_deg
+    position_m = list(place.position_m)
+    yaw_deg = None if choices.localize else place.yaw_deg
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is not None:
         if choices.localize and not is_simulated:

@@ -81,7 +81,8 @@ class Scenario(Config):
     @classmethod
     def read(cls, path: Path, source: str) -> Self:
         """Return the scenario in the file at `path`, called `source` in errors."""
-        layers, content = Layers(), read_yaml(path)
+        layers = Layers()
+        content = read_yaml(path)
         if content.keys() & MapFile.model_fields.keys() and not content.keys() & cls.model_fields.keys():
             if content.get("things"):
                 return cls._of_things(path, source)

@@ -138,7 +138,8 @@ class ScenarioCatalog:
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:
-        choices, there = self.choices, _services(scenario)
+        choices = self.choices
+        there = _services(scenario)
         setting_services = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
         setting_services += [(f"--method {choices.method}", "selector")] if choices.method else []
         setting_services += [(f"--output {choices.output}", "led-driver")] if choices.output else []

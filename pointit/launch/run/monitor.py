@@ -156,7 +156,10 @@ class RunScore:
 
         Pending are those still listed. Objects that vanished with their tracker or a reset do not count.
         """
-        kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
+        # each at one go
+        kinds = dict(self.kinds)
+        selected = set(self.selected)
+        left = set(self.left)
         there = frozenset[str]().union(*list(self.listed.values()))
         targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
         past = self.past
@@ -170,7 +173,8 @@ class RunScore:
 
     def dispatched(self) -> dict[str, dict[str, int]]:
         """Return the number of objects that left, by bay and kind."""
-        kinds, bays = dict(self.kinds), dict(self.bays)
+        kinds = dict(self.kinds)
+        bays = dict(self.bays)
         total = Counter(self.past_bays)
         total.update((bay, kinds.get(name, UNKNOWN)) for name, bay in bays.items())
         found: dict[str, dict[str, int]] = {}
@@ -414,7 +418,8 @@ class Monitor:
 
     def _take_found(self, user: str) -> None:
         """Store the pose of a finished localization; the two messages arrive in any order."""
-        solved_ns, pose = self.solved.get(user), self.poses.get(user)
+        solved_ns = self.solved.get(user)
+        pose = self.poses.get(user)
         if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
             return
         del self.solved[user]

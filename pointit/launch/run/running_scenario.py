@@ -284,9 +284,11 @@ class DeploymentPublisher:
         name = plan.name if plan.person else f"{RUN}{plan.name}"
         if self._publisher is None or self._name != name:
             self.retract()
-            self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
+            self._publisher = self._bus.publisher(DEPLOYMENT, name)
+            self._name = name
             self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, retained=False)
-        self._stamp_ns, self._is_anothers = time.time_ns(), False
+        self._stamp_ns = time.time_ns()
+        self._is_anothers = False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
             for launch, command in lines
@@ -306,7 +308,8 @@ class DeploymentPublisher:
 
     def retract(self) -> None:
         """Publish that nothing should run any more, unless another process has taken over the name."""
-        publisher, self._publisher = self._publisher, None
+        publisher = self._publisher
+        self._publisher = None
         if publisher is not None:
             if not self._is_anothers:
                 publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))

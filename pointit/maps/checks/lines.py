@@ -70,10 +70,13 @@ def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntr
 
 def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFinding]:
     where = f"links.{index}"
-    source, target = lanes[link.source], lanes[link.target]
-    leaves, enters = leaves_at(link, source), enters_at(link, target)
+    source = lanes[link.source]
+    target = lanes[link.target]
+    leaves = leaves_at(link, source)
+    enters = enters_at(link, target)
     width = max(source.width_m, target.width_m)
-    a, b = source.line.point_at(leaves), target.line.point_at(enters)
+    a = source.line.point_at(leaves)
+    b = target.line.point_at(enters)
     if math.dist(a, b) > width:
         others = [lane for lane in lanes.values() if lane.name not in (source.name, target.name)]
         bare = _bare_m(a, b, others)
@@ -181,7 +184,8 @@ def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -
         if other.name == lane.name:
             continue
         positions, distances = other.line.nearest_to(np.array([place]))
-        distance, position = float(distances[0]), float(positions[0])
+        distance = float(distances[0])
+        position = float(positions[0])
         neighbour = position < AT_END_M if at_start else position > other.line.length_m - AT_END_M
         if not neighbour and distance <= max(lane.width_m, other.width_m) and distance < best[0]:
             best = (distance, other, position)
@@ -337,7 +341,8 @@ def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
     steps = np.diff(np.array(vertices), axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     distinct = lengths > SAME_M
-    at, steps = np.flatnonzero(distinct), steps[distinct] / lengths[distinct, None]
+    at = np.flatnonzero(distinct)
+    steps = steps[distinct] / lengths[distinct, None]
     turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
     return [(int(at[1 + index]), float(turns[index])) for index in np.flatnonzero(turns > SHARPEST_DEG)]
 
@@ -350,14 +355,16 @@ def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> It
     centers += [thing.center for thing in file.things.values() if thing.center is not None]
     places = np.array([*line_places(file), *centers]).reshape(-1, 3)
     if len(places):
-        width_m, height_m = float(np.ptp(places[:, :2], axis=0).max()), float(places[:, 2].max())
+        width_m = float(np.ptp(places[:, :2], axis=0).max())
+        height_m = float(places[:, 2].max())
         density = _density(file)
         if height_m > MAX_HEIGHT_M or width_m > MAX_WIDTH_M or density < MIN_DENSITY:
             sparse = f", its strips have {density:.2g} pixels a metre" if density < MIN_DENSITY else ""
             text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres"
             yield warning("map", text)
     for name, points in clouds.items():
-        low_m, high_m = float(points[:, 2].min()), float(np.ptp(points[:, 2]))
+        low_m = float(points[:, 2].min())
+        high_m = float(np.ptp(points[:, 2]))
         if low_m < -MAX_BELOW_FLOOR_M:
             yield warning(
                 f"clouds.{name}",

@@ -173,7 +173,8 @@ def _check_places(
     room = np.array([room.min(axis=0), room.max(axis=0)]) if len(room) else room
     centers = np.array([thing.center_m for thing in things])
     for index, (thing, center) in enumerate(zip(things, centers, strict=True)):
-        where, half_m = f"things.{thing.id}", thing.size_m[2] / 2.0
+        where = f"things.{thing.id}"
+        half_m = thing.size_m[2] / 2.0
         if (top_m := thing.center_m[2] + half_m) <= 0.0:
             yield error(where, f"ends {-top_m:g} m below the floor; correct its center")
         elif (below_m := half_m - thing.center_m[2]) > FLOOR_M:
@@ -223,7 +224,9 @@ def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[i
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
 
     def pairs(x: float, y: float) -> list[tuple[int, int]]:
-        eyes_m, confused, found = (x, y, EYES_M), set[int](), list[tuple[int, int]]()
+        eyes_m = (x, y, EYES_M)
+        confused = set[int]()
+        found = list[tuple[int, int]]()
         for one, other in _near(things, eyes_m):
             if not {one, other} <= confused:
                 start_m = things[one].center_m
@@ -266,7 +269,8 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enou
     """
     if one.contains(eyes_m) or other.contains(eyes_m):
         return 0.0
-    point_m, apart_rad = start_m, 0.0
+    point_m = start_m
+    apart_rad = 0.0
     for solid in (other, one) * 4:
         towards = vector.normalized(vector.subtract(point_m, eyes_m))
         if solid.intersect(eyes_m, towards) is not None:

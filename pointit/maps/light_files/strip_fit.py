@@ -200,7 +200,8 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
     Douglas-Peucker, with the position along the line in place of the nearest one. All are returned if there
     would be many.
     """
-    vertices, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
+    vertices = {0, len(points) - 1}
+    stack = [(0, len(points) - 1)]
     while stack:
         low, high = stack.pop()
         if high - low < 2:

@@ -86,7 +86,8 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
             raise ConfigError(
                 f"has no {key}, without which a ledmap has no positions; add width and height of the grid"
             )
-    width, height = whole_number(data["width"], "width"), whole_number(data["height"], "height")
+    width = whole_number(data["width"], "width")
+    height = whole_number(data["height"], "height")
     if width * height != len(cells) or width < 1:
         raise ConfigError(
             f"width {width} times height {height} are {width * height} cells, and map has {len(cells)}; "

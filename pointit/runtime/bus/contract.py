@@ -120,7 +120,8 @@ class Declaration:
 
     def close(self) -> None:
         """Undo the declaration, once."""
-        undo, self._undo = self._undo, None
+        undo = self._undo
+        self._undo = None
         if undo is not None:
             self._held.pop(self, None)
             undo()

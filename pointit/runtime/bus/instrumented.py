@@ -86,7 +86,8 @@ class _DropCounter:
 
     def holds(self, count: int, now_s: float) -> bool:
         if count > self._count:
-            self._count, self._grown_s = count, now_s
+            self._count = count
+            self._grown_s = now_s
         return now_s - self._grown_s <= REFUSED_SHOWN_S
 
 
@@ -146,7 +147,8 @@ class TopicMeter:
 
         `user`: the person whose service reads them, or `""`.
         """
-        key, shown = self.topic.key, fill_key(self.topic.key, user)
+        key = self.topic.key
+        shown = fill_key(self.topic.key, user)
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             sentence = (
@@ -223,15 +225,18 @@ def instrument_handler(
     order = counts.order if in_order and meter.topic in STREAMS else None
     newest_by_name = counts.order.newest
     is_in_time = counts.lateness.accepts
-    time_s, now_ns = steady_time(), clock.now_ns
+    time_s = steady_time()
+    now_ns = clock.now_ns
     durations_s = steps.values
 
     def filter_and_time(message: M, name: str) -> None:
-        began_s, stamp_ns = time_s(), message.stamp_ns
+        began_s = time_s()
+        stamp_ns = message.stamp_ns
         if order is not None:
             newest = newest_by_name.get(name)
             if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= MAX_LEAD_NS:  # no call
-                newest.stamp_ns, newest.came_s = stamp_ns, began_s
+                newest.stamp_ns = stamp_ns
+                newest.came_s = began_s
             elif not order.accepts(name, stamp_ns, began_s):
                 return
         if drops_late is not None and drops_late(message):

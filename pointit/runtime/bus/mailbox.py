@@ -214,7 +214,8 @@ class Mailbox:
         if self._arrived or self._looks:
             batch = self._look_through(self._fetch())
         else:
-            newest, self._newest_here = self._newest_here, {}
+            newest = self._newest_here
+            self._newest_here = {}
             self.traffic.received += len(newest)
             batch = newest.items()
         for name, message in batch:
@@ -227,9 +228,11 @@ class Mailbox:
 
     def _fetch(self) -> Collection[tuple[str, Any]]:
         """Return all queued items: first those of the loop's thread, then those of other threads."""
-        newest, queue = self._newest_here, self._queue_here
+        newest = self._newest_here
+        queue = self._queue_here
         with self._lock:
-            waiting, self._arrived = self._arrived + len(newest) + len(queue), 0
+            waiting = self._arrived + len(newest) + len(queue)
+            self._arrived = 0
             newest.update(self._newest)
             self._newest.clear()
             queue.extend(self._queue)
@@ -264,7 +267,8 @@ class Mailbox:
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 
     def _drain_retained(self) -> None:
-        retained, self._retained = self._retained, {}
+        retained = self._retained
+        self._retained = {}
         for name, message in retained.items():
             if self._closed:
                 return
@@ -285,7 +289,8 @@ class Mailbox:
         """Count an invalid item, for `name` if known, and log the reason. Any thread."""
         with self._lock:
             self.traffic.invalid += 1
-            self.traffic.last_error, self.traffic.last_error_name = str(reason), name
+            self.traffic.last_error = str(reason)
+            self.traffic.last_error_name = name
         if self._may_log("invalid"):
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 

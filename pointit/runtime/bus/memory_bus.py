@@ -289,7 +289,8 @@ class RequestHandler(Declaration, Generic[Q, R]):
             answer.cancel()
 
     async def _answer(self, query: Q, name: str, *, is_busy: bool) -> R:
-        server, key = self.request.server, self.request.key
+        server = self.request.server
+        key = self.request.key
         if is_busy:
             raise RefusedError(f"{server} is busy with {MAX_IN_FLIGHT} other requests for {key}; ask later")
         try:

@@ -96,5 +96,7 @@ class SiteClock:
         goes_on = before is not None and ahead_ns <= MAX_AHEAD_S * tick.speed * NS_PER_S
         self._ahead_ns = max(0, ahead_ns) if goes_on else 0
         self._count = self._count + 1 if goes_on else 1
-        self._tick, self._arrived_ns, self._base_ns = tick, here_ns, base_ns
+        self._tick = tick
+        self._arrived_ns = here_ns
+        self._base_ns = base_ns
         self._ticked.set()

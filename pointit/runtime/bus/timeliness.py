@@ -189,7 +189,8 @@ class OutOfOrderFilter:
                 self.refused += 1
                 return False
             return True  # only this reader rejects it; the entry of the others stays
-        newest.stamp_ns, newest.came_s = stamp_ns, now_s
+        newest.stamp_ns = stamp_ns
+        newest.came_s = now_s
         return True
 
     def active_names(self, since_s: float) -> set[str]:

@@ -135,7 +135,9 @@ def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:
 
 def _make_text(values: Any, loc: Sequence[int | str]) -> None:
     """Replace the value at `loc` by its text. Alternatives of a union in it, such as `str`, are skipped."""
-    holder, last, inner = values, loc[-1], values
+    holder = values
+    last = loc[-1]
+    inner = values
     for part in loc:
         with contextlib.suppress(KeyError, IndexError, TypeError):
             holder, last, inner = inner, part, inner[part]

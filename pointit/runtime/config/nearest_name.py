@@ -28,7 +28,8 @@ def accept_old_names(**names: str) -> Callable[[F], F]:
         @functools.wraps(function)
         def accepting(*arguments: Any, **named: Any) -> Any:
             for old in names.keys() & named.keys():
-                name, new = function.__qualname__, names[old]
+                name = function.__qualname__
+                new = names[old]
                 if new in named:
                     raise TypeError(f"{name}() got {new}= and its old name {old}=: leave out {old}=")
                 sentence = f"{name}({old}=) is now {new}=; the next minor version takes only this"

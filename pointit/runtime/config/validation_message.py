@@ -41,7 +41,8 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
     elif first["type"] == "union_tag_invalid":
         context = first.get("ctx", {})
         loc = (*loc, context["discriminator"].strip("'"))
-        known, tag = context["expected_tags"].replace("'", "").split(", "), context["tag"]
+        known = context["expected_tags"].replace("'", "").split(", ")
+        tag = context["tag"]
         text = f"no {loc[-1]} {tag!r}; {nearest(tag, known)}"
     elif first["type"] == DESCRIBED:
         text = first["msg"]
@@ -110,7 +111,8 @@ def _inner(annotation: Any, part: int | str) -> Any:
         for name, field in here.model_fields.items():
             if part in (name, field.alias):
                 return field.annotation
-    origin, arguments = typing.get_origin(here), typing.get_args(here)
+    origin = typing.get_origin(here)
+    arguments = typing.get_args(here)
     if origin is dict:
         return arguments[1]
     if origin in (tuple, list) and isinstance(part, int):

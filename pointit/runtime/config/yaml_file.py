@@ -23,7 +23,8 @@ Loader: Any = type(
 """The one in C where PyYAML has it, a large map in a second instead of ten; with values as here."""
 
 _TAG = "tag:yaml.org,2002:"
-MERGE, TEXT = f"{_TAG}merge", f"{_TAG}str"
+MERGE = f"{_TAG}merge"
+TEXT = f"{_TAG}str"
 _DISPUTED = f"{_TAG}disputed"
 """Text that is a truth value, a number or a date in YAML 1.1 only: `on`, `12:30`, `2026-11-26`."""
 _DIGITS = "+-.0123456789"
@@ -37,7 +38,8 @@ _RESOLVERS = (
     ("float", _DIGITS, r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
 )
 """Values of plain text: tag, first letters, pattern."""
-_TRUE, _FALSE = ("yes", "on", "y", "true"), ("no", "off", "n", "false")
+_TRUE = ("yes", "on", "y", "true")
+_FALSE = ("no", "off", "n", "false")
 FLAGS = dict.fromkeys(_TRUE, "true") | dict.fromkeys(_FALSE, "false")
 """Words of YAML 1.1 in lower case. All but `true` and `false` are text, which a bool field understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")

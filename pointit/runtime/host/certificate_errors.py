@@ -3,7 +3,8 @@
 import ssl
 from collections.abc import Iterator
 
-NOT_YET_VALID, EXPIRED = 9, 10
+NOT_YET_VALID = 9
+EXPIRED = 10
 OTHER_NAMES = (62, 64)
 """Codes of OpenSSL (`X509_V_ERR_…`): a host name, an IP address that the certificate does not have."""
 UNKNOWN_AUTHORITY = (2, 18, 19, 20, 21)
@@ -18,7 +19,8 @@ def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str,
         server: the server, such as `the broker at hub:8883`.
         authority_hint: what makes an unknown authority trusted, such as "set `ca_file` to its certificate".
     """
-    code, reason = error.verify_code, error.verify_message.rstrip(".")
+    code = error.verify_code
+    reason = error.verify_message.rstrip(".")
     if code == EXPIRED:
         return f"the certificate of {server}, or of its authority, has expired: renew it there"
     if code == NOT_YET_VALID:

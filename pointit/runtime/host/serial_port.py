@@ -105,7 +105,8 @@ def describe_ports() -> str:
 
 def is_open_in_another_process(path: str) -> bool:
     """Return True if another process of this user has the port open (Linux; elsewhere always False)."""
-    device, own = os.path.realpath(path), str(os.getpid())
+    device = os.path.realpath(path)
+    own = str(os.getpid())
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):  # the process may have ended
             if link.parts[2] != own and str(link.readlink()) == device:

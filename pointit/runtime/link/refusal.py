@@ -38,7 +38,8 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     found = SECURE.match(endpoint)
     if not found:
         return ""
-    host, port = found["ipv6"] or found["host"], int(found["port"])
+    host = found["ipv6"] or found["host"]
+    port = int(found["port"])
     name = credentials.link.name
     try:
         context = _context(credentials)
@@ -73,7 +74,9 @@ def _speaks_tls(endpoint: str) -> bool:
     if found is None or found[1] not in ("tcp", "tls"):
         return False
     context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent
+    # nothing is sent
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
     try:
         with socket.create_connection((found[2].strip("[]"), int(found["port"])), HANDSHAKE_S) as plain:
             context.wrap_socket(plain).close()

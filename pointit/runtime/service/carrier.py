@@ -76,7 +76,9 @@ class Carrier:
 
     def __init__(self, bus: Bus, clock: Clock, name: str) -> None:
         """Declare it as `name`. It has no things before `use`."""
-        self._bus, self._clock, self._name = bus, clock, name
+        self._bus = bus
+        self._clock = clock
+        self._name = name
         self._targets: Mapping[str, Sequence[Target]] = {}
         self._running: dict[asyncio.Task[None], Act] = {}
         self._results: dict[str, ActResult] = {}
@@ -151,7 +153,8 @@ class Carrier:
     async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
         if earlier:  # the newest one counts: none of them may change its target after it
             await asyncio.wait(earlier)
-        targets, failed = self._targets.get(act.thing, ()), self._failed.pop(act.thing, ())
+        targets = self._targets.get(act.thing, ())
+        failed = self._failed.pop(act.thing, ())
         if act.event.takes_back and not (targets := [each for each in targets if each not in failed]):
             return
         if not targets:

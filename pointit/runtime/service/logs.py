@@ -21,7 +21,8 @@ class SecretFilter(logging.Filter):
             message = record.getMessage()
         except (TypeError, ValueError, KeyError):  # logging would print the arguments
             message = f"{record.msg} {record.args}"
-        record.msg, record.args = hide_secrets(message), None
+        record.msg = hide_secrets(message)
+        record.args = None
         if record.exc_info:
             record.exc_text = hide_secrets(logging.Formatter().formatException(record.exc_info))
             record.exc_info = None

@@ -227,7 +227,8 @@ class PluginGuard:
         except Exception as error:  # code of others, which may raise anything
             sentence = f"{topic} failed ({describe(error)}): update or remove it"
             self._sink.warn("plug-in", sentence, topic)
-            now_s, before_s = time.monotonic(), self._logged_s.get(topic)
+            now_s = time.monotonic()
+            before_s = self._logged_s.get(topic)
             if before_s is None or now_s - before_s >= LOG_PERIOD_S:
                 self._logged_s[topic] = now_s
                 log.exception("%s", sentence, exc_info=error if before_s is None else None)
@@ -248,7 +249,8 @@ class PluginGuard:
 
     def clear(self) -> None:
         """Clear the warning after the plug-in has recovered."""
-        self._failures, self.problem = 0, ""
+        self._failures = 0
+        self.problem = ""
         self._sink.clear("plug-in", self.label)
 
 

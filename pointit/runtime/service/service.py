@@ -203,7 +203,8 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         try:
             end = await _run_once(launch, bus, steady, guard)
         except Exception as raised:
-            end, error = "ended", first_cause(raised)
+            end = "ended"
+            error = first_cause(raised)
             is_refusal = isinstance(error, PointItError) and asyncio.get_running_loop().time() < started_s
             if guard is None or bus.is_closed or is_refusal:  # closed publishers raise BusClosedError, too
                 raise
@@ -284,7 +285,8 @@ async def _wait_for_restart(
 
 async def _until_lost(takeover: TakeoverMonitor, launch: Launch) -> None:
     await takeover.superseded.wait()
-    ends, by = launch.instance, takeover.successor
+    ends = launch.instance
+    by = takeover.successor
     log.error("%s ends: %s has taken over the name, having begun later", ends, by)
 
 

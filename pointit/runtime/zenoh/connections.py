@@ -166,7 +166,8 @@ class LinkWatch:
         while True:
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MAX_SUSPICION_S)
-            before, self._why = self._why, await in_daemon_thread(lambda: refusals(self._link), "refusal")
+            before = self._why
+            self._why = await in_daemon_thread(lambda: refusals(self._link), "refusal")
             if self._why and self._why != before:
                 log.warning("%s", self._why)
 

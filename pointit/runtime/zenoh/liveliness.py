@@ -102,7 +102,8 @@ class LivelinessSubscriber:
         """Report the changes. Runs in the loop."""
         questions: dict[str, list[zenoh.Reply]]
         with self._lock:
-            changed, self._changed = self._changed, {}
+            changed = self._changed
+            self._changed = {}
             questions = {token: [] for token, answers in self._pending_replies.items() if answers is None}
             self._pending_replies |= questions
             self._marked = False

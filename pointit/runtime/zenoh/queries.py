@@ -98,7 +98,8 @@ class OverflowCounter:
         """Count a rejected query for `key` at `now_s`, monotonic."""
         with self._lock:
             self._count += 1
-            self._key, self._last_s = key, now_s
+            self._key = key
+            self._last_s = now_s
             if now_s - self._logged_s < LOG_PERIOD_S:
                 return
             self._logged_s = now_s

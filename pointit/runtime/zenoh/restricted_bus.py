@@ -151,13 +151,15 @@ class PermissionProbe:
         return right in self._untested or right in self._testing
 
     async def _test(self) -> None:
-        rights, self._untested = self._untested, set[Right]()
+        rights = self._untested
+        self._untested = set[Right]()
         self._testing = rights
         try:
             self._learn(rights, await self._arrived(rights))
         finally:
             self._testing = set()
-            tested, self._tested = self._tested, asyncio.Event()
+            tested = self._tested
+            self._tested = asyncio.Event()
             tested.set()
 
     def _learn(self, rights: set[Right], arrived: set[Right] | None) -> None:

@@ -150,7 +150,8 @@ async def open_first(
         BusError: that of `problem_of`; a `ListenError` after the first round.
     """
     loop = asyncio.get_running_loop()
-    began_s, has_warned = loop.time(), False
+    began_s = loop.time()
+    has_warned = False
     while True:
         try:
             session = await _open_by_turns(configs)

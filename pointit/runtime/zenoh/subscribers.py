@@ -116,7 +116,8 @@ class EventRecovery:
         if source is None:
             self._hand_on(sample)
             return
-        writer, number = (str(source.source_id.zid), source.source_id.eid), source.source_sn
+        writer = (str(source.source_id.zid), source.source_id.eid)
+        number = source.source_sn
         with self._lock:
             last = self._last.pop(writer, None)
             self._last[writer] = number if last is None else max(last, number)
@@ -166,7 +167,8 @@ class EventRecovery:
             if not missing:  # they arrived late without a query
                 break
             # One sample more than the missing ones: it comes last and shows that the answer is complete.
-            first, beyond = min(missing), max(missing) + 1
+            first = min(missing)
+            beyond = max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"
             samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
             found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
@@ -477,7 +479,8 @@ class RetainedStateFetcher:
     async def _query_all(self) -> None:
         try:
             while self._pending:
-                pending, self._pending = self._pending, {}
+                pending = self._pending
+                self._pending = {}
                 for wait_s in (0.0, *EMPTY_RETRY_S):
                     await asyncio.sleep(wait_s)
                     if not self._keepers or not pending:

@@ -65,7 +65,8 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
 
 
 def _application(view: PageView, access: Access) -> ASGIApp:
-    own, shared = Bundle(STATIC), Bundle()
+    own = Bundle(STATIC)
+    shared = Bundle()
 
     def page_of(connection: HTTPConnection) -> Page | None:
         info = replace(info_of(connection), bearer=connection.path_params["token"], cookies={})

@@ -90,7 +90,8 @@ class PageView:
         """Show where the study stands."""
         if status == self._status:
             return
-        self._status, state = status, status.state
+        self._status = status
+        state = status.state
         if state.startswith(BREAK):
             self._shown = {"show": "wait", "title": "Break", "text": state.removeprefix(BREAK)}
         else:
@@ -105,7 +106,8 @@ class PageView:
 
     def end(self, text: str) -> None:
         """Show `text` as the last content of all pages."""
-        self._shown, self.is_over = {"show": "end", "title": "Thank you", "text": text}, True
+        self._shown = {"show": "end", "title": "Thank you", "text": text}
+        self.is_over = True
         self.change()
 
     def change(self) -> None:
@@ -149,7 +151,10 @@ class PageView:
         try:
             return await self._message
         finally:
-            self._message, self._scale, self._shown, self._status = None, None, WAITING, None
+            self._message = None
+            self._scale = None
+            self._shown = WAITING
+            self._status = None
             self.change()
 
     def _on_answer(self, message: ParticipantMessage) -> str:

@@ -181,7 +181,8 @@ class WristSearch:
 
     def _warn_others(self, used: Advertisement, advertisements: dict[str, Advertisement]) -> None:
         """Warn if other wrists are as eligible as `used`. A serial number is unique."""
-        kind, is_named = self._kind, self._wanted != "" and used.name.lower().startswith(self._wanted)
+        kind = self._kind
+        is_named = self._wanted != "" and used.name.lower().startswith(self._wanted)
         others = [
             each.label
             for identity, each in advertisements.items()
@@ -268,7 +269,8 @@ class BleSource:
                 finally:
                     lasted_s = loop.time() - began_s
             except LinkError as error:
-                problem, pause_s = f"{label} {error}", error.pause_s
+                problem = f"{label} {error}"
+                pause_s = error.pause_s
             except Exception as error:  # noqa: BLE001 - errors of bleak and its backends, which differ by system
                 problem = f"{label} cannot be used: {describe_error(error)}"
             else:
@@ -277,7 +279,8 @@ class BleSource:
                 self._shorts += 1
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
             else:
-                self._shorts, wait_s = 0, FIRST_WAIT_S
+                self._shorts = 0
+                wait_s = FIRST_WAIT_S
             times = f", {self._shorts} times now" if self._shorts > 2 else ""
             after = f" after {pause_s:.0f} s" if pause_s else ""
             problem = f"{problem}{times}; searching again{after}"

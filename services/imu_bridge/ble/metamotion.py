@@ -63,7 +63,9 @@ RESUME_S = 0.3
 """Time in which a board that has run on after a lost connection sends again, s."""
 RESUMED = 3
 """Number of quaternions that show this; a single one may be a stale one of the operating system."""
-FUSION, GYRO, ACCELEROMETER = 0x19, 0x13, 0x03
+FUSION = 0x19
+GYRO = 0x13
+ACCELEROMETER = 0x03
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,9 @@ def parse(frame: bytes, stamp_ns: int) -> Reading | Battery | ButtonChange | Mod
     """Return the content of a notification, or None if it is another one or broken."""
     if len(frame) < 2:
         return None
-    module, register, data = frame[0], frame[1], frame[2:]
+    module = frame[0]
+    register = frame[1]
+    data = frame[2:]
     if register == READ:
         return ModuleInfo(module, data[0] if len(data) >= 2 else None)
     if (module, register) == (0x19, 0x07) and len(data) == 16:

@@ -99,7 +99,8 @@ class _Scan:
     async def stop_unless_used(self) -> None:
         """Stop the scan if no search is running."""
         if not self.listeners and self.scanner is not None:
-            ended, self.scanner = self.scanner, None
+            ended = self.scanner
+            self.scanner = None
             await ended.stop()
 
 

@@ -141,7 +141,8 @@ class SwipeDetector:
             return 0
         if event.kind != END or self._began_px is None or not event.coordinates_px:
             return 0
-        began_px, self._began_px = self._began_px, None
+        began_px = self._began_px
+        self._began_px = None
         right_px, down_px = (b - a for a, b in zip(began_px, event.coordinates_px[0], strict=True))
         if not abs(right_px) >= max(MIN_SHARE * self.width_px, abs(down_px)):  # also if it is not a number
             return 0

@@ -12,7 +12,10 @@ from dataclasses import dataclass
 
 from pointit.geometry.vector import Vec3
 
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+_VARINT = 0
+_FIXED64 = 1
+_BYTES = 2
+_FIXED32 = 5
 MAX_VARINT_BYTES = 10
 """Length of a negative number."""
 MAX_FIELD = 2**29 - 1
@@ -94,7 +97,8 @@ def _read_fields(data: bytes) -> Iterator[tuple[int, Value]]:
     position = 0
     while position < len(data):
         tag, position = _read_varint(data, position)
-        number, kind = tag >> 3, tag & 7
+        number = tag >> 3
+        kind = tag & 7
         if not 0 < number <= MAX_FIELD:
             raise ValueError(f"field {number} at byte {position}: numbers are 1 to {MAX_FIELD}")
         if kind == _VARINT:

@@ -94,7 +94,8 @@ class SenderChoice:
         if is_beside:
             self._ports.add(address[1])
             if len(self._ports) == ROAMING:
-                self._roaming, self._others = address[0], {}
+                self._roaming = address[0]
+                self._others = {}
                 return True
         if address in self._others or len(self._others) < MAX_OTHERS:
             self._others[address] = now_s
@@ -104,7 +105,8 @@ class SenderChoice:
         """Use `address`, which has sent something readable."""
         if self._excludes_rivals and address == self.used and len(self._rivals) < MAX_RIVALS:
             self._rivals |= {each if each[0] == address[0] else (each[0], 0) for each in self._others}
-        self.used, self._received_s = address, now_s
+        self.used = address
+        self._received_s = now_s
         self._ports.clear()
         self._others.pop(address, None)
 
@@ -223,7 +225,8 @@ class DatagramSource(PortSource):
         except ContentError as error:
             decoder.problem = str(error)
         if decoder.problem:
-            self._bad_s, self._bad = now_s, f"the last, from {address[0]}, {decoder.problem}"
+            self._bad_s = now_s
+            self._bad = f"the last, from {address[0]}, {decoder.problem}"
             self._bad_count += 1
             decoder.problem = ""
         if not items:
@@ -237,7 +240,8 @@ class DatagramSource(PortSource):
             self._pass_on(item)
 
     def _new_decoder(self, sender: Address) -> Decoder:
-        host, decoder = sender[0], self._make_decoder()
+        host = sender[0]
+        decoder = self._make_decoder()
         if len(self._decoders) >= MAX_OTHERS:
             del self._decoders[next(iter(self._decoders))]
         if len(self._sensors) >= MAX_OTHERS:
@@ -250,7 +254,8 @@ class DatagramSource(PortSource):
         used = self._senders.used
         host = "" if used is None else used[0]
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:
-            self._bad_s, self._bad_count = None, 0
+            self._bad_s = None
+            self._bad_count = 0
         choices = [self._sensors[host]] if host in self._sensors else self._sensors.values()
         several = next((each.warning for each in choices if each.warning), "")
         is_explained = several != "" or self._bad_s is not None

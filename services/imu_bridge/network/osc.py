@@ -147,7 +147,8 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
     """Return the message of the arguments in `data`, up to the first that cannot be read."""
     numbers: list[float] = []
     strings: list[str] = []
-    problem, at = "", 0
+    problem = ""
+    at = 0
     for kind in types:
         try:
             value, at = _argument(kind, data, at)
@@ -289,7 +290,8 @@ class OscDecoder(Decoder):
                 problem = problem or f"{message.address} {error}"
                 continue
             if isinstance(item, NamedReading):
-                self._has_orientation, self.unused = True, ""
+                self._has_orientation = True
+                self.unused = ""
                 sender = item.names, item.reading.device_time_ns
                 senders[sender] += 1
                 number = senders[sender]  # several at one time are those of several sensors
@@ -308,7 +310,8 @@ class OscDecoder(Decoder):
         Raises:
             ContentError: If it cannot be read.
         """
-        address, numbers = message.address, message.numbers
+        address = message.address
+        numbers = message.numbers
         if address == self._config.address or (not self._config.address and self._is_documented(address)):
             return self._reading(message, stamp_ns)
         parent, _, last = address.rpartition("/")
@@ -336,7 +339,8 @@ class OscDecoder(Decoder):
         return None
 
     def _reading(self, message: OscMessage, stamp_ns: int) -> NamedReading:
-        numbers, address = message.numbers, message.address
+        numbers = message.numbers
+        address = message.address
         first = self._config.first or int(address in ACCURATE or len(numbers) == 4)
         four = numbers[first - 1 : first + 3] if first else ()
         if len(four) < 4:

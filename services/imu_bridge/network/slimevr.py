@@ -75,7 +75,8 @@ class SlimevrTracker:
 
     def label(self, place: str = "") -> str:
         """Return its MAC if it has one of its own, its firmware and its `place`, for people."""
-        firmware, place = self.handshake.firmware or "owoTrack", place or self.address[0]
+        firmware = self.handshake.firmware or "owoTrack"
+        place = place or self.address[0]
         mac = self.handshake.mac
         return f"{mac} ({firmware} at {place})" if mac else f"{place} ({firmware})"
 
@@ -124,7 +125,8 @@ class SlimevrTrackers:
             self._senders.use(address, now_s)
         if used is not None and handshake.mac and handshake.mac == used.handshake.mac:
             tracker.number = used.number
-        tracker.is_answered, tracker.has_sent = True, False
+        tracker.is_answered = True
+        tracker.has_sent = False
         tracker.called_s = now_s
         return tracker
 
@@ -136,7 +138,8 @@ class SlimevrTrackers:
         if not self._may_be_used(tracker, now_s):
             tracker.is_answered = False  # it misses the server, and calls again
             return None
-        number, before = datagram.number, tracker.number
+        number = datagram.number
+        before = tracker.number
         is_first = not tracker.has_sent
         if number and not is_first and before - LATE <= number <= before:
             return None
@@ -144,8 +147,10 @@ class SlimevrTrackers:
         is_reconnected = is_first or has_restarted or self.used is not tracker or self.is_lost
         keeps_yaw = number > before > 0 or (not is_first and not has_restarted and self.used is tracker)
         tracker.number = number or (0 if is_first else before)
-        tracker.has_sent, tracker.received_s = True, now_s
-        self.used, self.is_lost = tracker, False
+        tracker.has_sent = True
+        tracker.received_s = now_s
+        self.used = tracker
+        self.is_lost = False
         self._senders.use(address, now_s)
         return AdmittedDatagram(is_reconnected, is_reconnected and keeps_yaw)
 
@@ -336,7 +341,8 @@ class SlimevrSource(PortSource):
             case protocol.SlimevrButton(gesture):
                 return Press(stamp_ns, gesture)
             case Battery():
-                before, self._battery = self._battery, packet
+                before = self._battery
+                self._battery = packet
                 return packet if packet != before else None
             case Signal():
                 return packet

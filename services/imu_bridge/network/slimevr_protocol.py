@@ -16,7 +16,9 @@ PORT = 6969
 LONGEST_DATAGRAM = 1500
 WHOLE_TRACKER = 255
 """Number in place of a sensor's, for the tracker as a whole."""
-HEARTBEAT, HANDSHAKE, PING = 1, 3, 10
+HEARTBEAT = 1
+HANDSHAKE = 3
+PING = 10
 HANDSHAKE_ANSWER = b"\x03Hey OVR =D 5".ljust(64, b"\0")
 HEARTBEAT_DATAGRAM = struct.pack(">IQ", HEARTBEAT, 0)
 FLAGS_ANSWER = struct.pack(">IQB", 22, 0, 0)

@@ -121,7 +121,8 @@ class UdpDecoder(Decoder):
                 raise ContentError(f"has {len(values)} values, 4 were expected")
             return Reading(stamp_ns, unit_rotation(values[:4], "xyzw"), time_ns)
         if kind == "accelerometer":
-            self._acceleration, self._acceleration_ns = vector(values), stamp_ns
+            self._acceleration = vector(values)
+            self._acceleration_ns = stamp_ns
         elif kind == "gyroscope" and not self._kind and self._acceleration is not None:
             rates = vector(values)
             if 0 <= stamp_ns - self._acceleration_ns < TOGETHER_NS:

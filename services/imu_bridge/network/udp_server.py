@@ -52,7 +52,8 @@ class UdpServer(asyncio.DatagramProtocol):
         as well; each gets all broadcasts, and one of them the rest, unless one has connected to the sender.
         Windows shares none.
         """
-        self._host, self._port = host, port
+        self._host = host
+        self._port = port
         self._health = health
         self._on_datagram = on_datagram
         self._on_read = on_read
@@ -224,7 +225,8 @@ class DatagramLimit:
         """Count a datagram. Return False if it is one too many in its second."""
         second = int(now_s)
         if second != self._second:
-            self._second, self._count = second, 0
+            self._second = second
+            self._count = 0
         self._count += 1
         if self._count > self._max_per_s:
             self._flooded_s = second
@@ -258,7 +260,8 @@ class PortSource(ABC):
         self._name = name
         self._clock = clock
         self._health = health
-        self._limit, self._limit_of_others = DatagramLimit(), DatagramLimit()
+        self._limit = DatagramLimit()
+        self._limit_of_others = DatagramLimit()
         self._server = UdpServer(
             *place, health, self._on_datagram, self._on_read, remedy=remedy, is_shared=is_shared
         )
@@ -313,7 +316,8 @@ class PortSource(ABC):
                 self._deliver_newest()
 
     def _deliver_newest(self) -> None:
-        newest, self._newest = self._newest, None
+        newest = self._newest
+        self._newest = None
         if newest is not None:
             self._delivered_s = asyncio.get_running_loop().time()
             self._deliver(newest)

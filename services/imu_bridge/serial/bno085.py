@@ -21,7 +21,8 @@ BNO085_LENGTH = 19
 BNO085_HEADER = rb"\xaa(?:\xaa|\Z)"
 BAUD: Final = 115200
 CENTIDEGREE = math.radians(0.01)
-X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+X = (1.0, 0.0, 0.0)
+Y = (0.0, 1.0, 0.0)
 AT_REST_MG = (900.0, 1100.0)
 """Range of the acceleration's amount at which it shows the direction of gravity, mg."""
 MEMORY = 0.98

@@ -266,7 +266,9 @@ class RestartWatch:
         readings = [item for item in items if isinstance(item, Reading | RawReading)]
         if not readings:
             return items
-        before, first, last = self._newest, readings[0], readings[-1]
+        before = self._newest
+        first = readings[0]
+        last = readings[-1]
         self._silent_s = 0.0
         self._newest = last if isinstance(last, Reading) else before
         if not may_be_start or before is None or not isinstance(first, Reading):

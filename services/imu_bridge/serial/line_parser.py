@@ -90,7 +90,8 @@ def compile_line(line: str) -> re.Pattern[str]:
     pieces = [each for each in re.split(r"(\{\w+\}|[,;|\s]+)", line.strip(",;| \t")) if each]
     expression = ""
     for before, piece, behind in zip(["", *pieces], pieces, [*pieces[1:], ""], strict=False):
-        part, is_before_part = _PART.fullmatch(piece), _PART.fullmatch(behind) is not None
+        part = _PART.fullmatch(piece)
+        is_before_part = _PART.fullmatch(behind) is not None
         if part is not None and is_before_part:
             raise ValueError(f"has {piece}{behind} without a separator between them")
         if part is not None:

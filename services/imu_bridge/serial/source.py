@@ -170,7 +170,9 @@ class SilenceWatch:
             self._first = (self._first + data)[:SHOWN_BYTES]
         if good != self._good:
             self._good = good
-            self._received_s, self.received_bytes, self._first = now_s, 0, b""
+            self._received_s = now_s
+            self.received_bytes = 0
+            self._first = b""
             if self._silent:
                 self._silent = False
                 return ""
@@ -228,7 +230,8 @@ class SerialSource:
         self._lost.clear()
         baud = self._config.baud or self._detection.baud
         self._thread = SerialThread(PortSettings(port=self._name, baud=baud), self._read, self._on_change)
-        port, lost = asyncio.create_task(self._thread.run()), asyncio.create_task(self._lost.wait())
+        port = asyncio.create_task(self._thread.run())
+        lost = asyncio.create_task(self._lost.wait())
         try:
             await asyncio.wait((port, lost), return_when=asyncio.FIRST_COMPLETED)
             if port.done():
@@ -264,9 +267,11 @@ class SerialSource:
             ports = await asyncio.to_thread(serial_ports)
             answers = {port.path: answers[port.path] for port in ports if port.path in answers}
             if is_due := time_s() > due_s:
-                asked, duration_s = ports, SEARCH_S[1]
+                asked = ports
+                duration_s = SEARCH_S[1]
             else:
-                asked, duration_s = [port for port in ports if port.path not in answers], SEARCH_S[0]
+                asked = [port for port in ports if port.path not in answers]
+                duration_s = SEARCH_S[0]
             answers |= {each.path: each for each in await ask_ports(asked, self._config, duration_s)}
             if asked:
                 due_s = time_s() + pause_s

@@ -26,7 +26,10 @@ MAX_PORT_ADDRESS = 0x7FFF
 """Highest universe: 7 bits of net, 4 of sub-net, 4 of universe."""
 _HEAD = b"Art-Net\0"
 _VERSION = 14
-_POLL, _POLL_REPLY, _DMX, _SYNC = 0x2000, 0x2100, 0x5000, 0x5200
+_POLL = 0x2000
+_POLL_REPLY = 0x2100
+_DMX = 0x5000
+_SYNC = 0x5200
 _COMMAND = struct.Struct("<8sH")
 """Identifier and operation, of every packet."""
 _REPLY = struct.Struct("<8sH4sH2xBB6x18s64s64sxB4s4s4s4s4s")

@@ -21,7 +21,8 @@ from pointit.services.led_driver.outputs import LedOutput
 PORT = 4048
 MAX_DATA_BYTES = 1440
 """Limit of the data of a packet, bytes: 480 pixels of three colours, 360 of four."""
-VERSION, PUSH = 0x40, 0x01
+VERSION = 0x40
+PUSH = 0x01
 DATA_TYPES = {3: 0x0B, 4: 0x1B}
 """Red, green, blue, and the same with white, 8 bits each."""
 DEFAULT_ID = 1

@@ -22,7 +22,8 @@ from pointit.services.led_driver.output.udp_output import (
 from pointit.services.led_driver.outputs import LedOutput
 
 PORT = 5568
-MIN_UNIVERSE, MAX_UNIVERSE = 1, 63999
+MIN_UNIVERSE = 1
+MAX_UNIVERSE = 63999
 DEFAULT_PRIORITY = 100
 HEADER_BYTES = 126
 """Bytes before the slots, with the start code."""
@@ -33,8 +34,10 @@ _FRAMING = struct.Struct(">HI64sBHBBH")
 _DMP = struct.Struct(">HBBHHHB")
 _PREAMBLE_BYTES = 16
 _IDENTIFIER = b"ASC-E1.17\0\0\0"
-_ROOT_DATA, _FRAMING_DATA = 4, 2
-_DMP_SET_PROPERTY, _DMP_ADDRESSES = 0x02, 0xA1
+_ROOT_DATA = 4
+_FRAMING_DATA = 2
+_DMP_SET_PROPERTY = 0x02
+_DMP_ADDRESSES = 0xA1
 _FLAGS = 0x7000
 _STREAM_TERMINATED = 0x40
 _NAME_BYTES = 63

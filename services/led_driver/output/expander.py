@@ -144,10 +144,12 @@ def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wirin
     channels: list[PixelChannel] = []
     for block in pixel_map.blocks:
         here = [segment for segment in segments if segment.universe == block.number]
-        orders, names = {segment.order for segment in here}, dict.fromkeys(each.strip for each in here)
+        orders = {segment.order for segment in here}
+        names = dict.fromkeys(each.strip for each in here)
         if len(orders) > 1:
             problems.append(f"channel {block.number} has segments of several orders: use one for a channel")
-        pixels, order = block.size // 3, here[0].order
+        pixels = block.size // 3
+        order = here[0].order
         limit = PIXEL_LIMITS[config.board]["W" in order]
         if pixels > limit:
             problems.append(
@@ -180,7 +182,8 @@ def too_slow(config: ExpanderConfig, channels: Sequence[PixelChannel]) -> str:
 
     The board draws a frame while the next one is sent, so the slower of the two limits.
     """
-    pixels, wanted_hz = sum(each.pixels for each in channels), config.wanted_rate_hz
+    pixels = sum(each.pixels for each in channels)
+    wanted_hz = config.wanted_rate_hz
     longest = max((each.pixels for each in channels), default=0)
     wire_s = wire_time_s(frame_bytes(channels), config.baud)
     draw_s = draw_time_s(longest)
@@ -189,11 +192,13 @@ def too_slow(config: ExpanderConfig, channels: Sequence[PixelChannel]) -> str:
     if wire_s >= draw_s:
         room_bytes = config.baud / BITS_PER_BYTE / wanted_hz - _overhead_bytes(channels)
         fitting = int(room_bytes / (_pixel_bytes(channels) / pixels))
-        what, unit = f"{pixels} pixels at {config.baud} baud", "pixels"
+        what = f"{pixels} pixels at {config.baud} baud"
+        unit = "pixels"
         remedy = "spread the strips over more outputs"
     else:
         fitting = int((1.0 / wanted_hz - LATCH_TIME_S) / PIXEL_TIME_S)
-        what, unit = f"a channel of {longest} pixels", "pixels a channel"
+        what = f"a channel of {longest} pixels"
+        unit = "pixels a channel"
         remedy = "split the longest strips"
     frame_s = max(wire_s, draw_s)
     return (

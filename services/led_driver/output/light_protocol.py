@@ -122,7 +122,8 @@ def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
     name = _text(config.get("name")) or _text(device.get("name")) or topic
     several = _get(config, "availability")
     listed = [_mapping(each) for each in (_items(several) or [several])]
-    own, source = _get(config, "availability_topic"), listed[-1]
+    own = _get(config, "availability_topic")
+    source = listed[-1]
     availability = _topic(config, own or _get(source, "topic"))
     words = (_text(_get(config if own else source, key)) for key in WORDS.values())
     modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
@@ -135,7 +136,8 @@ def _get(config: Mapping[str, Any], key: str) -> object:
 
 def _topic(config: Mapping[str, Any], value: object) -> str:
     """Return a topic, with `~` at its start or end as the base topic of `config`."""
-    topic, base = _text(value), _text(config.get("~"))
+    topic = _text(value)
+    base = _text(config.get("~"))
     if base and topic.startswith("~"):
         return base + topic[1:]
     return topic[:-1] + base if base and topic.endswith("~") else topic

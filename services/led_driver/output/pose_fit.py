@@ -51,7 +51,8 @@ def fit_pose(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> FittedPose:
         angles: angles of the head, one for each place.
         places_m: at least `MIN_PLACES` in {W}, of which no three may lie on a line with each other.
     """
-    fits, is_mirrored = _fits(angles, places_m), False
+    fits = _fits(angles, places_m)
+    is_mirrored = False
     if fits[0].error_rad > WRONG_RAD:
         mirrored = _fits([each.mirrored() for each in angles], places_m)
         if is_mirrored := mirrored[0].error_rad < fits[0].error_rad / 2.0:

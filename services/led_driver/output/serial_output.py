@@ -216,11 +216,13 @@ def _drain(port: serial.Serial) -> None:
     Raises:
         serial.SerialTimeoutException: If the port makes no progress.
     """
-    waiting, since_s = port.out_waiting, time.monotonic()
+    waiting = port.out_waiting
+    since_s = time.monotonic()
     while waiting:
         time.sleep(DRAIN_POLL_S)
         left = port.out_waiting
         if left < waiting:
-            waiting, since_s = left, time.monotonic()
+            waiting = left
+            since_s = time.monotonic()
         elif time.monotonic() - since_s > (port.write_timeout or 0.0):
             raise serial.SerialTimeoutException("nothing leaves the port")

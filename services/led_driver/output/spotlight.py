@@ -44,7 +44,8 @@ POLE_RAD = 1e-6
 """Angle to the pan axis below which any pan will do."""
 NEAREST_M = 1e-3
 """Distance from the fixture below which a point has no direction."""
-LARGEST_STEP_RAD, SMALLEST_STEP_RAD = math.radians(16.0), math.radians(0.0625)
+LARGEST_STEP_RAD = math.radians(16.0)
+SMALLEST_STEP_RAD = math.radians(0.0625)
 FIRST_STEP_RAD = math.radians(4.0)
 KEY = re.compile(rb"\x1b[\[O]([ABCD])|([-+=]|[ \r\n])")
 """An arrow as terminals send it, or another key in use."""
@@ -352,7 +353,8 @@ class Beam:
     def state(self, now_s: float) -> BeamState:
         """Return angles and colour at `now_s`, which must not be before the last call's."""
         self._advance(now_s)
-        beam, wanted = self._mounting.beam(self._angles), self._mounting.beam(self._end)
+        beam = self._mounting.beam(self._angles)
+        wanted = self._mounting.beam(self._end)
         is_far = vector.angle_between(beam, wanted) > self._dark_beyond_rad
         return BeamState(self._angles, DARK if is_far else self._color)
 
@@ -373,7 +375,8 @@ class Fixture:
 
     def slots(self, state: BeamState) -> bytes:
         """Return all values of the universe."""
-        config, channels = self._config, self._config.channels
+        config = self._config
+        channels = self._config.channels
         slots = bytearray(self._empty)
         pan = _share(state.angles.pan_rad, config.pan_range_deg, inverted=config.invert_pan)
         tilt = _share(state.angles.tilt_rad, config.tilt_range_deg, inverted=False)

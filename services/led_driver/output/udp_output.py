@@ -108,7 +108,8 @@ class DatagramSender:
         It replaces an unsent one. `age_s`: age of the captured data in it, s, or None.
         """
         self._payload = payload
-        self._shown_s, self._age_s = asyncio.get_running_loop().time(), age_s
+        self._shown_s = asyncio.get_running_loop().time()
+        self._age_s = age_s
         self._changed.set()
 
     async def run(self) -> None:
@@ -167,7 +168,9 @@ class DatagramSender:
 
     async def _send_payloads(self, sock: socket.socket) -> None:
         loop = asyncio.get_running_loop()
-        sent, unchanged, next_s = 0, 0, loop.time()
+        sent = 0
+        unchanged = 0
+        next_s = loop.time()
         self._changed.set()  # what was shown meanwhile
         while True:
             await wait_up_to(self._changed, REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S)
@@ -187,7 +190,9 @@ class DatagramSender:
 
     async def _send_one(self, sock: socket.socket, payload: bytes, *, is_new: bool) -> None:
         loop = asyncio.get_running_loop()
-        began_s, shown_s, age_s = loop.time(), self._shown_s, self._age_s
+        began_s = loop.time()
+        shown_s = self._shown_s
+        age_s = self._age_s
         self._number += 1
         datagrams = self._encode(payload, self._number)
         for datagram in datagrams:

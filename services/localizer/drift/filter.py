@@ -66,7 +66,8 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
         distances (n), m.
     """
     yaw = means[:, YAW]
-    cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
+    cos_yaw = np.cos(yaw)
+    sin_yaw = np.sin(yaw)
     eye_x = cos_yaw * measurement.origin_m[0] - sin_yaw * measurement.origin_m[1]
     eye_y = sin_yaw * measurement.origin_m[0] + cos_yaw * measurement.origin_m[1]
     east = measurement.target_m[0] - means[:, X] - eye_x
@@ -76,9 +77,11 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
     square = away * away
     lower = -up / (square + up * up)
     slope = np.zeros((len(means), 2, means.shape[1]))
-    slope[:, 0, X], slope[:, 0, Y] = north / square, -east / square
+    slope[:, 0, X] = north / square
+    slope[:, 0, Y] = -east / square
     slope[:, 0, YAW] = -1.0 - (east * eye_x + north * eye_y) / square
-    slope[:, 1, X], slope[:, 1, Y] = -lower * east / away, -lower * north / away
+    slope[:, 1, X] = -lower * east / away
+    slope[:, 1, Y] = -lower * north / away
     slope[:, 1, YAW] = lower * (east * eye_y - north * eye_x) / away
     return np.stack([np.arctan2(north, east) - yaw, np.arctan2(up, away)], axis=1), slope, away
 
@@ -112,7 +115,8 @@ class DriftFilter:
         self._state.stamp_ns = now_ns
         self._anchored_ns = min(self._anchored_ns, now_ns)
         self._fixed_ns = min(self._fixed_ns, now_ns)
-        self._rested_ns, self._contradiction = min(self._rested_ns, now_ns), None
+        self._rested_ns = min(self._rested_ns, now_ns)
+        self._contradiction = None
 
     def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
         """Apply a new localization.
@@ -137,7 +141,8 @@ class DriftFilter:
             state.forget(YAW, ANY_YAW_RAD)
             state.means[:, YAW] = fix.yaw_rad + late_s * state.means[:, RATE]
         yaw = self._yaw_innovation(fix.yaw_rad, late_s)
-        value, slope = np.zeros((len(yaw.value), 3)), np.zeros((len(yaw.value), 3, 5))
+        value = np.zeros((len(yaw.value), 3))
+        slope = np.zeros((len(yaw.value), 3, 5))
         slope[:, [0, 1], [X, Y]] = 1.0
         value[:, 2:], slope[:, 2:] = yaw
         noise = bounded(nearest_psd(fix.covariance), self._settings) + state.walked(late_s)[:3, :3]
@@ -299,7 +304,8 @@ class DriftFilter:
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
-        settings, state = self._settings, self._state
+        settings = self._settings
+        state = self._state
         noise = np.array([[sigma_radps**2]])
         allowed = settings.gate * (sigma_radps + (settings.creep_sigma_radps if is_raised else 0.0))
         if abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
@@ -308,10 +314,12 @@ class DriftFilter:
             return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
         state.advance(stamp_ns)
         slope = np.zeros((len(state.means), 1, 5))
-        slope[:, 0, RATE], slope[:, 0, CREEP] = 1.0, float(is_raised)
+        slope[:, 0, RATE] = 1.0
+        slope[:, 0, CREEP] = float(is_raised)
         seen = Innovation(yaw_rate_radps - np.einsum("nki,ni->nk", slope, state.means), slope)
         away = float(state.weights @ seen.value[:, 0])
-        last, self._contradiction = self._contradiction, None
+        last = self._contradiction
+        self._contradiction = None
         if abs(away) > settings.gate * float(state.innovation_sigmas(seen, noise)[0]):
             is_confirmed = (
                 last is not None
@@ -345,7 +353,8 @@ class DriftFilter:
         means = self._state.means
         away = yaw_rad - means[:, YAW] + late_s * means[:, RATE]
         slope = np.zeros((len(means), 1, 5))
-        slope[:, 0, YAW], slope[:, 0, RATE] = 1.0, -late_s
+        slope[:, 0, YAW] = 1.0
+        slope[:, 0, RATE] = -late_s
         return Innovation((np.remainder(away + math.pi, math.tau) - math.pi)[:, None], slope)
 
     def _took(self, fix: Fix) -> None:

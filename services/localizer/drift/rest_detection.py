@@ -78,8 +78,12 @@ class RestDetector:
         self._last_ns = -1
         self._tilt_x, self._tilt_y, self._yaw = 0.0, 0.0, 0.0
         """Turn since the rest began, about the axes of {H}."""
-        self._count, self._sum_ns, self._bin_start_ns = 0, 0, 0
-        self._sum_x, self._sum_y, self._sum_yaw = 0.0, 0.0, 0.0
+        self._count = 0
+        self._sum_ns = 0
+        self._bin_start_ns = 0
+        self._sum_x = 0.0
+        self._sum_y = 0.0
+        self._sum_yaw = 0.0
         self._recent: deque[_Turn] = deque(maxlen=self._delay + 1)
         """Bins that may belong to the beginning of a movement."""
         self._turns: list[_Turn] = []
@@ -104,7 +108,8 @@ class RestDetector:
         if self._last_ns < 0 or not -self._gap_ns <= passed_ns <= self._gap_ns:
             rate = self._finish() if self._last_ns >= 0 and passed_ns > 0 else None
             self._begin()
-            self._last, self._last_ns = orientation_xyzw, stamp_ns
+            self._last = orientation_xyzw
+            self._last_ns = stamp_ns
             return rate
         if passed_ns <= 0:
             return None
@@ -115,7 +120,8 @@ class RestDetector:
         self._tilt_x += twice * (d * x - a * w - y * c + z * b)
         self._tilt_y += twice * (d * y - b * w - z * a + x * c)
         self._yaw += twice * (d * z - c * w - x * b + y * a)
-        self._last, self._last_ns = orientation_xyzw, stamp_ns
+        self._last = orientation_xyzw
+        self._last_ns = stamp_ns
         if stamp_ns - self._bin_start_ns < self._bin_ns and self._count:
             self._count += 1
             self._sum_ns += stamp_ns - self._bin_start_ns
@@ -125,8 +131,11 @@ class RestDetector:
             return None
         rate = self._close() if self._count else None
         self._bin_start_ns = stamp_ns
-        self._count, self._sum_ns = 1, 0
-        self._sum_x, self._sum_y, self._sum_yaw = self._tilt_x, self._tilt_y, self._yaw
+        self._count = 1
+        self._sum_ns = 0
+        self._sum_x = self._tilt_x
+        self._sum_y = self._tilt_y
+        self._sum_yaw = self._yaw
         return rate
 
     def _begin(self) -> None:
@@ -194,7 +203,8 @@ class RestDetector:
 def _line(times: list[float], values: list[float]) -> tuple[float, float]:
     """Return slope and rms about the straight line through `values`."""
     n = len(times)
-    mean_t, mean_v = math.fsum(times) / n, math.fsum(values) / n
+    mean_t = math.fsum(times) / n
+    mean_v = math.fsum(values) / n
     tt = math.fsum((t - mean_t) ** 2 for t in times)
     tv = math.fsum((t - mean_t) * (v - mean_v) for t, v in zip(times, values, strict=True))
     vv = math.fsum((v - mean_v) ** 2 for v in values)

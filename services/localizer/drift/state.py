@@ -238,7 +238,9 @@ class DriftState:
         """
         value, slope = seen
         across = slope.swapaxes(1, 2)
-        means, covariances, scores = list[Array](), list[Array](), list[Array]()
+        means = list[Array]()
+        covariances = list[Array]()
+        scores = list[Array]()
         for case in cases:
             noise = case.noise + np.eye(len(case.noise)) * MIN_SIGMA**2
             widened = self.covariances + np.diag(case.widened)
@@ -295,7 +297,8 @@ def _moments(
     weights: Array, means: Array, covariances: Array, settings: DriftSettings
 ) -> tuple[Array, Array]:
     """Return the first component's mean (5) and the covariance (5 x 5) of a mixture about it."""
-    away, mean = means - means[0], means[0].copy()
+    away = means - means[0]
+    mean = means[0].copy()
     away[:, YAW] = np.remainder(away[:, YAW] + math.pi, math.tau) - math.pi
     mean[YAW] = math.remainder(float(mean[YAW]), math.tau)
     covariance = np.einsum("n,nij->ij", weights, covariances + away[:, :, None] * away[:, None, :])

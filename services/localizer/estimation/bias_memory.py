@@ -48,7 +48,8 @@ def updated(
         sigma_rad: its standard deviation.
         elevation_rad: mean elevation of the rays.
     """
-    row, covariance = np.array([1.0, elevation_rad - REFERENCE_RAD]), _covariance(remembered)
+    row = np.array([1.0, elevation_rad - REFERENCE_RAD])
+    covariance = _covariance(remembered)
     mean_rad, spread_rad = expected_bias(remembered, elevation_rad)
     gain = covariance @ row / (spread_rad**2 + sigma_rad**2)
     left = covariance - np.outer(gain, row @ covariance)
@@ -124,7 +125,8 @@ class BiasMemory:
             mounting=self.mounting,
         )
         shift_rad = (found.bias_rad - settings.bias_rad) / found.bias_sigma_rad**2 / information
-        bias_rad, sigma_rad = settings.bias_rad + shift_rad, information**-0.5
+        bias_rad = settings.bias_rad + shift_rad
+        sigma_rad = information**-0.5
         self.remembered = updated(before, bias_rad, sigma_rad, _mean_elevation(pointings))
         return True
 

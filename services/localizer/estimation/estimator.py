@@ -151,7 +151,8 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
     likely = probabilities >= NEGLIGIBLE
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
-    best, spread = found[0][0], np.zeros_like(found[0][1])
+    best = found[0][0]
+    spread = np.zeros_like(found[0][1])
     for (state, covariance, _), share in zip(found, probabilities[likely], strict=True):
         off = state - best
         off[2] = math.remainder(float(off[2]), math.tau)
@@ -253,11 +254,14 @@ def _stated(solution: Solution, settings: SolverSettings) -> str:
     sigma_m = min(solution.position_sigma_m, 99.0)
     sigma_deg = min(math.degrees(solution.yaw_sigma_rad), 180.0)
     if not solution.scatter:
-        limit_m, limit_deg = settings.max_position_sigma_m, math.degrees(settings.max_yaw_sigma_rad)
-        place, yaw = round_beyond(sigma_m, limit_m, 2), round_beyond(sigma_deg, limit_deg)
+        limit_m = settings.max_position_sigma_m
+        limit_deg = math.degrees(settings.max_yaw_sigma_rad)
+        place = round_beyond(sigma_m, limit_m, 2)
+        yaw = round_beyond(sigma_deg, limit_deg)
         return f"the pose is uncertain by {place} m and {yaw}°, limits {limit_m:.3g} m and {limit_deg:.3g}°"
     stated = f"the pose is uncertain by {sigma_m:.2f} m and {sigma_deg:.1f}°"
-    right, needed = 100.0 * solution.right_probability, 100.0 * settings.min_right_probability
+    right = 100.0 * solution.right_probability
+    needed = 100.0 * settings.min_right_probability
     if right >= needed:
         return f"{stated}, too much of it by the latency"
     percent = round_beyond(right, needed)

@@ -114,7 +114,8 @@ def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
     flat = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * turn - rays.origins
     up = rays.heights - poses[:, 4, None]
     tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
-    ahead, left = flat.real, flat.imag
+    ahead = flat.real
+    left = flat.imag
     along = tilt.real * ahead + tilt.imag * up
     above = tilt.real * up - tilt.imag * ahead
     gain = 2.0 / np.maximum(np.sqrt(left * left + ahead * ahead + up * up) + along, _TINY)
@@ -140,29 +141,38 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     turn = turns[:, :1] * rays.inverse_azimuth
     seen = (rays.targets - place) * turn
     flat = seen - rays.origins
-    ahead, left = flat.real, flat.imag
+    ahead = flat.real
+    left = flat.imag
     up = rays.heights - poses[:, 4, None]
     tilt = rays.elevation_phasor * turns[:, 1:]
-    cos_el, sin_el = tilt.real, tilt.imag
+    cos_el = tilt.real
+    sin_el = tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead
     reach = np.sqrt(left * left + ahead * ahead + up * up)
     gain = 2.0 / np.maximum(reach + along, _TINY)
     out = np.empty((len(poses), 2, left.shape[1]))
-    out[:, 0], out[:, 1] = gain * left, gain * above
+    out[:, 0] = gain * left
+    out[:, 1] = gain * above
 
     # derivatives of (left, above, along + reach) by each parameter, then of the quotients
     d_flat = np.empty((len(poses), 3, left.shape[1]), dtype=np.complex128)
-    d_flat[:, 0], d_flat[:, 1], d_flat[:, 2] = -turn, -1j * turn, -1j * seen
-    d_ahead, d_left = d_flat.real, d_flat.imag
+    d_flat[:, 0] = -turn
+    d_flat[:, 1] = -1j * turn
+    d_flat[:, 2] = -1j * seen
+    d_ahead = d_flat.real
+    d_left = d_flat.imag
     slope = np.zeros((len(poses), PARAMETERS, 2, left.shape[1]))
-    slope[:, :3, 0], slope[:, :3, 1] = d_left, -sin_el[:, None] * d_ahead
-    slope[:, 3, 1], slope[:, 4, 1] = along, -cos_el
+    slope[:, :3, 0] = d_left
+    slope[:, :3, 1] = -sin_el[:, None] * d_ahead
+    slope[:, 3, 1] = along
+    slope[:, 4, 1] = -cos_el
     d_reach = np.empty((len(poses), PARAMETERS, left.shape[1]))
     far = np.maximum(reach, _TINY)
     d_reach[:, :3] = (left[:, None] * d_left + ahead[:, None] * d_ahead) / far[:, None]
     d_reach[:, :3] += cos_el[:, None] * d_ahead
-    d_reach[:, 3], d_reach[:, 4] = -above, -up / far - sin_el
+    d_reach[:, 3] = -above
+    d_reach[:, 4] = -up / far - sin_el
     slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
     slope *= gain[:, None, None]
     return out, slope
@@ -196,7 +206,8 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     yaws = np.arange(STARTS) * (math.tau / STARTS) - first
     turned = np.exp(-1j * yaws)[:, None] * rays.targets
     seen = np.empty((STARTS, 3, len(rays.heights)))
-    seen[:, 0], seen[:, 1] = turned.real - rays.origins_m[:, 0], turned.imag - rays.origins_m[:, 1]
+    seen[:, 0] = turned.real - rays.origins_m[:, 0]
+    seen[:, 1] = turned.imag - rays.origins_m[:, 1]
     seen[:, 2] = rays.heights
     flat: Array = across[:, :2].reshape(len(biases), 2, -1)
     pulled = seen.reshape(STARTS, -1) @ flat.transpose(0, 2, 1)  # b x starts x 2
@@ -205,9 +216,13 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     place: Array = pulled @ np.linalg.inv(normal + PARALLEL * len(rays.heights) * np.eye(2))
     spot: Complex = (place[..., 0] + 1j * place[..., 1]) * np.exp(1j * yaws)
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
-    poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
+    poses[..., 0] = spot.real
+    poses[..., 1] = spot.imag
+    poses[..., 2] = yaws
+    poses[..., 3] = biases[:, None]
     costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
-    best, lowest = np.argmin(costs, axis=0), costs.min(axis=0)
+    best = np.argmin(costs, axis=0)
+    lowest = costs.min(axis=0)
     valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
     chosen = np.flatnonzero(valley)
     chosen = chosen[np.argsort(lowest[chosen])][:MAX_POSES]
@@ -225,8 +240,11 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
     for number in range(ITERATIONS):
         if number == SETTLED:
             indices = _apart(poses, costs)
-            poses, costs, slopes = poses[indices], costs[indices], slopes[indices]
-            hessians, damping = hessians[indices], damping[indices]
+            poses = poses[indices]
+            costs = costs[indices]
+            slopes = slopes[indices]
+            hessians = hessians[indices]
+            damping = damping[indices]
         diagonal = hessians.diagonal(axis1=1, axis2=2)
         damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
         try:
@@ -238,7 +256,10 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
         new_costs, new_slopes, new_hessians = _linearized(rays, tried, weights)
         better = new_costs <= costs
         if better.all():
-            poses, costs, slopes, hessians = tried, new_costs, new_slopes, new_hessians
+            poses = tried
+            costs = new_costs
+            slopes = new_slopes
+            hessians = new_hessians
         else:
             poses = np.where(better[:, None], tried, poses)
             costs = np.where(better, new_costs, costs)

@@ -115,11 +115,17 @@ def mounting_fault(
     if fit is not result and not (is_enough and slope.sideways_rad <= FOLLOWS * sigma_rad):
         return ""
     if holds:
-        is_wrong, is_back = slope.value < MIN_HELD_SLOPE, slope.value < -MIN_HELD_SLOPE
-        target, back, across = "lamps", "are low at high ones", "do not rise to high ones"
+        is_wrong = slope.value < MIN_HELD_SLOPE
+        is_back = slope.value < -MIN_HELD_SLOPE
+        target = "lamps"
+        back = "are low at high ones"
+        across = "do not rise to high ones"
     else:
-        is_wrong, is_back = slope.is_wrong, slope.value < BACKWARDS_SLOPE
-        target, back, across = "robot", "sink where it rises", "do not rise with it"
+        is_wrong = slope.is_wrong
+        is_back = slope.value < BACKWARDS_SLOPE
+        target = "robot"
+        back = "sink where it rises"
+        across = "do not rise with it"
     if is_wrong:
         return MOUNTED.format(target, *((back, "backwards on") if is_back else (across, "across")))
     is_doubtful = not holds and fit is result and slope.is_doubtful

@@ -152,7 +152,8 @@ class Blocks:
 
 def blocks(pointings: Pointings) -> Blocks:
     """Return `pointings` in blocks; needs at least one sample and stamps that never fall."""
-    t, targets = pointings.stamps_s, pointings.targets_m
+    t = pointings.stamps_s
+    targets = pointings.targets_m
     begins = _begins(pointings)
     hold = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
@@ -504,7 +505,8 @@ class SolverSettings:
     def weights(self) -> Weights:
         """Return the weights of the descent."""
         prior = np.zeros(PARAMETERS)
-        prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, KNOWN) ** -2
+        prior[3] = self.bias_sigma_rad**-2
+        prior[4] = max(self.height_sigma_m, KNOWN) ** -2
         return Weights(sigma_rad=np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]]), prior=prior)
 
     def noise_model(self, *, is_still: bool) -> NoiseModel:

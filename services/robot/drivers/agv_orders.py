@@ -305,11 +305,13 @@ class AgvOrders:
         """Go to `target`, m. This replaces the previous order."""
         if not self._is_linked or self._is_refused(number):
             return
-        self._number, self._is_path = number, False
+        self._number = number
+        self._is_path = False
         end = self._route.end or (self._sent.last.place if self._sent else self._position)
         if end is not None and math.dist(end, target) < SAME_TARGET_M:
             return
-        self._yaw_rad, self._speed_mps = yaw_rad, speed_mps
+        self._yaw_rad = yaw_rad
+        self._speed_mps = speed_mps
         self._route.replace([target])
 
     def drive(
@@ -318,13 +320,17 @@ class AgvOrders:
         """Go along `points`, m. This replaces the previous order."""
         if not self._is_linked or self._is_refused(number):
             return
-        self._number, self._is_path, self._is_accepted = number, True, False
-        self._yaw_rad, self._speed_mps = yaw_rad, speed_mps
+        self._number = number
+        self._is_path = True
+        self._is_accepted = False
+        self._yaw_rad = yaw_rad
+        self._speed_mps = speed_mps
         self._route.replace(points)
 
     def stop(self, number: int) -> None:
         """Cancel our order, also one of an earlier run, which the AGV's state tells."""
-        self._number, self._stop_number = 0, number
+        self._number = 0
+        self._stop_number = number
         if self._sent:
             self._cancel()
         self._drop()
@@ -339,7 +345,8 @@ class AgvOrders:
 
     def on_disconnected(self) -> None:
         """Set that the AGV is not connected, and forget what was ordered."""
-        self._is_linked, self._state = False, None
+        self._is_linked = False
+        self._state = None
         if self._sent or self._route:
             self._finish("failed", "the connection to the AGV is lost")
 
@@ -353,7 +360,8 @@ class AgvOrders:
         self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
         self._is_paused = state.paused and state.is_executing
         if has_other_master(state):  # which is not ours to cancel
-            self._sent, self._is_cancelling = None, False
+            self._sent = None
+            self._is_cancelling = False
             self._finish("failed", OTHER_MASTER)
             self._end_stop()
             return
@@ -512,7 +520,8 @@ class AgvOrders:
         if self._sent is not None:
             self._cancel()
         self._drop()
-        number, self._number = self._number, 0
+        number = self._number
+        self._number = 0
         self._tell(number, outcome, reason)
 
     def _drop(self) -> None:

@@ -152,8 +152,11 @@ class SimulatedQuadrotor:
         """Carry out `command` instead of the one before. Return why it is refused, or `""`."""
         if not self.is_flying and isinstance(command, (Follow, FollowPath)):
             return "it stands on the ground: let it take off first"
-        here, was_descending = self._motion.lead_m, self._is_descending
-        self._command, self._route, self._is_descending = command, None, False
+        here = self._motion.lead_m
+        was_descending = self._is_descending
+        self._command = command
+        self._route = None
+        self._is_descending = False
         match command:
             case Stop():
                 self._target_m = None
@@ -275,7 +278,8 @@ class HoverWander:
     def step(self) -> Vec3:
         """Advance by `STEP_S`. Return the offset from the set-point, m."""
         x, y, z = self._rng.standard_normal(3).tolist()
-        keep, kick = self._keep, self._kick
+        keep = self._keep
+        kick = self._kick
         old_x, old_y, old_z = self._at
         self._at = (keep * old_x + kick * x, keep * old_y + kick * y, keep * old_z + kick * z)
         offset_x, offset_y, offset_z = (
@@ -330,7 +334,8 @@ class SmoothMotion:
         )
         self._velocities.append(self._speed)
         if self.is_at_rest:  # drops what rounding has left
-            self.velocity_mps, self.position_m = ZERO, self._lead
+            self.velocity_mps = ZERO
+            self.position_m = self._lead
         else:
             self.position_m = vector.add(self.position_m, vector.scale(self.velocity_mps, STEP_S))
 

@@ -76,9 +76,11 @@ class SimulatedGroundRobot:
         """Carry out `command` instead of the one before. Return why it is refused, or `""`."""
         match command:
             case Follow(position_m=position_m, yaw_rad=yaw_rad):
-                self._route, self._face_rad = self._level((position_m,)), yaw_rad
+                self._route = self._level((position_m,))
+                self._face_rad = yaw_rad
             case FollowPath(points_m=points_m, yaw_rad=yaw_rad):
-                self._route, self._face_rad = self._level(points_m), yaw_rad
+                self._route = self._level(points_m)
+                self._face_rad = yaw_rad
             case Stop():
                 self._route = None
             case _:
@@ -216,7 +218,8 @@ class OrderedRobot:
 
     def take_statuses(self) -> list[OrderStatus]:
         """Return the statuses since the last call."""
-        taken, self._statuses = self._statuses, []
+        taken = self._statuses
+        self._statuses = []
         return taken
 
     def report(self, stamp_ns: int) -> RobotReport:

@@ -273,7 +273,8 @@ class Agv:
         return [self._written(each) for each in self._orders.step(self._received_s)]
 
     def _speed_mps(self, command: Follow | FollowPath) -> float:
-        own_mps, limit_mps = self._spec.max_speed_mps, command.max_speed_mps
+        own_mps = self._spec.max_speed_mps
+        limit_mps = command.max_speed_mps
         return max(SLOWEST_MPS, own_mps if limit_mps is None else min(own_mps, limit_mps))
 
     def _on_connection(self, connection: AgvConnection) -> None:

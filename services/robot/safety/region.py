@@ -116,7 +116,8 @@ class CylinderObstacle:
         self.name = name
         self.radius_m = radius_m
         self._axis_m: Vec2 = foot_m[:2]
-        self._low_m, self._high_m = foot_m[2] - half_height_m, foot_m[2] + half_height_m
+        self._low_m = foot_m[2] - half_height_m
+        self._high_m = foot_m[2] + half_height_m
 
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
@@ -131,7 +132,8 @@ class CylinderObstacle:
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return the nearest place beside it with clearance."""
-        x, y = place_m[0] - self._axis_m[0], place_m[1] - self._axis_m[1]
+        x = place_m[0] - self._axis_m[0]
+        y = place_m[1] - self._axis_m[1]
         over_m = math.hypot(x, y)
         along, across = (x / over_m, y / over_m) if over_m > ROUNDING_M else (1.0, 0.0)
         reach_m = self.radius_m + apart_m + BEYOND_M
@@ -162,13 +164,15 @@ def _moved(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
 def _between_heights(start_m: Vec3, end_m: Vec3, low_m: float, high_m: float) -> tuple[Vec2, Vec2] | None:
     """Return the part of a segment between two heights, seen from above, or None if there is none."""
     rise_m = end_m[2] - start_m[2]
-    first, last = 0.0, 1.0
+    first = 0.0
+    last = 1.0
     if abs(rise_m) < ROUNDING_M:
         if not low_m < max(start_m[2], end_m[2]) or not min(start_m[2], end_m[2]) < high_m:
             return None
     else:
         ends = sorted(((low_m - start_m[2]) / rise_m, (high_m - start_m[2]) / rise_m))
-        first, last = max(first, ends[0]), min(last, ends[1])
+        first = max(first, ends[0])
+        last = min(last, ends[1])
         if first >= last:
             return None
     way = subtract(end_m, start_m)
@@ -214,12 +218,14 @@ class Region:
 
     def way(self, start_m: Vec3, end_m: Vec3, margin_m: float = MARGIN_M) -> PermittedSegment:
         """Return the permitted part of the straight way to `end_m`."""
-        share, blocker = 1.0, None
+        share = 1.0
+        blocker = None
         for obstacle in self.obstacles:
             min_m = min(margin_m, self.clearance_m(obstacle, start_m)) - ROUNDING_M
             permitted = self._permitted_share(obstacle, start_m, end_m, min_m, share)
             if permitted < share:
-                share, blocker = permitted, obstacle
+                share = permitted
+                blocker = obstacle
         return PermittedSegment(share, blocker)
 
     def nearest(self, place_m: Vec3) -> Vec3 | None:
@@ -292,7 +298,8 @@ class Region:
 
         if is_clear(share):
             return share
-        low, high = 0.0, share
+        low = 0.0
+        high = share
         for _ in range(BISECTIONS):
             middle = (low + high) / 2.0
             low, high = (middle, high) if is_clear(middle) else (low, middle)

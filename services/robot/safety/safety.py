@@ -95,7 +95,8 @@ class Reports:
             return f"{self._robot} reports late: a newer report was here before"
         if last is not None:
             self._find_jump(last, report, now_ns)
-        self.newest, self._came_ns = report, min(report.stamp_ns, now_ns)
+        self.newest = report
+        self._came_ns = min(report.stamp_ns, now_ns)
         self._note_velocity(report)
         self._note_turn(report)
         self._problem = ""
@@ -372,7 +373,8 @@ class Safety:
 
     def _stop_before_obstacle(self) -> StopReason | None:
         """Return the obstacle that it cannot avoid unless it brakes now, or that it is in already."""
-        report, velocity_mps = self._reports.newest, self._reports.velocity_mps
+        report = self._reports.newest
+        velocity_mps = self._reports.velocity_mps
         if report is None or norm(velocity_mps) < MOVING_MPS:
             return None
         if self._fences is None:
@@ -380,7 +382,8 @@ class Safety:
         last = None if self._stop is None else self._stop[1]
         if last is not None and last.kind in get_args(ObstacleKind) and last.text != NO_MAP:
             return last  # until it stands: else it is stopped and goes on in turns
-        region, place_m = self._region(), report.position_m
+        region = self._region()
+        place_m = report.position_m
         rests_m = predicted_places_m(self._config, place_m, velocity_mps, self._reports.turn_radps)
         rest_m = rests_m[0]
         blocker = (
@@ -394,7 +397,8 @@ class Safety:
         """Return the person in whose space a landing was stopped. It continues when they have left."""
         if mode != "land" or self._stop is None or self._stop[1].kind != "people":
             return None
-        region, place_m = self._region(), self._place_m()
+        region = self._region()
+        place_m = self._place_m()
         person = _not_left(region, place_m, place_m)
         return None if person is None else self._stop_for(person, region.clearance_m(person, place_m))
 
@@ -423,7 +427,8 @@ class Safety:
         return self._config.start_m if report is None else report.position_m
 
     def _region(self) -> Region:
-        config, report = self._config, self._reports.newest
+        config = self._config
+        report = self._reports.newest
         sigma_m = 0.0 if report is None else report.position_sigma_m or 0.0
         others = (self._cylinder(name, state) for name, state in self._others.items())
         obstacles = (*(self._fences or ()), *self.people.cylinders(self._now_ns), *others)

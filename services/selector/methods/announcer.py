@@ -115,7 +115,8 @@ class Announcer:
         if self._focus is None:
             return progress
         object_id, start = self._focus
-        start_ray, ray = start.direction, cursor.direction
+        start_ray = start.direction
+        ray = cursor.direction
         if start_ray is None or ray is None or vector.angle_between(start_ray, ray) > FOCUS_RAD:
             self._focus = None
             return progress
@@ -132,7 +133,8 @@ class Announcer:
 
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """
-        cursor, objects = self._cursor, list(objects)
+        cursor = self._cursor
+        objects = list(objects)
         if cursor is None or cursor.direction is None or cursor.origin_m is None:
             return "", 0
         if abs(step.stamp_ns - cursor.stamp_ns) > MAX_CURSOR_AGE_NS:
@@ -140,9 +142,12 @@ class Announcer:
         object_id = neighbour(objects, cursor, self._hovered, step)
         if object_id:
             self._place = place_in(rows_of(objects, cursor.origin_m), object_id) if step.to == "here" else ""
-            self._focus, self._has_fired = (object_id, cursor), False
-            self._hovered, self._hovered_ns = object_id, cursor.stamp_ns - FIRST_NS
-            self._spoken, self._repeat_ns = ("", 0), None
+            self._focus = (object_id, cursor)
+            self._has_fired = False
+            self._hovered = object_id
+            self._hovered_ns = cursor.stamp_ns - FIRST_NS
+            self._spoken = ("", 0)
+            self._repeat_ns = None
             self._names.clear()  # who steps on does not mean what was announced before
         return object_id, cursor.stamp_ns
 
@@ -155,8 +160,10 @@ class Announcer:
         elif name is not None:
             self._names[object_id] = name._replace(hovered_ns=stamp_ns)
         if is_lost or object_id != self._hovered:
-            self._hovered, self._hovered_ns = object_id, stamp_ns
-            self._spoken, self._repeat_ns = ("", 0), None
+            self._hovered = object_id
+            self._hovered_ns = stamp_ns
+            self._spoken = ("", 0)
+            self._repeat_ns = None
         if self._announced.seq and stamp_ns - self._announced.stamp_ns < MIN_PERIOD_NS:
             return None
         is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
@@ -168,14 +175,16 @@ class Announcer:
     def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
         self._repeat_ns = None
         if is_first:
-            self._spoken, self._repeat_ns = (object_id, stamp_ns), stamp_ns + REPEAT_NS
+            self._spoken = (object_id, stamp_ns)
+            self._repeat_ns = stamp_ns + REPEAT_NS
         since_ns = stamp_ns - RECENT_NS
         self._names = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
         name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
         if self._place:
-            label, self._place = f"{label}, {self._place}"[:MAX_ID], ""
+            label = f"{label}, {self._place}"[:MAX_ID]
+            self._place = ""
         return self._send(stamp_ns, object_id, label)
 
     def is_silent(self, now_ns: int) -> bool:
@@ -207,7 +216,8 @@ class Announcer:
 
     def _send(self, stamp_ns: int, object_id: str = "", label: str = "") -> Announced:
         self._is_due = False
-        began_ns, seq = stamp_ns if object_id else 0, self._announced.seq + 1
+        began_ns = stamp_ns if object_id else 0
+        seq = self._announced.seq + 1
         self._announced = Announced(
             stamp_ns=stamp_ns, seq=seq, object_id=object_id, label=label, began_ns=began_ns
         )

@@ -74,7 +74,9 @@ class Dwell:
         elif self._index is not None and stamp_ns < self._stamp_ns:
             return None
         toggled = None if self._index is None else self._pass(self._index, index, stamp_ns)
-        self._index, self._stamp_ns, self._object = index, stamp_ns, object_id
+        self._index = index
+        self._stamp_ns = stamp_ns
+        self._object = object_id
         return toggled
 
     def progress(self, object_id: str | None) -> float:

@@ -138,7 +138,8 @@ class EstimateMethod:
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
-        cursor, view = pointing.cursor, pointing.view
+        cursor = pointing.cursor
+        view = pointing.view
         now_ns = cursor.stamp_ns
         elapsed_s = max(now_ns - self._stamp_ns, 0) / NS_PER_S
         self._stamp_ns = now_ns
@@ -161,7 +162,9 @@ class EstimateMethod:
         """Smooth the angles to each object. Return the log of `ATTENTION` times the ray's density, 1/rad²."""
         azimuth, elevation = ray = _sight(direction)
         level = math.cos(elevation)
-        before, self._beside, self._now = self._beside, {}, {}
+        before = self._beside
+        self._beside = {}
+        self._now = {}
         logs: dict[str, float] = {}
         for one in view.seen:
             (nearest, near_up), (center, center_up), prior = _places(one, origin_m, direction, ray)
@@ -172,7 +175,8 @@ class EstimateMethod:
                 center_up - elevation,
             )
             a, b, c, d = before.get(one.id, now)
-            right, up = a + share * (now[0] - a), b + share * (now[1] - b)
+            right = a + share * (now[0] - a)
+            up = b + share * (now[1] - b)
             self._beside[one.id] = (right, up, c + share * (now[2] - c), d + share * (now[3] - d))
             up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
             logs[one.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2)
@@ -223,13 +227,15 @@ class EstimateMethod:
                 moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
                 jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
                 if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
-                    self._stays_ns, self._anchor = now_ns, self._beside[best]
+                    self._stays_ns = now_ns
+                    self._anchor = self._beside[best]
                 return
         self._show(None, now_ns)
 
     def _show(self, object_id: str | None, now_ns: int) -> None:
         if object_id != self._shown:
-            self._shown, self._stays_ns = object_id, now_ns
+            self._shown = object_id
+            self._stays_ns = now_ns
             self._anchor = self._beside.get(object_id or "", self._anchor)
         for name, since_ns in list(self._left.items()):
             if name == object_id:
@@ -290,7 +296,8 @@ def _may_be_on(one: VisibleObject, cursor: Cursor) -> bool:
 
 def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
     """Return where the object is nearest to a ray and where its centre is, and its `_log_peak`."""
-    size_m, reach_m = one.tracked.size_m, vector.subtract(one.center_m, origin_m)
+    size_m = one.tracked.size_m
+    reach_m = vector.subtract(one.center_m, origin_m)
     if size_m is not None:
         center, log = _box_place(reach_m, size_m, one.range_m)
         return ray if one.outline_m is None else _sight(vector.subtract(one.outline_m, origin_m)), center, log
@@ -302,8 +309,10 @@ def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) ->
 
 @lru_cache(MAX_CACHED)
 def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
-    wide_m, high_m = max(size_m[:2]), size_m[2]
-    wide_rad, high_rad = math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m)
+    wide_m = max(size_m[:2])
+    high_m = size_m[2]
+    wide_rad = math.atan(wide_m / 2.0 / range_m)
+    high_rad = math.atan(high_m / 2.0 / range_m)
     return _sight(reach_m), _log_peak(wide_rad, high_rad)
 
 

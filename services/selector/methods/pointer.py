@@ -311,7 +311,8 @@ class GuardedMethod:
             self._on_failure(error)
             return SelectionProgress(pointing.under)
         if self._failures and self._now_ns - self._retry_ns > MAX_WAIT_NS:
-            self._failures, self.fault = 0, ""
+            self._failures = 0
+            self.fault = ""
         return result
 
     def latch(self, object_id: str) -> None:
@@ -333,7 +334,9 @@ class GuardedMethod:
     def _on_failure(self, error: Exception) -> None:
         wait_ns = min(FIRST_WAIT_NS * 2 ** min(self._failures, 10), MAX_WAIT_NS)
         self._failures += 1
-        self._method, self._latched, self._retry_ns = None, (), self._now_ns + wait_ns
+        self._method = None
+        self._latched = ()
+        self._retry_ns = self._now_ns + wait_ns
         times = f", {self._failures} times now" if self._failures > 1 else ""
         self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times
 

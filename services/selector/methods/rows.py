@@ -55,7 +55,8 @@ def neighbour(objects: Iterable[TrackedObject], cursor: Cursor, object_id: str, 
     by_id = {one.id: one for one in objects}
     if cursor.origin_m is None or cursor.direction is None or not by_id:
         return ""
-    origin_m, direction = cursor.origin_m, cursor.direction
+    origin_m = cursor.origin_m
+    direction = cursor.direction
     reach = {name: vector.subtract(one.position_m, origin_m) for name, one in by_id.items()}
     if object_id not in by_id:
         return min(reach, key=lambda name: (vector.angle_between(direction, reach[name]), name))

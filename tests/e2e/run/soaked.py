@@ -24,7 +24,8 @@ def noted(loop: BaseEventLoop) -> None:
 
 
 def report(period_s: float) -> None:
-    process, began_s = psutil.Process(), time.monotonic()
+    process = psutil.Process()
+    began_s = time.monotonic()
     while True:
         time.sleep(period_s)
         tasks = sum(len(asyncio.all_tasks(loop)) for loop in set(loops) if loop.is_running())

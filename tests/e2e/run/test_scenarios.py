@@ -102,7 +102,8 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
         events: list[SelectionEvent] = []
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
         await seen.sees_more(seen.objects, "objects")
-        first_ns, began_s = seen.objects[-1].stamp_ns, time.monotonic()
+        first_ns = seen.objects[-1].stamp_ns
+        began_s = time.monotonic()
         await until(lambda: seen.objects[-1].stamp_ns - first_ns > 12e9, 40, "12 s of the site's time")
         passed_s = time.monotonic() - began_s
         assert 1.4 < (seen.objects[-1].stamp_ns - first_ns) / 1e9 / passed_s < 3.0
@@ -154,7 +155,9 @@ async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Comma
     assert 0.0 < told["position_sigma_m"] < 0.5
 
 
-TARGET, BAY_SELECTED, BAY_REST = "red", "1", "3"
+TARGET = "red"
+BAY_SELECTED = "1"
+BAY_REST = "3"
 
 
 async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Commands, own_state: Path) -> None:

@@ -41,7 +41,9 @@ def installed(tmp_path: Path) -> dict[str, str]:
 
 
 async def test_a_package_adds_any_kind(commands: Commands, installed: dict[str, str], tmp_path: Path) -> None:
-    shown, seen, state = tmp_path / "shown.txt", tmp_path / "seen.txt", tmp_path / "state"
+    shown = tmp_path / "shown.txt"
+    seen = tmp_path / "seen.txt"
+    state = tmp_path / "state"
     run = commands.start_program(
         *("run", "scenario_3", "--duration", "10", "--no-view"),
         *("--imu", "waving:40", "--output", f"notebook:{shown}", "--method", "eager", "--with", "witness"),

@@ -106,7 +106,8 @@ async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str)
             TAKEN_OVER_S,
             "the warning",
         )
-        patience, codes = Patience(TAKEN_OVER_S), set[tuple[str, str]]()
+        patience = Patience(TAKEN_OVER_S)
+        codes = set[tuple[str, str]]()
         while ("twice", "led-driver") not in codes:
             assert not patience.is_over(), codes
             report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)

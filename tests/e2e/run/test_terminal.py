@@ -23,7 +23,8 @@ from tests.support.commands import onlooker, without_page
 from tests.support.pace import within
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"
+HIDE = "\x1b[?25l"
+SHOW = "\x1b[?25h"
 PATIENCE_S = 30.0
 ADOPT = """
 import fcntl, os, sys, termios

@@ -44,7 +44,8 @@ STRIPS = (  # (start, end, direction) of the paper's lab, 150 pixels on 5 m each
     ((4.85, -1.425, 0.9), (4.85, 3.575, 0.9), -1),
     ((4.83, 3.595, 0.9), (-0.17, 3.595, 0.9), 1),
 )
-PIXELS, LENGTH_M = 150, 5.0
+PIXELS = 150
+LENGTH_M = 5.0
 
 Vec3 = tuple[float, float, float]
 
@@ -68,16 +69,22 @@ def expected_pixel(strip: int, position_m: float) -> int:
 
 def line_pointing_at(target: Vec3) -> bytes:
     """Return the IMU's output while eyes, fingertip and `target` are in line: `w,x,y,z`."""
-    east, north, up = target[0] - FEET_M[0], target[1] - FEET_M[1], target[2] - EYES_M
+    east = target[0] - FEET_M[0]
+    north = target[1] - FEET_M[1]
+    up = target[2] - EYES_M
     distance = math.hypot(east, north, up)
-    ahead, rise = math.hypot(east, north) / distance, up / distance  # of the line of sight, per metre
+    # of the line of sight, per metre
+    ahead = math.hypot(east, north) / distance
+    rise = up / distance
     # the fingertip: on the line of sight, as far from the shoulder as the arm is long
     drop = EYES_M - SHOULDER_M
     reach = -drop * rise + math.sqrt((drop * rise) ** 2 + ARM_M**2 - drop**2)
     elevation = math.atan2(drop + reach * rise, reach * ahead)
     azimuth = math.atan2(north, east) - math.radians(YAW_DEG)
-    c, s = math.cos(azimuth / 2), math.sin(azimuth / 2)
-    ce, se = math.cos(elevation / 2), math.sin(elevation / 2)
+    c = math.cos(azimuth / 2)
+    s = math.sin(azimuth / 2)
+    ce = math.cos(elevation / 2)
+    se = math.sin(elevation / 2)
     return f"{c * ce:.6f},{s * se:.6f},{-c * se:.6f},{s * ce:.6f}\n".encode()
 
 
@@ -120,7 +127,8 @@ class Board:
             self.faults.append(f"no magic: {bytes(stream[:4])!r}")
             del stream[0]
             return True
-        channel, kind = stream[4], stream[5]
+        channel = stream[4]
+        kind = stream[5]
         body = 0
         if kind == 1:
             if len(stream) < 10:
@@ -128,7 +136,8 @@ class Board:
             body = 4 + stream[6] * (stream[8] + 256 * stream[9])
         if len(stream) < 6 + body + 4:
             return False
-        checked, crc = bytes(stream[: 6 + body]), bytes(stream[6 + body : 10 + body])
+        checked = bytes(stream[: 6 + body])
+        crc = bytes(stream[6 + body : 10 + body])
         del stream[: 10 + body]
         if zlib.crc32(checked) != int.from_bytes(crc, "little"):
             self.faults.append("crc")
@@ -137,7 +146,8 @@ class Board:
 
     def _obey(self, channel: int, kind: int, body: bytes) -> None:
         if kind == 1:
-            colors, order = body[0], body[1]
+            colors = body[0]
+            order = body[1]
             if colors != 3 or order != 0b100001:  # green first: red 1, green 0, blue 2, no white
                 self.faults.append(f"{colors} colours in order {order:#x}")
             self._pending[channel] = [(body[k], body[k + 1], body[k + 2]) for k in range(4, len(body) - 2, 3)]

@@ -70,7 +70,8 @@ class PhonePage:
             angles = {"alpha": yaw_deg % 360, "beta": pitch_deg, "gamma": 0}
             await self._cdp.send("DeviceOrientation.setDeviceOrientationOverride", angles)
             return
-        a, b = math.radians(yaw_deg) / 2, math.radians(pitch_deg) / 2
+        a = math.radians(yaw_deg) / 2
+        b = math.radians(pitch_deg) / 2
         q = {
             "x": math.cos(a) * math.sin(b),
             "y": math.sin(a) * math.sin(b),

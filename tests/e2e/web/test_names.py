@@ -138,7 +138,8 @@ async def test_by_the_phone_swipes_step_and_a_tap_confirms(
     assert await spoken(page) == []
     big = await page.locator("#big").bounding_box()
     assert big is not None
-    x, y = big["x"] + big["width"] / 2, big["y"] + big["height"] / 2
+    x = big["x"] + big["width"] / 2
+    y = big["y"] + big["height"] / 2
 
     async def swipe(by: int) -> None:
         await page.mouse.move(x, y)

@@ -35,7 +35,8 @@ async def drag(page: Page, strip: Locator, dx: float, dy: float) -> None:
     """Drag `strip` by pixels, at a quarter of its length, without snapping."""
     box = await strip.locator(".edit-reach").bounding_box()
     assert box is not None
-    x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 2
+    x = box["x"] + box["width"] / 4
+    y = box["y"] + box["height"] / 2
     await page.mouse.move(x, y)
     await page.mouse.down()
     await page.keyboard.down("Alt")
@@ -62,8 +63,10 @@ async def test_a_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
     page = window.page
     await page.get_by_role("tab", name="Set up").click()
     await page.get_by_role("button", name="Edit the map").click()
-    editor, side = page.locator("dialog.editor"), page.locator(".edit-side")
-    strip, status = page.get_by_role("button", name="Strip shelf"), side.get_by_role("status").first
+    editor = page.locator("dialog.editor")
+    side = page.locator(".edit-side")
+    strip = page.get_by_role("button", name="Strip shelf")
+    status = side.get_by_role("status").first
 
     await drag(page, strip, 60, 40)
     x, y, z = await coordinates(side, "First end")

@@ -59,7 +59,8 @@ async def test_words_of_the_browser_are_followed(
     await expect(page.locator("#guide")).to_contain_text("You are the arm now")
     await window.is_still()
     speech = page.get_by_label("Speech")
-    listen, understood = speech.get_by_role("button", name="Listen"), speech.locator(".understood")
+    listen = speech.get_by_role("button", name="Listen")
+    understood = speech.locator(".understood")
     await listen.click()
     await expect(listen).to_have_attribute("aria-pressed", "true")
 

@@ -84,10 +84,8 @@ async def test_value_can_be_typed_and_goes_back_to_the_default(
     page = window.page
     await window.is_shown()
     await page.get_by_role("tab", name="Set up").click()
-    typed, slider = (
-        page.get_by_label("Time on an object in s"),
-        page.get_by_role("slider", name="Time on an object"),
-    )
+    typed = page.get_by_label("Time on an object in s")
+    slider = page.get_by_role("slider", name="Time on an object")
     await expect(typed).to_have_value(re.compile(r"\d"))
     before = await typed.input_value()
     reset = page.get_by_role("button", name=f"Time on an object: back to {before} s")

@@ -135,7 +135,8 @@ async def test_floor_is_coloured_by_what_is_told_apart_there_for_viewers_too(
 ) -> None:
     window = await Window.open(browser, shared_site.viewer_url)
     await window.is_shown()
-    button, legend = window.page.get_by_role("button", name="Told apart"), window.page.locator(".apart")
+    button = window.page.get_by_role("button", name="Told apart")
+    legend = window.page.locator(".apart")
     await expect(button).to_have_attribute("aria-pressed", "false")
     plain = await purple(window)
     await window.page.locator("body").press("t")

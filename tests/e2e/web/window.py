@@ -155,7 +155,8 @@ class Window:
 
     async def is_still(self) -> None:
         """Wait until the camera stands still: cards, at which the page looks each second, make it move."""
-        patience, before = Patience(PATIENCE_S), None
+        patience = Patience(PATIENCE_S)
+        before = None
         while (lens := await self.page.evaluate(LENS)) != before:
             assert not patience.is_over(), f"waited {patience} in vain: the camera moves"
             before = lens

@@ -24,7 +24,8 @@ strips:
 """
 RAISED: Quaternion = (0.0, -(0.5**0.5), 0.0, 0.5**0.5)
 """The arm straight up, after `IDENTITY`, level ahead."""
-GREEN, RED = b"\0\xff\0", b"\xff\0\0"
+GREEN = b"\0\xff\0"
+RED = b"\xff\0\0"
 
 
 def shows_pattern(light: Wled) -> bool:
@@ -39,7 +40,8 @@ async def test_a_light_and_a_wrist_are_connected_and_come_back_in_the_next_run(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     page_is_built()
-    path, state = tmp_path / "my_room.yaml", tmp_path / "state"
+    path = tmp_path / "my_room.yaml"
+    state = tmp_path / "state"
     path.write_text(ROOM)
     arguments = ("scenario_2", "--set", f"pui.map={path}", "--pose", "2,0.8", "--duration", "600")
     async with wled() as light, tracker() as wrist:

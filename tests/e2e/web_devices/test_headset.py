@@ -93,7 +93,8 @@ LINES = "[...window.pointit.site.people.values()].map(({ line }) => line)"
 MINE = f"{LINES}.find((line) => line?.is_mine && line.moved_by === 'headset')?.user"
 ORIGIN = f"window.pointit.site.people.get({MINE})?.cursor?.origin_m"
 ORIGIN_X = f"({ORIGIN}?.[0] ?? 0)"
-TRIGGER, PULL = "headset.controllers.right", "updateButtonValue('trigger', {})"
+TRIGGER = "headset.controllers.right"
+PULL = "updateButtonValue('trigger', {})"
 FIRED = """([id, user, since]) => {
   const event = window.pointit.site.changes.get(id)?.selected;
   return event?.user === user && Number(event.stamp_ns) > since;
@@ -122,7 +123,8 @@ async def headset(browser: Browser, shared_site: SitePage, emulator: str) -> Asy
 
 def in_session(at_m: NDArray[np.float64]) -> list[float]:
     """Return a point of {W} in the headset's space."""
-    cosine, sine = math.cos(YAW_RAD), math.sin(YAW_RAD)
+    cosine = math.cos(YAW_RAD)
+    sine = math.sin(YAW_RAD)
     x, y, z = at_m - ORIGIN_M
     return [float(part) for part in TO_SESSION @ (cosine * x + sine * y, cosine * y - sine * x, z)]
 
@@ -163,11 +165,13 @@ async def fires(window: Window, name: str, eyes_m: NDArray[np.float64], at_m: ND
 
     Returns False if the arm was lost meanwhile, as after some seconds without a frame.
     """
-    evaluate, line = window.page.evaluate, at_m - eyes_m
+    evaluate = window.page.evaluate
+    line = at_m - eyes_m
     if not await evaluate(MINE):
         await press(window, TRIGGER, PULL)
         await window.until(f"{MINE} && {ORIGIN_X} < -0.8", "the wearer points")
-    user, since_ns = await evaluate(MINE), await evaluate(SITE_NS)
+    user = await evaluate(MINE)
+    since_ns = await evaluate(SITE_NS)
     await put(window, TRIGGER, in_session(eyes_m + 0.5 * line / np.linalg.norm(line)))
     await window.until(f"!{MINE} || ({FIRED})({[name, user, since_ns]})", f"{name} fires", 2 * PATIENCE_S)
     origin_m = await evaluate(ORIGIN)
@@ -176,7 +180,8 @@ async def fires(window: Window, name: str, eyes_m: NDArray[np.float64], at_m: ND
 
 async def is_aligned(window: Window) -> bool:
     """Look from somewhere, and return True if all things are drawn in their true directions (< .01°)."""
-    eye_m, turned = np.array([0.4, -0.9, 1.62]), 0.7
+    eye_m = np.array([0.4, -0.9, 1.62])
+    turned = 0.7
     quaternion = [0.0, math.sin(turned / 2), 0.0, math.cos(turned / 2)]
     await window.page.evaluate("([x, y, z, w]) => headset.quaternion.set(x, y, z, w)", quaternion)
     await put(window, "headset", in_session(eye_m))

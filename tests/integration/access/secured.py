@@ -224,7 +224,8 @@ class RouterProgram:
 
     def __init__(self, *options: str, cwd: Path | None = None) -> None:
         self._folder = tempfile.TemporaryDirectory()
-        out, err = Path(self._folder.name, "out"), Path(self._folder.name, "err")
+        out = Path(self._folder.name, "out")
+        err = Path(self._folder.name, "err")
         self._process = ForkedProcess(["router", *options], out, err, os.environ, cwd)
 
     def __enter__(self) -> Self:

@@ -131,7 +131,8 @@ def test_a_configuration_that_cannot_be_used_is_left(tmp_path: Path) -> None:
 
 def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, names=FEW) for name in ("a", "b"))
-    dim, here = SET_BRIGHTNESS.at(), USER_ALIVE.at("anna")
+    dim = SET_BRIGHTNESS.at()
+    here = USER_ALIVE.at("anna")
     with (
         RouterProgram("--site-folder", str(a.path), "--site-folder", str(b.path)),
         joined(a, "supervisor", "anna") as (mine, anna),
@@ -166,7 +167,9 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
     hall.renew([], now())
     for name in ("anna", "services", "supervisor"):
         change(hall.identity_folder(name) / "link.json", endpoints=[f"tls/127.0.0.1:{hall_port}"])
-    dim, mine, bens = SET_BRIGHTNESS.at(), IMU.at("anna"), IMU.at("ben")
+    dim = SET_BRIGHTNESS.at()
+    mine = IMU.at("anna")
+    bens = IMU.at("ben")
     with (
         RouterProgram("--site-folder", str(hall.path), "--uplink", endpoint_of(building)),
         routed(building),

@@ -244,7 +244,8 @@ async def test_a_key_that_others_can_read_is_refused(site: SiteFolder, tmp_path:
 
 
 def test_too_long_is_dropped_by_the_router(site: SiteFolder) -> None:
-    imu, button = topics.IMU.at("anna"), topics.BUTTON.at("anna")
+    imu = topics.IMU.at("anna")
+    button = topics.BUTTON.at("anna")
     with joined(site, "anna", "supervisor") as (anna, supervisor), supervisor.listening("users/**") as ear:
         ear.hears(button, lambda: anna.put(button))
         for size in (topics.IMU.message.max_bytes + 1, 3_000_000, 10_000_000):
@@ -259,7 +260,8 @@ def test_too_long_is_dropped_by_the_router(site: SiteFolder) -> None:
 def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
     assert credentials_of(folder, "dashboard1").link.endpoints[0].startswith("quic/")
-    frame, room = topics.STRIPS_FRAME.at(), topics.MAP.at()
+    frame = topics.STRIPS_FRAME.at()
+    room = topics.MAP.at()
     keys = [topics.CURSOR.at("anna"), topics.CURSOR.at("ben"), frame]
     with (
         routed(folder),

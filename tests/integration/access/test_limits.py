@@ -149,7 +149,8 @@ def test_what_a_person_writes_too_often_reaches_nobody(folder: SiteFolder) -> No
 
 async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteFolder) -> None:
     """Zenoh drops what follows too soon; readers fetch it again."""
-    count, burst = 0, 20
+    count = 0
+    burst = 20
     buttons: list[int] = []
     poses: list[int] = []
     with routed(folder):
@@ -157,7 +158,8 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
         services = await ZenohBus.open(link_of(folder, "services"), patience_s=30)
         heard = services.subscribe(BUTTON, lambda button, _user: buttons.append(button.seq))
         services.subscribe(POSE, lambda pose, _user: poses.append(pose.seq))
-        button, pose = anna.publisher(BUTTON, "anna"), anna.publisher(POSE, "anna")
+        button = anna.publisher(BUTTON, "anna")
+        pose = anna.publisher(POSE, "anna")
 
         def press() -> None:
             nonlocal count
@@ -303,7 +305,8 @@ def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolde
 @pytest.mark.slow
 async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)) as router:
-        link, reports = link_of(folder, "dashboard1"), list[Health]()
+        link = link_of(folder, "dashboard1")
+        reports = list[Health]()
 
         async def is_checked() -> None:
             count = len(reports) + CHECKS

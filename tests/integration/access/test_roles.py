@@ -146,7 +146,8 @@ def test_reads_get_exactly_what_they_may(me: str, site: SiteFolder, members: dic
 
 @pytest.mark.parametrize("me", LIMITED)
 def test_who_wants_everything_gets_nothing(me: str, members: dict[str, Member]) -> None:
-    speaker, end = members["supervisor"], f"@may/{me}/end"
+    speaker = members["supervisor"]
+    end = f"@may/{me}/end"
     with members[me].listening("**", "users/**", "users/*/imu", "users/*/wrist", "**/@adv/**", end) as ear:
         members[me].settle(speaker)
         speaker.put("users/ben/imu", "users/anna/imu", "secret", "map", "users/ben/pose/@adv/x", end)

@@ -50,7 +50,8 @@ class SecuredSite:
         self.running.append(asyncio.create_task(run_service(launch, self.buses[who], WallClock())))
 
     async def point(self) -> None:
-        bus, clock = self.buses["anna"], WallClock()
+        bus = self.buses["anna"]
+        clock = WallClock()
         bus.announce(topics.USER_ALIVE, "anna")
         origin_m = (0.0, 0.0, 0.0)
         bus.publisher(topics.POSE, "anna").put(
@@ -58,7 +59,8 @@ class SecuredSite:
         )
         rays = bus.publisher(topics.RAY, "anna")
         while True:
-            origin_m, direction = (0.0, 0.0, 1.6), (0.6, 0.0, -0.8)
+            origin_m = (0.0, 0.0, 1.6)
+            direction = (0.6, 0.0, -0.8)
             rays.put(PointingRay(stamp_ns=clock.now_ns(), origin_m=origin_m, direction=direction))
             await asyncio.sleep(0.01)
 
@@ -141,7 +143,8 @@ async def buses(
 
 async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, ZenohBus, ZenohBus]) -> None:
     role, mine, other = buses
-    here, there = news_of(mine), news_of(other)
+    here = news_of(mine)
+    there = news_of(other)
     marks: list[str] = []
     other.subscribe(topics.BUTTON, lambda _message, name: marks.append(name))
     announced = mine.announce(topics.SERVICE_ALIVE, "web.2")

@@ -22,7 +22,8 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Done, FindReferents, Referents, StopRobot, topics
 
 SITE = "shop"
-OPERATOR, VIEWER = "operator-operator-token", "viewer-viewer-viewer-token"
+OPERATOR = "operator-operator-token"
+VIEWER = "viewer-viewer-viewer-token"
 HELLO = {
     "jsonrpc": "2.0", "id": 1, "method": "initialize",
     "params": {

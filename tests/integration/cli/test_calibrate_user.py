@@ -364,7 +364,8 @@ def test_what_is_typed_wrongly_is_said(arguments: str, words: str) -> None:
 MOUNTING = ("person", "calibrate", "mounting", ANNA)
 WORN = from_roll_pitch_yaw(math.radians(-92), math.radians(15), math.radians(4))
 """Rotation of the sensor against its configured mounting: arm_from_true."""
-AHEAD, UP = 0.0, math.pi / 2
+AHEAD = 0.0
+UP = math.pi / 2
 
 
 def start_bridge(site: Site, device: PtyDevice) -> None:

@@ -148,7 +148,8 @@ def report(instance: str, host: str, key: str, ahead_ns: int = 0) -> models.Heal
 async def elsewhere(site: Site) -> AsyncIterator[ZenohBus]:
     """Another process, on a machine whose clock is ahead: a pui of its own, and led-driver."""
     bus = await ZenohBus.open(Link(connect=(site.endpoint,)))
-    cursors, frames = bus.publisher(CURSOR, "anna"), bus.publisher(STRIPS_FRAME)
+    cursors = bus.publisher(CURSOR, "anna")
+    frames = bus.publisher(STRIPS_FRAME)
 
     def on_ray(ray: models.PointingRay, _user: str) -> None:
         cursors.put(models.Cursor(stamp_ns=ray.stamp_ns, seq=ray.seq))

@@ -36,7 +36,8 @@ def numbers(found: list[Entry], topic: Topic[ImuSample], user: str) -> list[int]
 
 async def test_recording_that_is_killed_has_all_but_the_last_second(site: Site, tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
-    scenario, choices = read_scenario("scenario_4"), Choices(seed=1)
+    scenario = read_scenario("scenario_4")
+    choices = Choices(seed=1)
     launches = site_launches(scenario, choices)
     for index, user in enumerate(PEOPLE):
         launches += user_launches(scenario, choices, user, index)

@@ -117,7 +117,8 @@ async def test_thing_is_tried_without_pointing(site: Site) -> None:
 
 
 async def test_programs_react_beside_a_running_site_until_they_are_ended(site: Site, tmp_path: Path) -> None:
-    told, file = tmp_path / "told", tmp_path / "my_site.yaml"
+    told = tmp_path / "told"
+    file = tmp_path / "my_site.yaml"
     file.write_text(f"screws: sh -c 'echo {{user}} {{state}} >> {told}'\nradio: [sh -c 'exit 3']\n")
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
     events = site.bus.publisher(SELECTION_EVENTS)

@@ -8,7 +8,13 @@ from typing import Any, Protocol
 
 from foxglove import Schema
 
-DOUBLE, FIXED32, BOOL, STRING, MESSAGE, BYTES, ENUM = 1, 7, 8, 9, 11, 12, 14
+DOUBLE = 1
+FIXED32 = 7
+BOOL = 8
+STRING = 9
+MESSAGE = 11
+BYTES = 12
+ENUM = 14
 REPEATED = 3
 
 # of descriptor.proto: number -> (name, type, repeated, message)
@@ -61,12 +67,15 @@ class Reader:
             if wire == 0:
                 value, at = _varint(payload, at)
             elif wire == 1:
-                value, at = struct.unpack_from("<d", payload, at)[0], at + 8
+                value = struct.unpack_from("<d", payload, at)[0]
+                at = at + 8
             elif wire == 5:
-                value, at = payload[at : at + 4], at + 4
+                value = payload[at : at + 4]
+                at = at + 4
             elif wire == 2:
                 length, at = _varint(payload, at)
-                value, at = payload[at : at + length], at + length
+                value = payload[at : at + length]
+                at = at + length
                 assert len(value) == length, "cut off"
             else:
                 raise AssertionError(f"wire type {wire}")
@@ -106,7 +115,8 @@ def _varint(payload: bytes, at: int) -> tuple[int, int]:
     while True:
         byte = payload[at]
         number |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
+        at = at + 1
+        shift = shift + 7
         if byte < 0x80:
             return number, at
 

@@ -39,7 +39,8 @@ async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
         site.b.subscribe(topics.MAP, lambda room, _name: maps.append(room))
         await site.settle()
         with Recording.open(RECORDING) as recording:
-            began_ns, ended_ns = recording.began_ns, recording.ended_ns
+            began_ns = recording.began_ns
+            ended_ns = recording.ended_ns
             await play_live(plan_replay(recording, "edge"), site.a, Ignored(), 5.0)
         await site.settle()
     assert [room.name for room in maps] == ["lab"]
@@ -97,7 +98,8 @@ class Compared(Ignored):
 def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path, compared = recording_with_observers(tmp_path / "run.mcap"), Compared()
+    path = recording_with_observers(tmp_path / "run.mcap")
+    compared = Compared()
     keys = (
         models.KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
         models.KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
@@ -105,7 +107,8 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
 
     async def play() -> None:
         exchange = LocalBroker()
-        bus, service = MemoryBus(exchange), MemoryBus(exchange)
+        bus = MemoryBus(exchange)
+        service = MemoryBus(exchange)
         asyncio.get_running_loop().call_later(
             0.9,
             lambda: service.publisher(topics.HEALTH, "pointing.anna").put(
@@ -132,7 +135,8 @@ def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_pa
 
     async def play() -> None:
         exchange = LocalBroker()
-        bus, onlooker = MemoryBus(exchange), MemoryBus(exchange)
+        bus = MemoryBus(exchange)
+        onlooker = MemoryBus(exchange)
         for topic in (topics.HEALTH, topics.CONFIGURATION, topics.DEPLOYMENT):
             subscribe(onlooker, topic, came.setdefault(topic.key, set()))
         announced = came.setdefault(topics.SERVICE_ALIVE.key, set())

@@ -167,7 +167,8 @@ class Process:
             self._process.send_signal(number)
 
     def kill(self) -> None:
-        process, self._process = self._process, None
+        process = self._process
+        self._process = None
         if process is not None:
             os.kill(process.pid, signal.SIGKILL)
             process.wait(10)

@@ -41,8 +41,10 @@ class Nodes:
 
     def __init__(self, backend: Backend, user: str, at_m: Vec3, yaw_rad: float) -> None:
         self._user = user
-        self._at_m, self._yaw_rad = at_m, yaw_rad
-        self._azimuth_rad, self._elevation_rad = 0.0, 1.0
+        self._at_m = at_m
+        self._yaw_rad = yaw_rad
+        self._azimuth_rad = 0.0
+        self._elevation_rad = 1.0
         self._frame = f"{user}/human_footprint"
         self._backend = backend
         self._kinds: dict[str, str] = {}
@@ -124,7 +126,8 @@ async def nodes(endpoint: str, user: str, *, at_m: Vec3, yaw_rad: float) -> Asyn
 
 NOTICED_S = 20.0
 ANNA = "anna"
-RAYS, SUBSCRIPTION = "/anna/pointing_ray", "/PUI_subscription"
+RAYS = "/anna/pointing_ray"
+SUBSCRIPTION = "/PUI_subscription"
 RAYS_PER_S = round(RAY_HZ)
 AT_M, YAW_RAD = (-1.3, -1.9, 0.0), math.radians(20.0)
 """The scenario's first place."""

@@ -46,7 +46,8 @@ async def add(request: bytes) -> bytes:
 async def test_every_call_gets_its_own_answer(at: Graphs, modes: tuple[str, str]) -> None:
     if "router" not in modes:
         await at.node("/router", "router")
-    a, b = await at.node("/a", modes[0]), await at.node("/b", modes[1])
+    a = await at.node("/a", modes[0])
+    b = await at.node("/b", modes[1])
     a.backend.serve("/add_pack", ADD, add)
     b.backend.serve("/add_back", ADD, add)
 
@@ -162,8 +163,10 @@ def start(program: str, *arguments: str) -> "subprocess.Popen[bytes]":
 
 
 async def test_who_asks_and_does_not_read_holds_up_nobody_else(at: Graphs) -> None:
-    a, b = await at.node("/a", "router"), await at.node("/b", "client")
-    gate, asked = asyncio.Event(), 0
+    a = await at.node("/a", "router")
+    b = await at.node("/b", "client")
+    gate = asyncio.Event()
+    asked = 0
 
     async def serve(_request: bytes) -> bytes:
         nonlocal asked
@@ -224,8 +227,10 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
     began_s = time.monotonic()
     a, b = await asyncio.gather(at.node("/a"), at.node("/b"))
     assert time.monotonic() - began_s < 5 * slowness(), "0.5 s where the machine has time"
-    seen, kept = b.hears("/x", POSE), b.hears("/state", BOOL, LATCHED)
-    writer, state = (a.backend.advertise("/x", POSE, RELIABLE), a.backend.advertise("/state", BOOL, LATCHED))
+    seen = b.hears("/x", POSE)
+    kept = b.hears("/state", BOOL, LATCHED)
+    writer = a.backend.advertise("/x", POSE, RELIABLE)
+    state = a.backend.advertise("/state", BOOL, LATCHED)
     a.backend.serve("/echo", ADD, echo)
     state.put(cdr_of(1))
     for node in (a, b):
@@ -270,12 +275,12 @@ async def test_clients_are_tried_again_and_survive_a_restart(at: Graphs) -> None
     async with process("router", at.endpoint) as router:
         await (await waiting).close()
         assert not shown.now
-        a, b = await opening, await at.node("/b", "client")
-        seen, kept = b.hears("/x", POSE), b.hears("/state", BOOL, LATCHED)
-        writer, state = (
-            a.backend.advertise("/x", POSE, RELIABLE),
-            a.backend.advertise("/state", BOOL, LATCHED),
-        )
+        a = await opening
+        b = await at.node("/b", "client")
+        seen = b.hears("/x", POSE)
+        kept = b.hears("/state", BOOL, LATCHED)
+        writer = a.backend.advertise("/x", POSE, RELIABLE)
+        state = a.backend.advertise("/state", BOOL, LATCHED)
         state.put(cdr_of(1))
         await met(a, b)
         await until(lambda: kept == [1])

@@ -43,7 +43,8 @@ MODES = [("peer", "client"), ("client", "client"), ("router", "peer")]
 async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[str, str]) -> None:
     if "router" not in modes:
         await at.node("/router", "router")
-    a, b = await at.node("/a", modes[0]), await at.node("/b", modes[1])
+    a = await at.node("/a", modes[0])
+    b = await at.node("/b", modes[1])
     names = [f"/user{index}/pointing_ray" for index in range(10)]
     to_b = [b.hears(name, POSE, SENSOR if index % 2 else RELIABLE) for index, name in enumerate(names)]
     to_a = a.hears("/tf", BOOL)
@@ -70,16 +71,15 @@ async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[s
     if "router" not in modes:
         await at.node("/router", "router")
     a = await at.node("/a", modes[0])
-    first, deep = (
-        a.backend.advertise("/state", BOOL, LATCHED),
-        a.backend.advertise("/static", BOOL, Qos(depth=3, latched=True)),
-    )
+    first = a.backend.advertise("/state", BOOL, LATCHED)
+    deep = a.backend.advertise("/static", BOOL, Qos(depth=3, latched=True))
     lossy = a.backend.advertise("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
     for number in range(1, 6):
         for writer in (first, deep, lossy):
             writer.put(cdr_of(number))
     b = await at.node("/b", modes[1])
-    state, static = b.hears("/state", BOOL, LATCHED), b.hears("/static", BOOL, Qos(depth=9, latched=True))
+    state = b.hears("/state", BOOL, LATCHED)
+    static = b.hears("/static", BOOL, Qos(depth=9, latched=True))
     unsure = b.hears("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
     await until(lambda: (state, static, unsure) == ([5], [3, 4, 5], [5]), what=f"{state} {static} {unsure}")
     early = b.hears("/later", BOOL, LATCHED)
@@ -98,7 +98,8 @@ async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, 
     for writer in (log, state):
         writer.put(cdr_of(1))
     b = await at.node("/b")
-    latched, plain = b.hears("/rosout", POSE, ROSOUT), b.hears("/rosout", POSE, Qos(depth=1000))
+    latched = b.hears("/rosout", POSE, ROSOUT)
+    plain = b.hears("/rosout", POSE, Qos(depth=1000))
     kept = b.hears("/state", BOOL, LATCHED)
     await until(lambda: kept == [1], what="what is kept to have been asked for")
     for seen in (latched, plain):
@@ -117,12 +118,12 @@ async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, 
 
 
 async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
-    own, other = a.hears("/both", POSE), b.hears("/both", POSE)
-    kept, kept_there = a.hears("/state", BOOL, LATCHED), b.hears("/state", BOOL, LATCHED)
-    writer, state = (
-        a.backend.advertise("/both", POSE, RELIABLE),
-        a.backend.advertise("/state", BOOL, LATCHED),
-    )
+    own = a.hears("/both", POSE)
+    other = b.hears("/both", POSE)
+    kept = a.hears("/state", BOOL, LATCHED)
+    kept_there = b.hears("/state", BOOL, LATCHED)
+    writer = a.backend.advertise("/both", POSE, RELIABLE)
+    state = a.backend.advertise("/state", BOOL, LATCHED)
     await arrives(lambda: writer.put(cdr_of(1)), other)
     state.put(cdr_of(2))
     await until(lambda: kept_there == [2])
@@ -162,7 +163,8 @@ async def test_ends_that_are_closed_are_gone_and_the_rest_goes_on(a: Node, b: No
     seen: list[int] = []
     reader = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
     rest = b.hears("/rest", POSE)
-    writer, other = (a.backend.advertise("/x", POSE, RELIABLE), a.backend.advertise("/rest", POSE, RELIABLE))
+    writer = a.backend.advertise("/x", POSE, RELIABLE)
+    other = a.backend.advertise("/rest", POSE, RELIABLE)
     state = a.backend.advertise("/state", BOOL, LATCHED)
     state.put(cdr_of(1))
     await arrives(lambda: writer.put(cdr_of(1)), seen)
@@ -256,7 +258,9 @@ async def test_a_subscriber_without_a_token_gets_live_data(at: Graphs, mode: str
     if mode != "router":
         await at.node("/router", "router")
     outbox = outbox_of(await at.node("/pointit", mode))
-    kind, topic, samples = Types("jazzy").kind("geometry_msgs/msg/PoseStamped"), cast("Any", RAY), list[Any]()
+    kind = Types("jazzy").kind("geometry_msgs/msg/PoseStamped")
+    topic = cast("Any", RAY)
+    samples = list[Any]()
     take = Callback(samples.append, indirect=False)
     subscriber = (await at.stranger()).declare_subscriber(key_of("/anna/pointing_ray", kind), take)
     ray = PointingRay(stamp_ns=START_NS, seq=1, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))

@@ -16,7 +16,9 @@ async def test_answers_without_end_neither_prolong_it_nor_fill_memory(
 ) -> None:
     monkeypatch.setattr(datagram_search, "MAX_FOUND", 3)
     monkeypatch.setattr(datagram_search, "found_addresses", list[str])
-    began_s, ports, addresses = time.monotonic(), list[int](), list[str]()
+    began_s = time.monotonic()
+    ports = list[int]()
+    addresses = list[str]()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
         device.bind(("127.0.0.1", 0))
 

@@ -107,7 +107,8 @@ async def test_memory_stays_flat() -> None:
     writer = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=30)
     event_traffic = reader.subscribe(BUTTON, lambda _message, _name: None).traffic
     traffic = reader.subscribe(IMU, lambda _message, _name: None).traffic
-    samples, events = writer.publisher(IMU, "anna"), writer.publisher(BUTTON, "anna")
+    samples = writer.publisher(IMU, "anna")
+    events = writer.publisher(BUTTON, "anna")
     process = psutil.Process()
 
     async def burst(count: int) -> None:
@@ -119,7 +120,8 @@ async def test_memory_stays_flat() -> None:
 
     grown: list[int] = []
     for _ in range(4):  # what is kept grows with each; what was only on its way, on a busy machine, does not
-        before, received = process.memory_info().rss, traffic.received
+        before = process.memory_info().rss
+        received = traffic.received
         await burst(10_000)
         await until(lambda: traffic.received > received, what="samples")  # noqa: B023 - awaited at once
         await asyncio.sleep(0.5)

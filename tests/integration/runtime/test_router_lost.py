@@ -44,7 +44,8 @@ class Two:
 async def two() -> AsyncIterator[Two]:
     async with router_process() as router:
         link = Link(connect=(router.endpoint,))
-        a, b = await ZenohBus.open(link, patience_s=30), await ZenohBus.open(link, patience_s=30)
+        a = await ZenohBus.open(link, patience_s=30)
+        b = await ZenohBus.open(link, patience_s=30)
         try:
             yield Two(router, a, b)
         finally:
@@ -128,7 +129,8 @@ async def test_states_of_the_meantime_arrive(two: Two) -> None:
     own: list[int] = []
     two.a.subscribe(topics.PROFILE, lambda message, _name: own.append(message.seq))
     two.b.subscribe(topics.PROFILE, lambda message, _name: early.append(message.seq))
-    kept, changed = two.a.publisher(topics.PROFILE, "anna"), two.a.publisher(topics.PROFILE, "ben")
+    kept = two.a.publisher(topics.PROFILE, "anna")
+    changed = two.a.publisher(topics.PROFILE, "ben")
     kept.put(UserProfile(stamp_ns=1, seq=1))
     changed.put(UserProfile(stamp_ns=1, seq=10))
     await until(lambda: sorted(early) == [1, 10])

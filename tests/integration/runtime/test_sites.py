@@ -40,11 +40,9 @@ async def test_nothing_of_one_site_reaches_the_other(endpoint: str) -> None:
     mine.serve(SET_BRIGHTNESS, done)
     await settled(mine, same)
     mine.announce(USER_ALIVE, "anna")
-    imu, button, profile = (
-        mine.publisher(IMU, "anna"),
-        mine.publisher(BUTTON, "anna"),
-        mine.publisher(PROFILE, "anna"),
-    )
+    imu = mine.publisher(IMU, "anna")
+    button = mine.publisher(BUTTON, "anna")
+    profile = mine.publisher(PROFILE, "anna")
     button.put(ButtonEvent(stamp_ns=1))
     profile.put(UserProfile(stamp_ns=1))
 

@@ -48,7 +48,8 @@ async def test_new_names_evict_no_active_ones(
 
 async def test_lamps_of_the_map_are_heard_after_a_flood(bus: ZenohBus, stranger: zenoh.Session) -> None:
     """`pointit run`: the map and its readers are in one process, people's lamps come from elsewhere."""
-    maps, lamps = Sink(), Sink()
+    maps = Sink()
+    lamps = Sink()
     bus.subscribe(MAP, maps)
     subscription = bus.subscribe(LAMP_COLOR, lamps)
     bus.publisher(MAP).put(Environment(stamp_ns=1, name="lab", lamps=(LAMP,)))

@@ -17,14 +17,16 @@ STEP_S = 0.02
 async def test_rays_go_on_within_three_seconds_after_the_clock_was_set_back(back_s: float) -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        rays, health = bench.collect(RAY, "anna"), bench.collect(HEALTH)
+        rays = bench.collect(RAY, "anna")
+        health = bench.collect(HEALTH)
         config = ImuBridgeConfig.model_validate({"simulated": {"rate_hz": 500}})
         bench.start(ImuBridge, config, user="anna")
         bench.start(Pointing, user="anna")
 
         async def go_on(most_s: float) -> None:
             """Let time pass until there are 20 more rays."""
-            wanted, passed_s = len(rays) + 20, 0.0
+            wanted = len(rays) + 20
+            passed_s = 0.0
             while len(rays) < wanted:
                 assert passed_s < most_s, [report.warnings for report in health[-2:]]
                 clock.advance(STEP_S)

@@ -42,7 +42,8 @@ class Recorded:
 
 def voice(text: str, name: str, folder: Path, noise: float = 0.0) -> bytes:
     """Return samples of a voice in pink noise, always the same (-R); skips where tools are missing."""
-    espeak, sox = shutil.which("espeak-ng"), shutil.which("sox")
+    espeak = shutil.which("espeak-ng")
+    sox = shutil.which("sox")
     if espeak is None or sox is None:
         pytest.skip("no espeak-ng or sox here: `apt-get install espeak-ng sox`")
     raw, clean, hiss = (folder / f"{kind}.wav" for kind in ("raw", "clean", "hiss"))

@@ -73,7 +73,9 @@ def packages(seed: int, settings: Sequence[str] = (), users: Sequence[str] = ())
 
 
 def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
-    first, again, other = packages(1), packages(1), packages(2)
+    first = packages(1)
+    again = packages(1)
+    other = packages(2)
     assert len(first) >= 3
     assert first == again
     assert first != other

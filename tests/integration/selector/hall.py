@@ -73,7 +73,9 @@ class Hall:
     """A site of three hosts on one router: the selector and the conveyor, anna and ben."""
 
     def __init__(self, router: RouterProcess, site: ZenohBus, *people: Person) -> None:
-        self.router, self.site, self.people = router, site, people
+        self.router = router
+        self.site = site
+        self.people = people
         self.anna, self.ben = people
         self.clock = WallClock()
         self.events: list[SelectionEvent] = []

@@ -31,7 +31,9 @@ class Shop:
     """A radio that a program switches, which ends when the file `go` is there."""
 
     def __init__(self, site: Site, stack: AsyncExitStack, folder: Path) -> None:
-        self.site, self.folder, self._stack = site, folder, stack
+        self.site = site
+        self.folder = folder
+        self._stack = stack
         self.outcomes: list[ActOutcome] = []
         self.selections: list[Selection] = []
         self.shown = SiteState()
@@ -129,7 +131,8 @@ async def test_the_result_of_an_act_is_told_by_the_next_selector_and_it_is_carri
 async def test_an_act_whose_carrier_was_killed_with_the_selector_has_no_answer_and_goes_back(
     shop: Shop,
 ) -> None:
-    carrier, selector = await shop.start_carrier(), await shop.start_selector()
+    carrier = await shop.start_carrier()
+    selector = await shop.start_selector()
     await shop.switch()
     for process in (selector, carrier):
         process.kill()

@@ -18,7 +18,8 @@ from pointit.runtime.service.service import Launch, run_service
 from tests.support.bench import Bench, until
 from tests.support.buses import free_port
 
-OPERATOR, VIEWER = "operator-token", "viewer-token"
+OPERATOR = "operator-token"
+VIEWER = "viewer-token"
 
 INDEX = "<!doctype html><title>page</title>" + "<!-- long -->" * 200
 

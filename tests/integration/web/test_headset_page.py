@@ -43,8 +43,10 @@ async def wear(page: Page, user: str = "anna", x_m: float = 0.0, **changed: Any)
 
 
 async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, page: Page) -> None:
-    samples, poses = bench.collect(topics.WRIST, "anna"), bench.collect(topics.POSE, "anna")
-    pressed, stepped = bench.collect(topics.BUTTON, "anna"), bench.collect(topics.STEP, "anna")
+    samples = bench.collect(topics.WRIST, "anna")
+    poses = bench.collect(topics.POSE, "anna")
+    pressed = bench.collect(topics.BUTTON, "anna")
+    stepped = bench.collect(topics.STEP, "anna")
     await people(bench, page, "anna")
     assert await take(page) == ""
     await wear(page)
@@ -87,7 +89,8 @@ async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
 
 
 async def test_a_headset_that_is_not_aligned_is_reported(bench: Bench, page: Page) -> None:
-    poses, reports = bench.collect(topics.POSE, "anna"), bench.collect(topics.HEALTH, "web")
+    poses = bench.collect(topics.POSE, "anna")
+    reports = bench.collect(topics.HEALTH, "web")
     await people(bench, page, "anna")
     await take(page)
     await wear(page, alignment=None)

@@ -33,18 +33,22 @@ from pointit.services.user_sim.service import UserSim
 from pointit.sim.aim import Tremor
 from tests.integration.scenario.play import running, with_fresh_state
 
-ANNA, BEN = "anna", "ben"
+ANNA = "anna"
+BEN = "ben"
 EYES_M: Vec3 = (0.0, 0.0, 1.5)
 THINGS: dict[str, Vec3] = {name: (2.0, y_m, 1.3) for name, y_m in (("cup", -0.4), ("jar", 0.0), ("tin", 0.4))}
 """Things .4 m apart at 2 m."""
 YAW_RAD, ORIGIN_M = 0.8, (0.3, -0.2, 0.01)
 """Alignment of the headset's space, by touches."""
 FRAME_S = 1.0 / 72.0
-REACH_M, ALIGNMENT_ERROR_M = 0.5, 0.02
-TREMOR_RAD, SWAY_M = math.radians(0.5), 0.003
+REACH_M = 0.5
+ALIGNMENT_ERROR_M = 0.02
+TREMOR_RAD = math.radians(0.5)
+SWAY_M = 0.003
 PINCH_M: Vec3 = (0.0, 0.07, -0.01)
 """Displacement of the tip of the index finger at the end of a pinch, {W}: beyond the thing's neighbour."""
-CLOSING_S, CLOSED_S = 0.2, 0.6
+CLOSING_S = 0.2
+CLOSED_S = 0.6
 MAX_TRIES = 3
 """Another person may hold a thing for a moment."""
 RECEIVED: TypeAdapter[Any] = TypeAdapter(Received)
@@ -123,7 +127,8 @@ async def _run(room: str, *, pinches: bool, users: tuple[str, ...]) -> list[str]
     launches = site_launches(plan, choices)
     for index, user in enumerate(users):
         launches += user_launches(plan, choices, user, index)
-    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
+    bus = MemoryBus(LocalBroker())
+    clock = VirtualClock()
     wearer = Wearer(bus, clock)
 
     async def script() -> list[str]:
@@ -205,11 +210,13 @@ class Hand:
 
 
 async def _localize(tremor_deg: float) -> Hand:
-    plan, choices = read_scenario("scenario_2"), Choices(seed=1, localize=True, targets=3)
+    plan = read_scenario("scenario_2")
+    choices = Choices(seed=1, localize=True, targets=3)
     launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
     mine = [one for one in launches if one.service not in (UserSim, ImuBridge)]
     mine.append(Launch(service=ImuBridge, config=ImuBridgeConfig(source="page"), user=USER))
-    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
+    bus = MemoryBus(LocalBroker())
+    clock = VirtualClock()
     hand = Hand(bus, clock)
     hand.wrists.acquire(USER, "page1", "mouse")
     hand.wrists.set_tremor(USER, "page1", tremor_deg)

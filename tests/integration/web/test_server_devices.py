@@ -341,7 +341,8 @@ async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
 ) -> None:
     """As a loop that closes does while the process is slow to end."""
     monkeypatch.setattr(run_command, "BEGIN", STUBBORN)
-    before, others = asyncio.all_tasks(), {*psutil.Process().children()}
+    before = asyncio.all_tasks()
+    others = {*psutil.Process().children()}
     told: list[object] = []
     running = asyncio.create_task(run_command.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))

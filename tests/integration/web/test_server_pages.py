@@ -165,7 +165,8 @@ async def test_a_request_is_answered_by_its_server(bench: Bench, page: Page) -> 
 async def test_a_viewer_is_answered_and_nothing_is_done(bench: Bench, server: Server) -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
-    presses, samples = bench.collect(topics.BUTTON), bench.collect(topics.WRIST)
+    presses = bench.collect(topics.BUTTON)
+    samples = bench.collect(topics.WRIST)
     async with server.page(VIEWER) as page:
         for wish in ({"deed": "press"}, {"deed": "take"}, {"key": topics.UNDO_SELECTION.key}):
             answer = await page.ask(**wish, name="anna")

@@ -154,7 +154,8 @@ class Acts:
     """The goals of one action server, which dora lets only one thread use."""
 
     def __init__(self, server: Any, order: dict[str, Any]) -> None:
-        self.server, self.order = server, order
+        self.server = server
+        self.order = order
         self.goals: list[dict[str, Any]] = []
         self.todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
 

@@ -66,7 +66,8 @@ class Dora:
 
     def kill(self) -> None:
         """End at once."""
-        told, self._told = self._told, None
+        told = self._told
+        self._told = None
         if told is not None:
             told.kill()
 
@@ -100,7 +101,8 @@ class Dora:
 
     async def hears(self, topic: str, fits: Callable[[Any], bool] = lambda _value: True) -> Any:
         """Return the first message on `topic` from now on, or waiting, that fits."""
-        patience, last = Patience(ALIVE_S), None
+        patience = Patience(ALIVE_S)
+        last = None
         while not patience.is_over():
             for last in await self.do("heard", topic=topic):
                 if fits(last):

@@ -40,7 +40,9 @@ class Site:
     """The driver, and the peer that serves the action."""
 
     def __init__(self, dora: Dora, driver: Ros2Driver, around: Around) -> None:
-        self.dora, self.driver, self.around = dora, driver, around
+        self.dora = dora
+        self.driver = driver
+        self.around = around
         self.items: list[ReportItem] = []
 
     @property

@@ -19,9 +19,11 @@ from tests.support.commands import onlooker
 NOTICED_S = 20.0
 RAY_HZ = 50.0
 ANNA = "anna"
-AT_M, YAW_RAD = (-1.3, -1.9, 0.0), math.radians(20.0)
+AT_M = (-1.3, -1.9, 0.0)
+YAW_RAD = math.radians(20.0)
 EYES_M = (0.0, 0.0, 1.64)
-RAYS, SUBSCRIPTION = "/anna/pointing_ray", "/PUI_subscription"
+RAYS = "/anna/pointing_ray"
+SUBSCRIPTION = "/PUI_subscription"
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +77,8 @@ async def test_a_person_of_the_peer_has_a_cursor_here_while_she_wants_one(place:
         await dora.advertises(SUBSCRIPTION, "conveyor_msgs/msg/PUISubscription")
         (belt, *_) = (each for each in rooms[-1].belts if each.id == "part_a")
         target_m = vector.scale(vector.add(*belt.line_m[:2]), 0.5)
-        cursors, states = look.cursors[ANNA], look.interactions[ANNA]
+        cursors = look.cursors[ANNA]
+        states = look.interactions[ANNA]
         async with points_at(place, target_m):
             await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
             assert not any(each.point_m for each in cursors)

@@ -108,7 +108,8 @@ class Arm:
 
     def __init__(self, place: Site, look: Onlooker) -> None:
         self._dora = place.dora
-        self._azimuth_rad, self._elevation_rad = 0.0, -0.3
+        self._azimuth_rad = 0.0
+        self._elevation_rad = -0.3
         self._look = look
         self.rooms: list[Environment] = []
         self._poses: list[UserPose] = []
@@ -134,7 +135,8 @@ class Arm:
     async def points_at(self, target_m: Vec3) -> None:
         """Turn the arm, as people do, by what is seen of the ray, until the cursor is at the place."""
         await until(lambda: bool(self.rooms and self._poses and self.rays), NOTICED_S, "rays of user2")
-        pose, patience = self._poses[-1], Patience(NOTICED_S)
+        pose = self._poses[-1]
+        patience = Patience(NOTICED_S)
         seen = self._look.cursors["user2"]
         while not any(each.point_m and math.dist(each.point_m, target_m) < 0.1 for each in seen[-5:]):
             assert not patience.is_over(), f"{target_m} m: {seen[-1:]}"

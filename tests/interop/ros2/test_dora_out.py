@@ -61,7 +61,8 @@ LOOKED_AT: tuple[Topic[Any], ...] = (
 )
 THINGS = "things: {lever: {center: [9, 9, 1], size: [1, 1, 1], mode: switch}}"
 COLD = "the oven is cold: light it"
-INFO, WARN = 20, 30
+INFO = 20
+WARN = 30
 GOAL = Goal(
     stamp_ns=1, position_m=(1.0, 2.0, 0.5), yaw_rad=0.0, age_s=0.0, position_sigma_m=0.1, clearance_m=1.0,
     proposed_ns=1, confirmed_by="press",
@@ -308,7 +309,8 @@ async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, se
     rows = [row for row in ROWS if isinstance(row, OutboundRoute) and row.name != SIMULATED]
     assert {row.name for row in rows} == set(CHECKS), "every route is looked at"
     for row in {row.ros: row for row in rows}.values():
-        latched, depth = row.qos.latched, row.qos.depth
+        latched = row.qos.latched
+        depth = row.qos.depth
         await place.dora.do("listen", topic=_heard_at(row), type=row.type, latched=latched, depth=depth)
     await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")
     await _provoke(place.dora, seen)

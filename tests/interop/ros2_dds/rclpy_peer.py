@@ -130,7 +130,8 @@ class Peer:
         return answers
 
     def graph(self, order: dict[str, Any]) -> Any:
-        node, name = self.node, order["node"]
+        node = self.node
+        name = order["node"]
         namespace, _, short = name.rpartition("/")
         found: dict[str, Any] = {"nodes": node.get_fully_qualified_node_names(), "ends": []}
         for kind, ask in (

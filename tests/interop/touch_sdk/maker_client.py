@@ -52,7 +52,8 @@ class Characteristic(BleakGATTCharacteristic):
         super().__init__(found, lambda: size)
         self.handle, self.uuid = found.handle, text_of(found.uuid)
         self.properties = [name for flag, name in FLAGS.items() if found.properties & flag]
-        self.service_uuid, self.service_handle = service.uuid, service.handle
+        self.service_uuid = service.uuid
+        self.service_handle = service.handle
 
     def get_descriptor(self, specifier):
         del specifier
@@ -100,7 +101,8 @@ class Client(BaseBleakClient):
 
     def __init__(self, device, **options):
         super().__init__(device, **options)
-        self._target, self._connection = device.details, None
+        self._target = device.details
+        self._connection = None
 
     @property
     def mtu_size(self):

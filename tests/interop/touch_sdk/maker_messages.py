@@ -181,7 +181,8 @@ def print_inputs() -> None:
     for intensity, duration_ms in ((0.5, 300), (1.0, 150), (0.0, 5000), (0.25, 0)):
         update = InputUpdate()
         update.hapticEvent.type = HapticEvent.HapticType.ONESHOT
-        update.hapticEvent.intensity, update.hapticEvent.length = intensity, duration_ms
+        update.hapticEvent.intensity = intensity
+        update.hapticEvent.length = duration_ms
         line = [update.SerializeToString().hex(), "haptic", [intensity, duration_ms]]
         print(json.dumps(line))  # noqa: T201 - the answer
     for texts in (("PointIt", "desk", "Linux"), ("", "", ""), ("a", "Ö" * 100, "Darwin")):

@@ -36,7 +36,9 @@ from tests.support.bench import until
 
 HERE = Path(__file__).parent
 SAMPLES = 200
-PINCH, CLOCKWISE, COUNTERCLOCKWISE = "12020801", "2a0b08ffffffffffffffffff01", "2a020801"
+PINCH = "12020801"
+CLOCKWISE = "2a0b08ffffffffffffffffff01"
+COUNTERCLOCKWISE = "2a020801"
 EVENTS = {20: PINCH, 50: CLOCKWISE, 51: COUNTERCLOCKWISE, 52: CLOCKWISE, 90: PINCH, 120: PINCH + CLOCKWISE}
 """Events that are added to messages, by their number."""
 VIBRATION = "0a0a0801150000003f18ac02"
@@ -178,7 +180,8 @@ def is_connected_again(wrist: BumbleWrist, count: int) -> bool:
     return wrist.connections == count and wrist.is_subscribed
 
 
-VALID, DAMAGED = 10_000, 20_000
+VALID = 10_000
+DAMAGED = 20_000
 
 
 def lines(python: Path, *arguments: str) -> list[Any]:

@@ -29,7 +29,8 @@ def few_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_table_for_people_json_and_a_picture(tmp_path: Path) -> None:
-    file, picture = tmp_path / "rows.json", tmp_path / "rows.png"
+    file = tmp_path / "rows.json"
+    picture = tmp_path / "rows.png"
     out, err = invoke(
         *("--bench", "belts_lab", "--method", "gauge", "--method", "hold@0.5", "--trials", "2"),
         *("--json", str(file), "--plot", str(picture)),

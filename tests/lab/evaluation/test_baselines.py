@@ -31,7 +31,8 @@ def test_perfect_rays_give_the_true_pose(
 def test_an_elevation_bias_becomes_metres_with_the_floor_fixed_and_height_without(tmp_path: Path) -> None:
     stand = Stand(yaw_deg=10.0, bias_deg=8.0)
     pointings = window(tmp_path, stand).pointings
-    fixed, free = baselines.mean_angle_z0(pointings), baselines.mean_angle_4dof(pointings)
+    fixed = baselines.mean_angle_z0(pointings)
+    free = baselines.mean_angle_4dof(pointings)
     fixed_m = math.hypot(fixed.x_m - stand.x, fixed.y_m - stand.y)
     free_m = math.hypot(free.x_m - stand.x, free.y_m - stand.y)
     assert fixed_m > 0.3

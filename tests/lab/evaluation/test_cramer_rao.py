@@ -31,7 +31,8 @@ def trial(
     angles = stand.rays(targets)
     noise = np.random.default_rng(seed).normal(0.0, math.radians(noise_deg), angles.shape)
     noise[:, 0] /= np.cos(angles[:, 1])  # sideways, not in azimuth
-    stamps_s, origins_m = np.arange(float(samples)) * step_s, np.tile([0.0, 0.0, stand.eyes_m], (samples, 1))
+    stamps_s = np.arange(float(samples)) * step_s
+    origins_m = np.tile([0.0, 0.0, stand.eyes_m], (samples, 1))
     return LocalizationTrial(
         set="s", subject="a", condition="c", eye_height_m=stand.eyes_m, x_m=stand.x, y_m=stand.y,
         pointings=Pointings(stamps_s, origins_m, unit(angles + noise), targets),

@@ -14,7 +14,8 @@ from pointit_lab.evaluation.recordings.data_folder import read_index
 from pointit_lab.evaluation.recordings.table_file import read_table
 from tests.support.published_recordings import Stand, write_motion, write_track
 
-YAW, EYES = "ref_yaw_deg_human_minus_world", "eye_height_guess_m"
+YAW = "ref_yaw_deg_human_minus_world"
+EYES = "eye_height_guess_m"
 
 
 def write_entry(recordings: Path, key: str, value: str) -> Path:

@@ -116,7 +116,8 @@ def test_a_sensor_across_does_not_rise_with_the_arm(following: LocalizationTrial
 def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
     late = follower.shifted(0.5)
     assert len(late.pointings) == pytest.approx(len(follower.pointings) - 25, abs=1)
-    now, then = late.pointings, follower.pointings
+    now = late.pointings
+    then = follower.pointings
     stamp_s = float(now.stamps_s[100])
     before, at_once = np.searchsorted(then.stamps_s, [stamp_s - 0.5 - 1e-9, stamp_s - 1e-9]).tolist()
     assert now.targets_m[100].tolist() == pytest.approx(then.targets_m[before].tolist(), abs=0.02)

@@ -72,7 +72,8 @@ def jitter_deg2(stream: Stream, out: Array) -> float:
 def misfits(stream: Stream, out: Array) -> Array:
     """Return the squared misfit between what comes out of a reach and the raw reach, for each lag in ms."""
     index = np.arange(stream.hold_from, dtype=np.float64)
-    raw, came = angles(stream.directions), angles(out)[: stream.hold_from]
+    raw = angles(stream.directions)
+    came = angles(out)[: stream.hold_from]
     shifts = np.arange(0.0, LONGEST_LAG_S * RATE_HZ, RATE_HZ / 1000.0)
     return np.array(
         [
@@ -124,7 +125,9 @@ def test_filter_is_steady_and_fast_on_recorded_people() -> None:
         if float(np.abs(held).max()) < 1.0:
             streams.append(Stream(even_s, directions, hold_from))
     found = figures(streams)
-    raw, slow, ours = found["raw"], found["low-pass 1 Hz"], found["normal"]
+    raw = found["raw"]
+    slow = found["low-pass 1 Hz"]
+    ours = found["normal"]
     assert ours[0] < 0.7 * raw[0]
     assert ours[0] < slow[0]
     assert ours[1] < 0.5 * slow[1]

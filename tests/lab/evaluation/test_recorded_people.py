@@ -91,7 +91,8 @@ def test_arm_that_is_held_still_while_the_robot_moves_is_not_taken(windows: list
     rng = np.random.default_rng(1)
     for trial in windows:
         rays = trial.pointings.directions
-        azimuth, elevation = math.atan2(rays[0, 1], rays[0, 0]), math.asin(rays[0, 2])
+        azimuth = math.atan2(rays[0, 1], rays[0, 0])
+        elevation = math.asin(rays[0, 2])
         unrest = np.cumsum(rng.normal(0.0, math.radians(0.15), (len(rays), 2)), axis=0)
         still = with_directions(trial.pointings, azimuth + unrest[:, 0], elevation + unrest[:, 1])
         assert isinstance(followed(still, UNLIMITED), Refusal)
@@ -112,7 +113,8 @@ def test_rays_that_leap_are_left_out(windows: list[LocalizationTrial]) -> None:
             np.where(leaps[:, None], anywhere, pointings.directions),
             pointings.targets_m,
         )
-        clean, left = without_spikes(pointings), without_spikes(spoiled)
+        clean = without_spikes(pointings)
+        left = without_spikes(spoiled)
         assert len(clean) > 0.97 * len(pointings)
         assert len(left) > 0.7 * len(pointings)
         one, other = (followed(each, UNLIMITED) for each in (pointings, spoiled))
@@ -161,7 +163,8 @@ def test_recorded_people_are_nearer_and_within_two_sigma_when_the_tracker_is_lat
     off_m: dict[float, list[float]] = {0.0: [], 0.15: []}
     trials = [trial for trial in reading.trials if trial.condition == "10 s"]
     for trial in trials:
-        t_s, targets_m = trial.pointings.stamps_s, trial.pointings.targets_m
+        t_s = trial.pointings.stamps_s
+        targets_m = trial.pointings.targets_m
         late_m = np.column_stack([np.interp(t_s - 0.2, t_s, targets_m[:, axis]) for axis in range(3)])
         for latency_sigma_s, judged_as in outside.items():
             result = solve(
@@ -289,7 +292,8 @@ def test_of_a_recorded_robot_and_a_decoy_with_its_path_the_right_one_is_meant() 
     motion_relloc.read(data_file("recordings/motion_relloc"), reading)
     told: list[str] = []
     for following in reading.followings:
-        stamps_s, path_m = following.pointings.stamps_s, following.pointings.targets_m
+        stamps_s = following.pointings.stamps_s
+        path_m = following.pointings.targets_m
         mirrored = path_m * [1.0, -1.0, 1.0] + [0.0, 2.0 * path_m[:, 1].mean(), 0.0]
         late = np.column_stack([np.interp(stamps_s - 4.0, stamps_s, path_m[:, axis]) for axis in range(3)])
         for decoy_m in (mirrored, late):

@@ -53,7 +53,8 @@ def test_packages_go_around_the_ring() -> None:
         load_map("lab", 0), np.array([1.0, 4.9, 9.9]), ["red", "blue", "blue"], length_m=0.5, speed_mps=0.5,
         start_ns=0,
     )  # fmt: skip
-    first, later = ring.tracked(0).objects, ring.tracked(NS_PER_S).objects
+    first = ring.tracked(0).objects
+    later = ring.tracked(NS_PER_S).objects
     assert [thing.surface_id for thing in first] == ["0", "0", "1"]
     assert [thing.surface_id for thing in later] == ["0", "1", "0"]
     assert [thing.surface_position_m for thing in later] == pytest.approx([1.5, 0.4, 0.4])
@@ -62,7 +63,8 @@ def test_packages_go_around_the_ring() -> None:
 
 
 def test_figures_over_trials() -> None:
-    good, bad = Score(targets=2), Score(targets=2, missed=1)
+    good = Score(targets=2)
+    bad = Score(targets=2, missed=1)
     good.toggled(2.0, selected=True, is_target=True)
     good.toggled(5.0, selected=True, is_target=True)
     good.took_s = [5.0]
@@ -129,7 +131,8 @@ def test_few_trials_tell_nothing() -> None:
 
 
 def test_every_pair_in_every_condition_and_intervals_widen_with_their_number() -> None:
-    a, b = scores([0, 0, 1] * 20), scores([1, 0, 1] * 20)
+    a = scores([0, 0, 1] * 20)
+    b = scores([1, 0, 1] * 20)
     groups = {(condition, name): of for condition in (FIRST, SECOND) for name, of in (("a", a), ("b", b))}
     both = differences_of({**groups, (FIRST, "c"): a})
     assert [(each.condition, each.method, each.other) for each in both] == [

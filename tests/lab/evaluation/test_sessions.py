@@ -94,7 +94,8 @@ def session(path: Path, *parts: Iterable[Entry]) -> str:
 
 
 def test_localizations_by_lamps_are_solved_again_and_compared_with_the_tracker(tmp_path: Path) -> None:
-    anna, ben = Stand(x=0.3, y=0.2), Stand(x=-1.0, y=0.5, yaw_deg=-70.0)
+    anna = Stand(x=0.3, y=0.2)
+    ben = Stand(x=-1.0, y=0.5, yaw_deg=-70.0)
     path = session(
         *(tmp_path / "s.mcap", pointing_at_lamps("anna", anna), pointing_at_lamps("ben", ben)),
         *(seen("anna", anna), seen("ben", ben)),

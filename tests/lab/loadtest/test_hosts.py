@@ -62,7 +62,8 @@ class Driven(Worker):
 
 @in_virtual_time
 async def test_routers_and_links_are_read_while_wrists_are_driven() -> None:
-    worker, network = Driven(), Link(tree(2, 2, 2), "tcp", lacking="a real one")
+    worker = Driven()
+    network = Link(tree(2, 2, 2), "tcp", lacking="a real one")
     network.driven_s = worker.driven_s
 
     async def started(*_: Any) -> Driven:

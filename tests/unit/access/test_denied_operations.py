@@ -141,7 +141,8 @@ def test_a_message_is_not_called_too_long_if_lines_before_it_are_missing() -> No
 
 
 def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
-    refused, count = DeniedOperations(), 7000
+    refused = DeniedOperations()
+    count = 7000
     write = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     refused.take(write)
     refused.take(f"{HEAD}{AGAIN} unauthorized to Put (ingress) on pointit/lab/map", count)
@@ -196,7 +197,8 @@ def test_questions_with_long_names_are_one_entry_each_identity_and_begin() -> No
     ],
 )
 def test_questions_and_declarations_count_as_several_messages(request_line: str, cost: int) -> None:
-    denied, count = DeniedOperations(), 200
+    denied = DeniedOperations()
+    count = 200
     for _ in range(count):
         denied.take(f"{HEAD}{ANNA} is authorized to {request_line}")
     assert denied.loads()["lab/anna"] == cost * count
@@ -249,7 +251,8 @@ def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
 
 
 def test_denials_of_a_revoked_certificate_do_not_hide_those_of_its_identitys_valid_one() -> None:
-    former, valid = ANNA, ANNA.replace("12ab", "34cd").replace("anna/2", "anna/3")
+    former = ANNA
+    valid = ANNA.replace("12ab", "34cd").replace("anna/2", "anna/3")
     refused = DeniedOperations()
     for who, key in ((former, "users/anna/imu"), (valid, "map")):
         refused.take(f"{HEAD}{who} is unauthorized to Put (ingress) on pointit/lab/{key}")
@@ -320,7 +323,8 @@ def refusal(why: str, thread: str = "05") -> str:
 
 
 def test_who_has_no_password_or_a_wrong_one_is_told_with_their_address() -> None:
-    wrong, unknown = refusal("Invalid password"), refusal("Invalid user")
+    wrong = refusal("Invalid password")
+    unknown = refusal("Invalid user")
     link = "tls/10.0.0.1:7447 => quic/[fd00::5]:1"
     bare = f"{door('TRACE')}Establishment Accept InitSyn: {link}. Received: T {{}}"
     assert sentences(knock(), wrong, knock(), wrong) == [

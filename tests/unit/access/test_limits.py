@@ -26,7 +26,8 @@ def connections(identity: str, count: int, first: int = 0) -> list[LimitedConnec
 
 def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named() -> None:
     limits = ConnectionLimits()
-    old, ben = connections("lab/anna", MAX_CONNECTIONS), connections("lab/ben", 3, 5000)
+    old = connections("lab/anna", MAX_CONNECTIONS)
+    ben = connections("lab/ben", 3, 5000)
     assert limits.excess([*old, *ben], ROLES, {}, 0.0) == ([], {})
     new = connections("lab/anna", 1000, 100)
     cut, told = limits.excess([*new, *ben, *old], ROLES, {}, 1.0)  # in whatever order Zenoh lists them
@@ -55,7 +56,8 @@ def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> No
 
 
 def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cut() -> None:
-    limits, roles = ConnectionLimits(1), {"lab/dashboard1": "dashboard"}
+    limits = ConnectionLimits(1)
+    roles = {"lab/dashboard1": "dashboard"}
     own = [
         dataclasses.replace(each, address=each.address.replace("tls/", "quic/"))
         for each in connections("lab/dashboard1", 2)
@@ -69,7 +71,8 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
 
 
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
-    limits, own = ConnectionLimits(), connections("lab/anna", 2)
+    limits = ConnectionLimits()
+    own = connections("lab/anna", 2)
     everybody = [*own, *connections("lab/ben", 2, 50)]
     looks = 4
     rates = {"lab/anna": MAX_HZ + (BURST + 2 * START_LOAD) / looks, "lab/ben": 1400.0}
@@ -85,7 +88,8 @@ def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
 
 def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
     """An IMU of 200 Hz and all that follows from it, 7 topics, held up for a lease again and again."""
-    limits, own = ConnectionLimits(), connections("lab/anna", 1)
+    limits = ConnectionLimits()
+    own = connections("lab/anna", 1)
     for now_s in range(60):
         rate_hz = 3 * 1400.0 + 1400.0 if now_s % 4 == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
@@ -96,13 +100,16 @@ def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "cut_after"), [(3000.0, 27), (4900.0, 6), (10_000.0, 2)])
 def test_flood_counts_by_rate_and_time(rate_hz: float, cut_after: int) -> None:
-    limits, own = ConnectionLimits(), connections("lab/anna", 1)
+    limits = ConnectionLimits()
+    own = connections("lab/anna", 1)
     looks = [bool(limits.excess(own, ROLES, {"lab/anna": rate_hz}, now_s)[0]) for now_s in range(cut_after)]
     assert looks == [False] * (cut_after - 1) + [True]
 
 
 def test_sixteen_viewers_may_declare_all_at_once_and_a_flood_is_cut_before_the_second_is_over() -> None:
-    limits, own, start = ConnectionLimits(), connections("lab/anna", 16), {"lab/anna": 16 * 1600.0}
+    limits = ConnectionLimits()
+    own = connections("lab/anna", 16)
+    start = {"lab/anna": 16 * 1600.0}
     limits.hold(own, ROLES, start, 0.5)
     assert not limits.held
     for now_s, each in enumerate([own, own, [], []]):  # the router opens again, and all leave
@@ -114,7 +121,8 @@ def test_sixteen_viewers_may_declare_all_at_once_and_a_flood_is_cut_before_the_s
 
 
 def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
-    limits, own = ConnectionLimits(), connections("lab/anna", 1)
+    limits = ConnectionLimits()
+    own = connections("lab/anna", 1)
     rates = [{} if now_s % 4 == 3 else {"lab/anna": MAX_HZ + BURST / 4} for now_s in range(20)]
     assert any(limits.excess(own, ROLES, rate, float(now_s))[0] for now_s, rate in enumerate(rates))
 

@@ -133,11 +133,9 @@ def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str)
 
 
 def test_services_that_read_movements_or_switch_things_have_an_identity_of_their_own() -> None:
-    shared, capture, home = (
-        rights_of("services", "services"),
-        rights_of("service", "mocap"),
-        rights_of("service", "home-assistant"),
-    )
+    shared = rights_of("services", "services")
+    capture = rights_of("service", "mocap")
+    home = rights_of("service", "home-assistant")
     for right, key in (("reads", topics.IMU.key), ("writes", topics.POSE.key)):
         pattern = key.replace("{user}", "*")
         assert pattern in getattr(capture, right)

@@ -49,7 +49,8 @@ async def test_of_one_person_no_others_come(bus: MemoryBus, site: Site) -> None:
 
 
 async def test_every_event_comes_in_order(bus: MemoryBus, site: Site) -> None:
-    everybodys, annas = site.selections(), site.selections("anna")
+    everybodys = site.selections()
+    annas = site.selections("anna")
     for number in range(5):
         put_event(bus, str(number), user="anna" if number % 2 else "ben")
     await asyncio.sleep(0)
@@ -205,7 +206,8 @@ def test_durations_are_of_the_sites_time_and_time_limits_are_not() -> None:
         raise AssertionError
 
     async def main() -> list[float]:
-        bus, loop = MemoryBus(), asyncio.get_running_loop()
+        bus = MemoryBus()
+        loop = asyncio.get_running_loop()
         bus.serve(SET_SPEED, never)
         async with Site.on(bus, FastClock()) as site:
             await site.sleep(8.0)

@@ -159,7 +159,9 @@ def test_foreign_names_neither_write_on_the_terminal_nor_fill_it(graph: Graph, b
 
 def test_devices_and_links_stay_what_they_are(graph: Graph, tmp_path: Path) -> None:
     graph.has(parameters_of(TREE))
-    device, link, path = tmp_path / "null", tmp_path / "link.yaml", tmp_path / "site.yaml"
+    device = tmp_path / "null"
+    link = tmp_path / "link.yaml"
+    path = tmp_path / "site.yaml"
     device.symlink_to("/dev/null")
     link.symlink_to(path)
     for output in (device, link):

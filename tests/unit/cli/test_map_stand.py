@@ -77,7 +77,8 @@ async def test_two_ends_from_one_place_give_a_map_its_origin_and_heading(
     assert code == 0
     there = file.with_name("placed.yaml")
     there.write_text(text)
-    before, after = load_map(str(file), 0), load_map(str(there), 0)
+    before = load_map(str(file), 0)
+    after = load_map(str(there), 0)
     door = after.lamps[0].position_m
     assert abs(math.atan2(door[1], door[0])) < 1e-3, "x points towards it"
     assert math.dist(door, (0, 0, 0)) == pytest.approx(math.dist(before.lamps[0].position_m, STOOD), abs=0.3)

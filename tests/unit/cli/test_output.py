@@ -65,7 +65,8 @@ def test_a_line_is_yaml(tree: dict[str, Any]) -> None:
 def test_what_commands_terminals_is_escaped(code: int) -> None:
     """U+009B begins a command as ESC [ does."""
     tree = {"who": f"a{chr(code)}2Jb", f"k{chr(code)}": 1, "plain": "äß→"}
-    line, text = to_line(tree), to_json(tree)
+    line = to_line(tree)
+    text = to_json(tree)
     assert chr(code) not in line + text
     assert "äß→" in line
     assert "äß→" in text

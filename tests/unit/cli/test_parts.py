@@ -12,7 +12,8 @@ from pointit.runtime.host.extras import OptionalPart, load_object, present
 
 
 def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
-    run, display = present(RUN_PARTS), present(DISPLAY_PARTS)
+    run = present(RUN_PARTS)
+    display = present(DISPLAY_PARTS)
     assert [len(run), len(display)] == [len(RUN_PARTS), len(DISPLAY_PARTS)]
     assert all(isinstance(part, RunPart) for part in run)
     assert all(isinstance(part, DisplayPart) for part in display)

@@ -47,7 +47,8 @@ def test_it_is_short_where_nobody_listens(monkeypatch: pytest.MonkeyPatch, proto
 
 def test_it_is_long_where_somebody_listens_at_one_of_the_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        busy, dead = f"tcp/127.0.0.1:{server.getsockname()[1]}", f"tcp/127.0.0.1:{free_port()}"
+        busy = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        dead = f"tcp/127.0.0.1:{free_port()}"
         assert looked_s(monkeypatch, dead, busy) == pytest.approx(CONNECT_TIMEOUT_S)
 
 

@@ -312,7 +312,8 @@ async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
         bench.put(topics.POSE, pose, "anna")
         bench.put(topics.POSE, pose, "ben")
         await bench.settle()
-        rates, truth = counter.take(1.0, 1.0), counter.pose_errors.take()
+        rates = counter.take(1.0, 1.0)
+        truth = counter.pose_errors.take()
     assert {rate.key for rate in rates} == (
         {"objects/mocap", "objects/robot"} if "obj" in key else {"users/anna/pose"}
     )
@@ -330,7 +331,8 @@ async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
 def test_bodies_of_motion_capture_are_listed_beside_the_configured_ones(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    meters, figures = TrackerMeters(), {"body Kappe": 1.0, "body cup": 0.0, "frame rate": 120.0}
+    meters = TrackerMeters()
+    figures = {"body Kappe": 1.0, "body cup": 0.0, "frame rate": 120.0}
     health = Health(
         stamp_ns=BEGIN_NS, service="mocap", instance="mocap", pid=1,
         figures=tuple(Figure(name=name, value=value) for name, value in figures.items()),

@@ -10,7 +10,9 @@ from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame
 
-RED, BLUE, DARK = (255, 0, 0), (0, 0, 255), (0, 0, 0)
+RED = (255, 0, 0)
+BLUE = (0, 0, 255)
+DARK = (0, 0, 0)
 FRAME = 2
 """Columns of the border and its padding on the left."""
 

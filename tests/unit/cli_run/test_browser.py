@@ -69,7 +69,9 @@ async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_
 async def test_run_that_ends_sooner_leaves_no_copy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus
 ) -> None:
-    begun, ended, done = threading.Event(), threading.Event(), threading.Event()
+    begun = threading.Event()
+    ended = threading.Event()
+    done = threading.Event()
     opens = browser_window.BrowserWindow._open
 
     def open_late(opening: browser_window.BrowserWindow) -> None:

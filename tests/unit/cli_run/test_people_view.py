@@ -38,7 +38,8 @@ REASON = "led_1 and led_2 are seen in nearly the same direction; point at a lamp
 
 
 def pose(sigma_m: float = 0.12, sigma_deg: float = 2.1, **fields: Any) -> UserPose:
-    variance, yaw = sigma_m**2, math.radians(sigma_deg) ** 2
+    variance = sigma_m**2
+    yaw = math.radians(sigma_deg) ** 2
     values: dict[str, Any] = {
         "stamp_ns": 1,
         "position_m": (2.03, -0.48, 0.0),
@@ -202,7 +203,8 @@ def followed(bus: MemoryBus) -> Monitor:
 async def test_refusals_stay_until_the_next_attempt(bus: MemoryBus) -> None:
     monitor = followed(bus)
     token = bus.announce(topics.USER_ALIVE, "anna")
-    localizations, cues = bus.publisher(topics.LOCALIZATION, "anna"), bus.publisher(topics.FEEDBACK, "anna")
+    localizations = bus.publisher(topics.LOCALIZATION, "anna")
+    cues = bus.publisher(topics.FEEDBACK, "anna")
     interactions = bus.publisher(topics.INTERACTION, "anna")
     bus.publisher(topics.POSE, "anna").put(pose())
     localizations.put(news("refused", reason=REASON))
@@ -295,7 +297,8 @@ def robot(**fields: Any) -> RobotState:
 
 
 def watched() -> tuple[Monitor, RobotWatcher]:
-    monitor, robots = monitor_of(), RobotWatcher()
+    monitor = monitor_of()
+    robots = RobotWatcher()
     monitor.watchers = [robots]
     return monitor, robots
 
@@ -353,7 +356,8 @@ def test_a_cursor_on_a_solid_names_it() -> None:
 
 
 async def test_changes_are_told_once_whatever_their_figures(bus: MemoryBus) -> None:
-    robots, told = RobotWatcher(), list[str]()
+    robots = RobotWatcher()
+    told = list[str]()
     robots.attach(bus, lambda line, _user: told.append(line))
     states: tuple[dict[str, str], ...] = (
         {},
@@ -369,7 +373,8 @@ async def test_changes_are_told_once_whatever_their_figures(bus: MemoryBus) -> N
 
 async def test_a_robot_is_shown_as_long_as_its_service_runs() -> None:
     exchange = LocalBroker()
-    bus, other = MemoryBus(exchange), MemoryBus(exchange)
+    bus = MemoryBus(exchange)
+    other = MemoryBus(exchange)
     monitor, robots = watched()
     monitor.attach(bus)
     presence = other.announce(topics.SERVICE_ALIVE, "robot.quad")

@@ -176,7 +176,8 @@ def test_targets_go_to_the_localizer() -> None:
 
 
 def test_the_default_person_stays_and_the_localized_one_is_as_people_are() -> None:
-    plain, localized = person(Choices())["user-sim"], person(Choices(localize=True))["user-sim"]
+    plain = person(Choices())["user-sim"]
+    localized = person(Choices(localize=True))["user-sim"]
     assert (plain["wristband"]["yaw_rate_bias_sd_degps"], plain["anchor_when_off_deg"]) == (0.05, 0.0)
     assert localized["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
     assert (localized["anchor_when_off_deg"], localized["aim"]) == (10.0, plain["aim"])
@@ -184,7 +185,8 @@ def test_the_default_person_stays_and_the_localized_one_is_as_people_are() -> No
 
 def test_hand_and_stature_are_the_profiles_and_the_bodys() -> None:
     services = person(Choices(hand="left", stature_m=1.6))
-    profile, body = services["supervisor"]["profile"], services["user-sim"]["body"]
+    profile = services["supervisor"]["profile"]
+    body = services["user-sim"]["body"]
     assert profile["hand"] == body["hand"] == "left"
     assert profile["stature_m"] == 1.6
     assert body["footprint_to_neck_m"] == pytest.approx(1.43 * 1.6 / 1.835, abs=1e-3)
@@ -197,7 +199,8 @@ def test_set_wins_over_every_option() -> None:
         *("localizer.method=fixed", "localizer.position_m=[9, 9, 0]"),
     )
     services = person(Choices(localize=True, hand="left", settings=settings))
-    simulated, localizer = services["user-sim"], services["localizer"]
+    simulated = services["user-sim"]
+    localizer = services["localizer"]
     assert (simulated["yaw_deg"], simulated["body"]["hand"]) == (5.0, "right")
     assert services["supervisor"]["profile"]["hand"] == "left"
     assert simulated["wristband"]["yaw_drift_degpmin"] == 15.0

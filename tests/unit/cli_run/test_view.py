@@ -405,7 +405,8 @@ async def after(*told: UserPose | Localization) -> Monitor:
     monitor = monitor_of()
     bus = MemoryBus(LocalBroker())
     monitor.attach(bus)
-    poses, news = bus.publisher(POSE, "anna"), bus.publisher(LOCALIZATION, "anna")
+    poses = bus.publisher(POSE, "anna")
+    news = bus.publisher(LOCALIZATION, "anna")
     for message in told:
         if isinstance(message, UserPose):
             poses.put(message)
@@ -418,7 +419,8 @@ async def after(*told: UserPose | Localization) -> Monitor:
 
 @pytest.mark.parametrize("pose_first", [True, False])
 async def test_a_pose_is_kept_as_it_was_found_and_not_as_it_drifts(pose_first: bool) -> None:  # noqa: FBT001 - a parameter
-    found, end = pose(9.9, 1.0, 0.2), solved(10.0)
+    found = pose(9.9, 1.0, 0.2)
+    end = solved(10.0)
     monitor = await after(*((found, end) if pose_first else (end, found)), pose(60.0, 1.0, 0.9))
     assert monitor.found["anna"] == pose(9.9, 1.0, 0.2)
 

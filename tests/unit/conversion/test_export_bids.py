@@ -97,7 +97,8 @@ def test_a_pose_that_was_set_once_has_the_rate_of_one_in_the_session(tmp_path: P
 
 def test_each_person_has_their_own_body_and_all_objects(tmp_path: Path) -> None:
     export_bids(session("anna", "bob_2"), tmp_path)
-    anna, bob = motion(tmp_path, "anna", "mocap"), motion(tmp_path, "bobX5f2", "mocap")
+    anna = motion(tmp_path, "anna", "mocap")
+    bob = motion(tmp_path, "bobX5f2", "mocap")
     assert "red cup_POS_x" in anna
     assert "red cup_POS_x" in bob
     assert ("anna_POS_x" in anna, "bob_2_POS_x" in anna) == (True, False)

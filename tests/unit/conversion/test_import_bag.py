@@ -166,7 +166,8 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
 
 
 def test_a_pose_is_taken_from_the_frame_that_it_states_only(tmp_path: Path) -> None:
-    rays, places = "/user1/pointing_ray", "/user1/mocap_pose"
+    rays = "/user1/pointing_ray"
+    places = "/user1/mocap_pose"
     said: list[Said] = []
     for count, (topic, name) in enumerate(
         (

@@ -116,7 +116,8 @@ _line = functools.cache(Polyline)
 
 def on_two_bridges(a: TrackedObject, b: TrackedObject, length_m: float) -> bool:
     """Return True if both are beyond one end of their belt, on bridges that differ. Bridges are straight."""
-    a_m, b_m = a.surface_position_m, b.surface_position_m
+    a_m = a.surface_position_m
+    b_m = b.surface_position_m
     is_beyond = max(a_m, b_m) < 0.0 or min(a_m, b_m) > length_m
     return is_beyond and math.dist(a.position_m, b.position_m) > abs(a_m - b_m) + 1e-6
 
@@ -131,7 +132,8 @@ def check_apart(environment: Environment, objects: Sequence[TrackedObject], *, c
         if corners:
             assert math.dist(a.position_m, b.position_m) >= halves(a, b) - CHORD_M, (a, b)
     for link in environment.links:
-        source, target = lines[link.source], lines[link.target]
+        source = lines[link.source]
+        target = lines[link.target]
         leaves_m = source.length_m if link.source_position_m is None else link.source_position_m
         gap_m = math.dist(source.point_at(leaves_m), target.point_at(link.target_position_m))
         for a in objects:

@@ -13,7 +13,9 @@ class Shift:
     """All that the conveyor tells, by topic."""
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench, self.bus, self.clock = bench, bench.bus, clock
+        self.bench = bench
+        self.bus = bench.bus
+        self.clock = clock
         self.lists = bench.collect(topics.OBJECTS)
         self.events = bench.collect(topics.SELECTION_EVENTS)
         self.states = bench.collect(topics.CONVEYOR_STATE)

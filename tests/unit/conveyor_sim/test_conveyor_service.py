@@ -47,7 +47,8 @@ def config(**changes: object) -> ConveyorSimConfig:
 async def test_objects_move_on_the_strips_of_the_map() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        lists, states = bench.collect(topics.OBJECTS), bench.collect(topics.CONVEYOR_STATE)
+        lists = bench.collect(topics.OBJECTS)
+        states = bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(feeder={"sequence": ["red", "green"], "interval_s": 1.0}))
         await until(lambda: bool(states))
         assert (states[0].speed_mps, states[0].fed) == (0.5, 0)
@@ -87,7 +88,8 @@ async def test_configured_speed_is_a_figure_also_after_a_request() -> None:
 async def test_requests_are_done_or_refused_in_a_sentence() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        lists, states = bench.collect(topics.OBJECTS), bench.collect(topics.CONVEYOR_STATE)
+        lists = bench.collect(topics.OBJECTS)
+        states = bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(feeder={"sequence": []}))
         await bench.settle()
         for early in (
@@ -124,8 +126,11 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
 
 async def test_selected_packages_go_to_their_bay_and_an_act_on_what_is_too_late_fails() -> None:
     async with shift(feeder={"sequence": []}) as one:
-        lists, events, states = one.lists, one.events, one.states
-        results, things = one.bench.collect(topics.ACT_RESULTS), one.bench.collect(topics.THING_STATES)
+        lists = one.lists
+        events = one.events
+        states = one.states
+        results = one.bench.collect(topics.ACT_RESULTS)
+        things = one.bench.collect(topics.THING_STATES)
         names = [(await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id]
         await one.go(2)
         names.append((await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)

@@ -64,7 +64,9 @@ def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back(
 
 def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> None:
     belts = plant(FORK, feeder={"sequence": []})
-    chosen, late, other = belts.add("red", "main", 0.3), "", ""
+    chosen = belts.add("red", "main", 0.3)
+    late = ""
+    other = ""
     belts.select({chosen: "anna"})
     go(belts, 2.0)
     late = belts.add("red", "main", 0.3)
@@ -182,7 +184,8 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
         is_refused = any(other.refusals.values())
         return [(is_refused, e.bay == "1") for e in other.step(at_ns + 60 * S)]
 
-    in_time, too_late = [(False, not is_selected)], [(True, is_selected)]
+    in_time = [(False, not is_selected)]
+    too_late = [(True, is_selected)]
     comes_round = (where, is_selected) == ("ring", False)  # until it leaves
     while (tracked := listed(belts, name)) is not None and belts.now_ns < 60 * S:
         until_ns = tracked.bay_until_ns

@@ -188,7 +188,9 @@ def test_belts_of_any_room_run_empty_while_feeders_rest(
     belts = plant(ROOMS[name], feeder=feeder)
     belts.step(rest_ms * MS)
     belts.set_feeding(is_on=False)
-    fed, there, left = belts.fed, {tracked.id for tracked in belts.tracked(0).objects}, 0
+    fed = belts.fed
+    there = {tracked.id for tracked in belts.tracked(0).objects}
+    left = 0
     for part in range(1, 6):
         left += len(belts.step((rest_ms + pause_ms * part // 5) * MS))
         check_apart(ROOMS[name], belts.tracked(0).objects)

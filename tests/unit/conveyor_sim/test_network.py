@@ -119,7 +119,8 @@ def check_run(
     """
     belts = plant(environment, feeder=feeder, bay_selected=bays[0], bay_rest=bays[1])
     ids = [line.id for line in environment.belts]
-    now_ns, left = 0, 0
+    now_ns = 0
+    left = 0
     for index, (what, value) in enumerate(actions):
         before = belts.tracked(now_ns).objects
         if what == "step":
@@ -381,13 +382,15 @@ def test_feeding_waits_for_room_and_not_an_interval_more() -> None:
 @example([1.4, 1.4])  # four intervals to the nanosecond, but for the rounding of sums
 @given(st.lists(st.floats(0.001, 3.0), min_size=1, max_size=30))
 def test_places_depend_on_the_time_not_on_the_steps(steps_s: list[float]) -> None:
-    often, once = conveyor(4.0, 7.0, interval_s=0.7), conveyor(4.0, 7.0, interval_s=0.7)
+    often = conveyor(4.0, 7.0, interval_s=0.7)
+    once = conveyor(4.0, 7.0, interval_s=0.7)
     now_ns = 0
     for step_s in steps_s:
         now_ns += round(step_s * S)
         often.step(now_ns)
     once.step(now_ns)
-    a, b = often.tracked(0).objects, once.tracked(0).objects
+    a = often.tracked(0).objects
+    b = once.tracked(0).objects
     assert [tracked.id for tracked in a] == [tracked.id for tracked in b]
     assert [o.surface_position_m for o in a] == pytest.approx([o.surface_position_m for o in b], abs=1e-6)
 

@@ -40,7 +40,8 @@ def parse(words: list[str]) -> tuple[str, dict[str, Any]]:
     while isinstance(group, click.Group):
         found = group.get_command(click.Context(group), words[0])
         assert found is not None, words[0]
-        group, words = found, words[1:]
+        group = found
+        words = words[1:]
         path.append(group.name or "")
     with group.make_context(group.name, list(words)) as context:
         return " ".join(path), context.params

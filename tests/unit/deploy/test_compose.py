@@ -106,7 +106,8 @@ def test_overlays_weaken_nothing() -> None:
 
 def test_both_files_confine_alike() -> None:
     assert BASE["x-container"] == PERSON["x-container"]
-    mine, other = BASE["services"]["user"], PERSON["services"]["user"]
+    mine = BASE["services"]["user"]
+    other = PERSON["services"]["user"]
     assert mine["environment"] | {"HEALTH_OF": "anna"} == other["environment"]
     assert mine["volumes"] == other["volumes"]
 

@@ -11,7 +11,8 @@ from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HOVER, IMU, MAP, POSE, RAY, Topic
 from pointit.services.registry import person_of
 
-NOW_S, NOW_NS = 106.0, 1_700_000_000 * NS_PER_S
+NOW_S = 106.0
+NOW_NS = 1_700_000_000 * NS_PER_S
 BEGAN_S = 100.0
 REPORTS = 6
 SHARED = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")

@@ -36,7 +36,8 @@ def page() -> str:
     for each in SITUATIONS:
         finding = cause(each.findings(), each)
         who = f"{finding.service}: " if finding.service else ""
-        sentence, remedy = finding.sentence.removeprefix("says: “").removesuffix("”"), finding.remedy
+        sentence = finding.sentence.removeprefix("says: “").removesuffix("”")
+        remedy = finding.remedy
         if not remedy:
             at = max(sentence.rfind(mark, 0, step_at(sentence, each)) for mark in ("; ", ": "))
             sentence, remedy = (sentence[:at], sentence[at + 2 :]) if at > 0 else (sentence, "")

@@ -69,7 +69,8 @@ def faults_ended_by_commands(finding: Finding, healthy: Site) -> Iterator[tuple[
             case "router":
                 yield "ended", "router"
             case _ if path.startswith("service run "):
-                user, service = given.get("user"), path.rpartition(" ")[2]
+                user = given.get("user")
+                service = path.rpartition(" ")[2]
                 yield "ended", healthy.process_of(f"{service}.{user}" if user else service)
             case "person add" if given["name"] == "NAME":
                 yield from (("ended", name) for name in healthy.processes)
@@ -89,7 +90,8 @@ def faults_ended_by_commands(finding: Finding, healthy: Site) -> Iterator[tuple[
 
 def ended_faults(finding: Finding, faults: Collection[Fault], healthy: Site) -> dict[Fault, Way]:
     """Return those of `faults` that end by what `finding` asks for, and the way in which it is done."""
-    text, typed = text_of(finding), set(faults_ended_by_commands(finding, healthy))
+    text = text_of(finding)
+    typed = set(faults_ended_by_commands(finding, healthy))
     ways: dict[Fault, Way] = {}
     for fault in faults:
         if (fault.kind, fault.of) in typed:
@@ -117,7 +119,9 @@ def set_options(text: str) -> list[str]:
     values: list[str] = []
     for part in text.split(OPTION)[1:]:
         lexer = shlex.shlex(part, posix=True, punctuation_chars="`")
-        lexer.whitespace_split, lexer.commenters, lexer.escape = True, "", ""
+        lexer.whitespace_split = True
+        lexer.commenters = ""
+        lexer.escape = ""
         values.append(next(lexer).rstrip(",;:.)”"))
     return values
 

@@ -18,14 +18,16 @@ BENS = health("pointing.ben", key(RAY, "out"))
 
 
 def test_a_default_instance_need_not_hear_people_whom_shards_serve() -> None:
-    quiet, shard = health("pui", key(RAY, "in", 9.0)), health("pui.anna", key(RAY, "in"))
+    quiet = health("pui", key(RAY, "in", 9.0))
+    shard = health("pui.anna", key(RAY, "in"))
     assert not diagnose(observation(ANNAS, quiet, shard))
     assert only(observation(ANNAS, quiet)).code == "stale"
 
 
 @pytest.mark.parametrize("shard", ["pui.anna", "pui.hall"])
 def test_a_default_instance_must_hear_people_whom_no_shard_serves(shard: str) -> None:
-    deaf, other = health("pui", key(RAY, "in", 9.0)), health(shard, key(RAY, "in"))
+    deaf = health("pui", key(RAY, "in", 9.0))
+    other = health(shard, key(RAY, "in"))
     shards = frozenset({"pui.anna", "selector.ben"})
     assert not diagnose(observation(ANNAS, deaf, other, shards=shards))
     finding = only(observation(ANNAS, BENS, deaf, other, shards=shards))
@@ -47,7 +49,8 @@ def test_a_default_selector_must_hear_the_cursors_of_people_whom_no_shard_serves
 
 
 def test_a_shard_called_after_a_person_must_hear_them() -> None:
-    deaf, other = health("pui.anna", key(RAY, "in", 9.0)), health("pui.hall", key(RAY, "in", 9.0))
+    deaf = health("pui.anna", key(RAY, "in", 9.0))
+    other = health("pui.hall", key(RAY, "in", 9.0))
     assert only(observation(ANNAS, BENS, deaf)).service == "pui.anna"
     assert not diagnose(observation(BENS, deaf, other))  # presence does not tell whom the other serves
 

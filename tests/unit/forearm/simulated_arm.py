@@ -13,13 +13,15 @@ from tests.support.bench import START_NS
 
 STEP_S = 0.01
 DRIFT_RADPS = math.radians(0.02)
-IMU_RAD, CAMERA_RAD = math.radians(0.3), math.radians(0.4)
+IMU_RAD = math.radians(0.3)
+CAMERA_RAD = math.radians(0.4)
 
 Course = Callable[[float], Quaternion]
 
 
 def waving(dice: np.random.Generator) -> Course:
-    rates, phases = dice.uniform(0.8, 1.5, 3), dice.uniform(0.0, math.tau, 3)
+    rates = dice.uniform(0.8, 1.5, 3)
+    phases = dice.uniform(0.0, math.tau, 3)
 
     def course(time_s: float) -> Quaternion:
         azimuth, elevation, roll = 0.3 * np.sin(math.tau * rates * time_s + phases)

@@ -44,8 +44,10 @@ def test_an_arm_that_turns_level_only_shows_no_yaw() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_body_on_another_arm_than_the_wrist_shows_no_yaw(seed: int) -> None:
-    dice, estimator = np.random.default_rng(seed), ForearmYaw()
-    wrist, other = pointing(dice), waving(dice)
+    dice = np.random.default_rng(seed)
+    estimator = ForearmYaw()
+    wrist = pointing(dice)
+    other = waving(dice)
     for tick in range(250):
         time_ns = START_NS + tick * NS_PER_S // 50
         estimator.add_body(time_ns, other(tick / 50))
@@ -63,7 +65,8 @@ def test_a_delay_of_the_wrist_is_found_and_does_not_turn_the_yaw() -> None:
 def test_the_uncertainty_grows_while_the_arm_rests() -> None:
     arm = Arm(4)
     arm.move(waving(arm.dice), 4.0)
-    before, still = arm.estimate(), waving(arm.dice)(0.0)
+    before = arm.estimate()
+    still = waving(arm.dice)(0.0)
     arm.move(lambda _: still, 30.0)
     assert before.sigma_rad < 0.6 * arm.estimate().sigma_rad < math.radians(1.5)
     assert arm.error_rad() < 3.0 * arm.estimate().sigma_rad
@@ -72,7 +75,8 @@ def test_the_uncertainty_grows_while_the_arm_rests() -> None:
 def test_another_yaw_origin_begins_anew() -> None:
     arm = Arm(5)
     arm.move(waving(arm.dice), 4.0)
-    arm.epoch, arm.yaw_rad = 1, arm.yaw_rad + 1.5
+    arm.epoch = 1
+    arm.yaw_rad = arm.yaw_rad + 1.5
     arm.move(lambda _: rotation.IDENTITY, 0.1)
     assert arm.estimator.estimate(arm.now_ns) is None
     arm.move(waving(arm.dice), 3.0)
@@ -103,8 +107,10 @@ def test_level_turns_without_any_noise_show_no_yaw(yaw_rad: float) -> None:
 
 
 def test_clocks_of_both_that_are_set_back_begin_anew() -> None:
-    before, after = Arm(7), Arm(8)
-    before.time_s, after.estimator = 3600.0, before.estimator
+    before = Arm(7)
+    after = Arm(8)
+    before.time_s = 3600.0
+    after.estimator = before.estimator
     before.move(waving(before.dice), 4.0)
     after.move(waving(after.dice), 4.0)
     assert after.error_rad() < math.radians(1.5)
@@ -196,11 +202,14 @@ def moving_arm(time_s: float) -> Rotation:
 def test_a_yaw_that_jumps_unannounced_is_not_stated_after_2_s_or_its_sigma_contains_the_truth(
     *, jump_deg: float, rate_hz: int, rests: bool
 ) -> None:
-    estimator, mount, jump_s = ForearmYaw(), Rotation.from_quat((0.2, 0.5, 0.26, 0.8)), 8
+    estimator = ForearmYaw()
+    mount = Rotation.from_quat((0.2, 0.5, 0.26, 0.8))
+    jump_s = 8
     sentences: set[str] = set()
     time_ns = START_NS
     for tick in range(14 * rate_hz):
-        time_s, time_ns = tick / rate_hz, START_NS + tick * NS_PER_S // rate_hz
+        time_s = tick / rate_hz
+        time_ns = START_NS + tick * NS_PER_S // rate_hz
         true_deg = 50.0 if time_s < jump_s else 50.0 + jump_deg
         arm = moving_arm(min(time_s, jump_s - 3) if rests else time_s)
         x, y, z, w = (arm * mount).as_quat()
@@ -237,7 +246,8 @@ def test_noise_a_few_flipped_frames_and_rest_end_no_yaw(seed: int) -> None:
     arm.move(course, 5.0)
     for duration_s in (0.3, 3.0, 0.3, 8.0):
         if duration_s < 1.0:
-            mount, arm.mount = arm.mount, rotation.multiply(arm.mount, (1.0, 0.0, 0.0, 0.0))
+            mount = arm.mount
+            arm.mount = rotation.multiply(arm.mount, (1.0, 0.0, 0.0, 0.0))
             arm.move(course, duration_s)
             arm.mount = mount
             continue
@@ -260,7 +270,8 @@ def localized(stamp_ns: int = NOW_NS, method: str = "static_targets") -> UserPos
 
 
 def test_only_people_have_true_poses_and_one_with_a_yaw_wins() -> None:
-    position, frame = tracked("person", x=5.0), tracked("person_frame")
+    position = tracked("person", x=5.0)
+    frame = tracked("person_frame")
     expected = {"anna": TruePose(NOW_NS, (1.0, 2.0, 1.7), 3.0)}
     cup = tracked("red", "cup")
     assert find_true_poses({"a": position, "b": frame, "c": cup}) == expected

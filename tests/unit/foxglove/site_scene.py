@@ -26,7 +26,8 @@ class SiteLog(EventLog):
 
     def hear(self, message: Message, name: str, now_ns: int) -> list[LogLine]:
         """Return the new lines from `message`."""
-        self._now_ns, self._new = now_ns, []
+        self._now_ns = now_ns
+        self._new = []
         self.site.take(TOPIC_OF[type(message)], name, message, 0.0)
         return self._new
 

@@ -227,8 +227,10 @@ def test_the_frame_of_the_feet() -> None:
 
 @pytest.mark.parametrize("degrees", [10, 80, 100, 170])
 def test_the_ellipse_lies_as_the_covariance_says(degrees: int) -> None:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    along, across = np.array([c, s]), np.array([-s, c])
+    c = math.cos(math.radians(degrees))
+    s = math.sin(math.radians(degrees))
+    along = np.array([c, s])
+    across = np.array([-s, c])
     (xx, xy), (yx, yy) = (0.04 * np.outer(along, along) + 0.01 * np.outer(across, across)).tolist()
     rim = people.ellipse(pose((xx, xy, 0, yx, yy, 0, 0, 0, 1)))
     assert rim is not None
@@ -262,9 +264,11 @@ def test_the_finger_is_on_the_line_from_the_eyes() -> None:
     assert length_m == pytest.approx(BODY.shoulder_to_wrist_m + BODY.wrist_to_finger_m)
     middle = xyz(arm["pose"]["position"])
     half = rotation.rotate(turn_of(arm), (0.0, 0.0, length_m / 2.0))
-    finger, shoulder = vector.add(middle, half), vector.subtract(middle, half)
+    finger = vector.add(middle, half)
+    shoulder = vector.subtract(middle, half)
     # a right shoulder, at a right angle to the arm, wherever the IMU's yaw began
-    away, along = vector.subtract(shoulder, (1.0, 2.0, 1.43)), vector.subtract(finger, shoulder)
+    away = vector.subtract(shoulder, (1.0, 2.0, 1.43))
+    along = vector.subtract(finger, shoulder)
     assert vector.rotate_z(away, math.pi / 2) == pytest.approx(
         vector.scale((along[0], along[1], 0.0), 0.2 / math.hypot(along[0], along[1]))
     )

@@ -78,7 +78,8 @@ def test_behind_a_steady_movement_it_is_as_late_at_every_rate(rate_hz: int) -> N
 
 def test_after_a_gap_and_when_time_goes_back_it_begins_anew() -> None:
     one_euro = OneEuro()
-    ahead, left = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    ahead = (1.0, 0.0, 0.0)
+    left = (0.0, 1.0, 0.0)
     assert one_euro.smooth(ahead, 10.0) == ahead
     assert one_euro.smooth(left, 10.4) not in (ahead, left)
     assert (one_euro.smooth(ahead, 11.0), one_euro.smooth(left, 3.0)) == (ahead, left)

@@ -28,7 +28,8 @@ def some_direction(rng: random.Random) -> Vec3:
 
 def curve(rng: random.Random, count: int, step_m: float = 0.02) -> Polyline:
     """Return a smooth line of many short segments."""
-    at, heading = some_point(rng), rng.uniform(-3, 3)
+    at = some_point(rng)
+    heading = rng.uniform(-3, 3)
     vertices = [at]
     for _ in range(count):
         heading += rng.gauss(0, 0.05)
@@ -61,7 +62,8 @@ def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3) -> float:
 def test_no_segment_is_overlooked(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
-    o, d = some_point(rng), some_direction(rng)
+    o = some_point(rng)
+    d = some_direction(rng)
     hit = there(RayCaster(lines, points).cast(o, d))
     assert hit.miss_rad == pytest.approx(least(lines, points, o, d), abs=3e-7)
 
@@ -70,7 +72,8 @@ def test_no_segment_is_overlooked(seed: int) -> None:
 def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
-    o, d = some_point(rng), some_direction(rng)
+    o = some_point(rng)
+    d = some_direction(rng)
     hit = there(RayCaster(lines, points).cast(o, d))
     if hit.target < len(lines):
         assert 0.0 <= hit.position_m <= lines[hit.target].length_m + 1e-9
@@ -124,7 +127,8 @@ def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
 def test_what_is_beyond_the_reach_is_cut_off(seed: int, reach_m: float) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
-    o, d = some_point(rng), some_direction(rng)
+    o = some_point(rng)
+    d = some_direction(rng)
     for some, alone in ((lines, points), (lines[:1], points[:2])):  # on arrays, and in plain Python
         pieces: list[tuple[Vec3, Vec3]] = [(p, p) for p in alone]
         for line in some:
@@ -173,7 +177,8 @@ def test_no_point_is_at_a_smaller_angle(a: Vec3, u: Vec3, d: Vec3) -> None:
 
 
 def test_a_ray_along_the_segment() -> None:
-    a, u = (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)
+    a = (2.0, 0.0, 0.0)
+    u = (3.0, 0.0, 0.0)
     assert nearest_in_angle(a, u, AHEAD)[1] == pytest.approx(-1.0)
     backwards = (-1.0, 0.0, 0.0)
     assert nearest_in_angle(a, u, backwards)[1] == pytest.approx(1.0)
@@ -186,7 +191,8 @@ def test_a_segment_without_length_is_a_point() -> None:
 
 
 def test_eyes_on_the_segment() -> None:
-    a, u = (-1.0, -1.0, 0.0), (3.0, 3.0, 0.0)
+    a = (-1.0, -1.0, 0.0)
+    u = (3.0, 3.0, 0.0)
     t, cost = nearest_in_angle(a, u, AHEAD)  # all points ahead are at 45 degrees, the eyes' own at none
     assert t == 1.0
     assert math.acos(-cost) == pytest.approx(math.radians(45))

@@ -42,7 +42,8 @@ def some_point(rng: random.Random, size_m: float = 4.0) -> Vec3:
 
 
 def turned(points: Array, yaw: float) -> Array:
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     return np.asarray(points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
@@ -261,7 +262,8 @@ def test_the_first_that_hides_is_the_first_that_is_met_from_outside(seed: int, c
 
 
 def test_beyond_the_reach_a_nearer_one_that_is_missed_counts() -> None:
-    far, aside = SphereSolid((9.0, 0.0, 0.0), 1.0), SphereSolid((3.0, 0.8, 0.0), 0.5)
+    far = SphereSolid((9.0, 0.0, 0.0), 1.0)
+    aside = SphereSolid((3.0, 0.8, 0.0), 0.5)
     caster = SolidCaster([far, aside])
     met, passed = (caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.3, reach) for reach in (math.inf, 5.0))
     assert met is not None

@@ -274,7 +274,8 @@ def test_how_sure_a_place_is_follows_from_place_heading_and_aim(
     sigma = judging.sigma_m(point, cursor(0, point))
     slope = 1.64 / math.hypot(range_m, 1.64)
     aim = math.radians(aim_deg) * math.hypot(range_m, 1.64)
-    along, across = place_m**2 + (aim / slope) ** 2, place_m**2 + aim**2 + (range_m * yaw_rad) ** 2
+    along = place_m**2 + (aim / slope) ** 2
+    across = place_m**2 + aim**2 + (range_m * yaw_rad) ** 2
     assert sigma == pytest.approx(math.sqrt(max(along, across)), rel=1e-6, abs=1e-6)
 
 
@@ -282,7 +283,8 @@ class Served:
     """The service for Anna, who stands in the origin, on a bench."""
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench, self.clock = bench, clock
+        self.bench = bench
+        self.clock = clock
         self.goals, self.cues = bench.collect(GOAL, "anna"), bench.collect(FEEDBACK, "anna")
 
     async def stay(self, x_m: float | None, user: str = "anna") -> None:

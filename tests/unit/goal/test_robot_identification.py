@@ -28,7 +28,9 @@ class Pointer:
 
     def __init__(self, robots: dict[str, Vec3], *, at_m: Vec3 = (0, 0, 0), yaw_rad: float = 0) -> None:
         self.core = RobotIdentifier(IdentificationSettings(none_prior=0.2))  # who seldom points beside one
-        self.robots, self._at_m, self._yaw_rad = robots, at_m, yaw_rad
+        self.robots = robots
+        self._at_m = at_m
+        self._yaw_rad = yaw_rad
         self.now_ns = BEGIN_NS
         self.core.on_pose(UserPose(stamp_ns=0, position_m=at_m, yaw_rad=yaw_rad, covariance=COVARIANCE))
 
@@ -95,7 +97,8 @@ def test_the_room_may_lie_anywhere_and_a_covariance_may_be_none(
     moved = (*shift, 0.0)
     robots = {"left": vector.add(LEFT, moved), "right": vector.add(RIGHT, moved)}
     pointer = Pointer(robots, at_m=moved, yaw_rad=yaw_rad)
-    here, there = Pointer({"left": LEFT, "right": RIGHT}).at(LEFT, 0.5), pointer.at(robots["left"], 0.5)
+    here = Pointer({"left": LEFT, "right": RIGHT}).at(LEFT, 0.5)
+    there = pointer.at(robots["left"], 0.5)
     assert there.none_probability == pytest.approx(here.none_probability, abs=1e-6)
     assert [each.object_id for each in there.candidates] == ["left", "right"]
     odd_pose = {"stamp_ns": 0, "position_m": moved, "yaw_rad": yaw_rad, "covariance": tuple(covariance)}

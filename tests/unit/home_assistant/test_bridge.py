@@ -229,7 +229,8 @@ async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_w
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({LAMP: ("off", {})})
-    answer, answers = home._answer, asyncio.Event()
+    answer = home._answer
+    answers = asyncio.Event()
 
     async def answer_late(*arguments: Any) -> None:
         await answers.wait()

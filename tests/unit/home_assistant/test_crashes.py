@@ -21,7 +21,8 @@ from pointit.runtime.service import service as runtime
 from tests.support.bench import memory_bench, until
 from tests.support.home_assistant import HomeSite, MemoryHome, config_of, start, thing
 
-LAMP, OTHER = "light.desk", "light.shelf"
+LAMP = "light.desk"
+OTHER = "light.shelf"
 BRIGHTNESS = {LAMP: 100, OTHER: 250}
 """The other lamp dims, since it cannot brighten by a fifth."""
 REST_S = 5.0
@@ -168,7 +169,8 @@ async def check_restored(
 
 
 async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hover(tmp_path: Path) -> None:
-    home, folder = lit_home(), tmp_path / "state"
+    home = lit_home()
+    folder = tmp_path / "state"
     folder.mkdir()
 
     async def end_soon(home: MemoryHome, site: HomeSite) -> None:
@@ -182,7 +184,8 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hov
 
 
 async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tmp_path: Path) -> None:
-    home, folder = lit_home(), tmp_path / "state"
+    home = lit_home()
+    folder = tmp_path / "state"
     folder.mkdir()
     async with bridge(home, folder, Process(MAX_EFFECTS)) as site, site.hovering("desk"):
         await until(lambda: brightness(home) != BRIGHTNESS[LAMP], what="the hover")
@@ -211,7 +214,9 @@ def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
 
     async def run(lifetime: int) -> Process:
         nonlocal changed
-        home, folder, process = lit_home(), tmp_path / f"{lifetime}" / "state", Process(lifetime)
+        home = lit_home()
+        folder = tmp_path / f"{lifetime}" / "state"
+        process = Process(lifetime)
         folder.mkdir(parents=True)
         before = deepcopy(home.states)
         await live(home, folder, acts, process)

@@ -38,7 +38,8 @@ def test_stated_action_has_its_data_and_is_ended_by_switching_off() -> None:
     action = HomeAction.parse(
         '{"entity": "light.desk", "action": "light.turn_on", "data": {"brightness_pct": 40}}'
     )
-    on, off = action.call(on=True), action.call(on=False)
+    on = action.call(on=True)
+    off = action.call(on=False)
     assert (on.entity, on.service, on.data) == (LAMP, "turn_on", {"brightness_pct": 40})
     assert (off.service, off.data) == ("turn_off", {})
 

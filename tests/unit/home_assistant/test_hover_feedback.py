@@ -48,7 +48,8 @@ class LampSite:
         self.feedback.on_first_state(LAMP, self.state)
 
     def report(self, brightness: object, context: object = None) -> None:
-        before, self.state = self.state, lamp(brightness, context)
+        before = self.state
+        self.state = lamp(brightness, context)
         self.feedback.on_state(LAMP, before, self.state)
 
     def hover(self) -> ServiceCall:
@@ -254,7 +255,8 @@ class SharedLamp:
         for site, call in zip(self.sites, calls, strict=True):
             if call is None:
                 continue
-            brightness, context = call.data["brightness"], f"call {len(self.seen)}"
+            brightness = call.data["brightness"]
+            context = f"call {len(self.seen)}"
             if brightness != site.state["attributes"]["brightness"]:
                 self.seen.append(brightness)
                 for each in self.sites:

@@ -105,7 +105,8 @@ def puppet(worn: tuple[Bench, Puppet]) -> Puppet:
 async def test_battery_and_signal_are_shown_and_the_battery_is_in_the_samples(
     bench: Bench, puppet: Puppet
 ) -> None:
-    samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, INSTANCE)
+    samples = bench.collect(IMU, "anna")
+    health = bench.collect(HEALTH, INSTANCE)
     puppet.give(Battery(0.62, 3.9), Signal(-71.0), Reading(bench.clock.now_ns(), LEVEL))
     await asyncio.sleep(3.0)
     assert samples[0].battery == 0.62
@@ -167,7 +168,8 @@ async def test_cue_of_the_person_reaches_the_device_at_once_and_that_of_others_d
 
 
 async def test_device_time_that_falls_again_and_again_is_not_used(bench: Bench, puppet: Puppet) -> None:
-    samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, INSTANCE)
+    samples = bench.collect(IMU, "anna")
+    health = bench.collect(HEALTH, INSTANCE)
     for number in range(500):
         device_ns = (100 + number % 2 * 2) * NS_PER_S + number * 10_000_000
         puppet.give(Reading(bench.clock.now_ns(), LEVEL, device_ns))
@@ -237,7 +239,8 @@ async def test_clock_of_a_device_that_jumps_is_named(bench: Bench, puppet: Puppe
 async def test_raw_readings_of_a_sensor_at_rest_become_its_tilt(bench: Bench, puppet: Puppet) -> None:
     pytest.importorskip("vqf")
     gravity = rotation.rotate(rotation.inverse(rotation.from_azimuth_elevation(0.0, -0.4)), (0.0, 0.0, 9.81))
-    samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, INSTANCE)
+    samples = bench.collect(IMU, "anna")
+    health = bench.collect(HEALTH, INSTANCE)
     for number in range(500):
         noise = 1e-4 * (number % 3)
         puppet.give(RawReading(bench.clock.now_ns(), (noise, 0.0, 0.0), gravity, number * 10_000_000))
@@ -254,7 +257,8 @@ async def test_raw_readings_with_times_in_another_unit_are_fused_by_their_arriva
     bench: Bench, puppet: Puppet
 ) -> None:
     pytest.importorskip("vqf")
-    samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, INSTANCE)
+    samples = bench.collect(IMU, "anna")
+    health = bench.collect(HEALTH, INSTANCE)
     for number in range(1500):
         noise = 1e-4 * (number % 3)
         puppet.give(RawReading(bench.clock.now_ns(), (noise, 0.0, 0.0), (0.0, 0.0, 9.81), number * 10_000))
@@ -276,7 +280,8 @@ async def test_raw_readings_with_times_in_another_unit_are_fused_by_their_arriva
 async def test_values_that_cannot_be_are_dropped_and_named(
     item: Battery | Signal | RawReading | Reading, words: str, bench: Bench, puppet: Puppet
 ) -> None:
-    samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, INSTANCE)
+    samples = bench.collect(IMU, "anna")
+    health = bench.collect(HEALTH, INSTANCE)
     puppet.give(item)
     await asyncio.sleep(2.0)
     assert words in said(health)

@@ -152,7 +152,8 @@ def test_long_gap_is_a_restart_that_keeps_the_bias() -> None:
 
 def test_repeated_and_late_readings_change_nothing() -> None:
     readings = simulated_wrist(0, 5.0).readings(device_time=True)
-    once, again = Fusion(), Fusion()
+    once = Fusion()
+    again = Fusion()
     fused(once, readings)
     for number, reading in enumerate(readings):
         again.update(reading)
@@ -231,7 +232,8 @@ def test_work_is_limited_whatever_times_a_device_states(
 ) -> None:
     monkeypatch.setitem(sys.modules, "vqf", SimpleNamespace(VQF=CountingFilter))
     monkeypatch.setattr(CountingFilter, "updates", 0)
-    fusion, device_ns = Fusion(), 0
+    fusion = Fusion()
+    device_ns = 0
     for step_ns in steps_ns:
         device_ns += step_ns
         fusion.update(RawReading(0, (0.1, 0.0, 0.0), (0.0, 0.0, 9.81), device_ns))

@@ -178,7 +178,9 @@ async def test_a_replay_leaves_out_lost_orientations(
     ],
 )
 async def test_source_without_its_settings_is_refused(values: dict[str, object], said: str) -> None:
-    config, clock, bus = ImuBridgeConfig.model_validate(values), WallClock(), MemoryBus(LocalBroker())
+    config = ImuBridgeConfig.model_validate(values)
+    clock = WallClock()
+    bus = MemoryBus(LocalBroker())
     with pytest.raises(ConfigError, match=said):
         ImuBridge.validate_config(config)
     view = ServiceBus(bus, clock, "imu-bridge", "imu-bridge.anna", "anna")
@@ -189,7 +191,8 @@ async def test_source_without_its_settings_is_refused(values: dict[str, object],
 
 async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
     async with memory_bench(WallClock()) as bench:
-        samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
+        samples = bench.collect(IMU, "anna")
+        presses = bench.collect(BUTTON, "anna")
         with pty_device(tmp_path / "imu") as device:
             serial = SerialConfig(port=str(device.path), line="{t_us},{w},{x},{y},{z}")
             config = ImuBridgeConfig.model_validate({"source": "serial", "serial": serial})

@@ -52,7 +52,8 @@ def test_a_relative_one_counts_from_the_one_in_use() -> None:
 
 
 def test_each_kind_of_source_has_its_own() -> None:
-    simulated, serial = ImuBridgeConfig(), ImuBridgeConfig(source="serial")
+    simulated = ImuBridgeConfig()
+    serial = ImuBridgeConfig(source="serial")
     state = kept(serial, MOUNTINGS["minus_y"], kept(simulated, TURNED))
     assert MountingSelection(simulated, state).sensor_from_arm == pytest.approx(TURNED)
     assert MountingSelection(serial, state).sensor_from_arm == MOUNTINGS["minus_y"]

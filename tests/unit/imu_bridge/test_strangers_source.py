@@ -59,7 +59,8 @@ async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
     async with memory_bench() as bench:
-        samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, "imu-bridge.anna")
+        samples = bench.collect(IMU, "anna")
+        health = bench.collect(HEALTH, "imu-bridge.anna")
         bench.start(ImuBridge, ImuBridgeConfig(source="mortal"), "anna")
         await until(lambda: len(samples) >= 3)
         assert len({sample.orientation_xyzw for sample in samples}) >= 3  # a new one in each life
@@ -84,7 +85,8 @@ def test_source_that_cannot_check_its_parameters_is_refused_in_one_sentence() ->
 def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:
     check = ReadingCheck()
     now_ns = 1_700_000_000 * NS_PER_S
-    taken, problem = 0, ""
+    taken = 0
+    problem = ""
     for _ in range(3 * MAX_ITEMS_PER_S):
         problem = check.problem(Reading(now_ns, (0.0, 0.0, 0.0, 1.0)), now_ns)
         taken += not check.is_refused

@@ -158,7 +158,8 @@ def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> N
 def test_port_that_sends_nothing_is_told_from_one_that_sends_nothing_readable() -> None:
     warnings: list[str | None] = []
     for data in (b"", b"\x55\x59\x82"):
-        watch, detection = SilenceWatch("the port", 3.0, 0.0), Detection(SerialConfig(baud=9600))
+        watch = SilenceWatch("the port", 3.0, 0.0)
+        detection = Detection(SerialConfig(baud=9600))
         detection.feed(data, 0, 4.0)
         warnings.append(watch.step(data, 4.0, detection))
     assert warnings[0] == (
@@ -169,7 +170,9 @@ def test_port_that_sends_nothing_is_told_from_one_that_sends_nothing_readable() 
 
 
 def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
-    detection, watch, warning = Detection(SerialConfig()), SilenceWatch("the port", 3.0, 0.0), ""
+    detection = Detection(SerialConfig())
+    watch = SilenceWatch("the port", 3.0, 0.0)
+    warning = ""
     for number in range(40):
         data = b"1500,0.6,0.64,0,-0.48\r\n"
         detection.feed(data, number, number / 10)
@@ -344,7 +347,8 @@ def test_the_first_partial_line_is_thrown_away() -> None:
 @given(st.lists(st.sampled_from([b"1,0,0,0", b"button", b"x" * 300, b""]), max_size=20), st.integers(1, 50))
 def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], size: int) -> None:
     stream = b"\n" + b"".join(line + b"\r\n" for line in lines)
-    whole, pieces = LineSplitter(), LineSplitter()
+    whole = LineSplitter()
+    pieces = LineSplitter()
     one_by_one: list[bytes] = []
     for start in range(0, len(stream), size):
         one_by_one += pieces.feed(stream[start : start + size])

@@ -180,7 +180,9 @@ def test_jitter_of_a_radio_is_removed(drift: float, interval_s: float, limit_ms:
 )
 def test_stamps_are_never_in_the_future_nor_decreasing_nor_old(steps: list[tuple[int, int]]) -> None:
     clock = DeviceClock()
-    device_ns, arrival_ns, before_ns = 0, HOST_NS, 0
+    device_ns = 0
+    arrival_ns = HOST_NS
+    before_ns = 0
     for device_step_ns, arrival_step_ns in steps:
         device_ns += device_step_ns
         arrival_ns += arrival_step_ns
@@ -195,7 +197,8 @@ def fed(clock: DeviceClock, device_ns: int, arrival_ns: int, seconds: float) -> 
     for _ in range(round(100 * seconds)):
         stamp_ns = clock.capture_ns(device_ns, arrival_ns)
         assert stamp_ns <= arrival_ns
-        device_ns, arrival_ns = device_ns + 10 * MS, arrival_ns + 10 * MS
+        device_ns = device_ns + 10 * MS
+        arrival_ns = arrival_ns + 10 * MS
     return device_ns, arrival_ns
 
 
@@ -422,8 +425,12 @@ Step = tuple[Device, int, bool]
 @given(st.lists(st.tuples(st.sampled_from(["arm", "phone"]), st.integers(1, 3), st.booleans()), max_size=30))
 def test_the_localizer_is_told_of_every_new_origin_and_of_no_other(steps: list[Step]) -> None:
     """Between pages a simulated person moves the wrist, with samples of number 0."""
-    hand, origin = Hand(), YawOrigin()
-    time_s, session, phone, was = 0.0, 0, "", "home"
+    hand = Hand()
+    origin = YawOrigin()
+    time_s = 0.0
+    session = 0
+    phone = ""
+    was = "home"
 
     def change(epoch: int) -> bool:
         sample = ImuSample(stamp_ns=at(time_s), orientation_xyzw=rotation.IDENTITY, yaw_epoch=epoch)
@@ -433,7 +440,8 @@ def test_the_localizer_is_told_of_every_new_origin_and_of_no_other(steps: list[S
     for device, of_phone, gives_back in steps:
         time_s += 0.1
         if device == "phone" and of_phone != session:
-            session, now = of_phone, f"phone, {time_s}"
+            session = of_phone
+            now = f"phone, {time_s}"
             phone = now
         elif device == "phone":
             now = phone

@@ -234,7 +234,8 @@ def shards(*sites: str, **choices: Any) -> list[Launch]:
 def test_a_persons_shards_have_the_parameters_of_the_scenario_and_the_map_of_the_site() -> None:
     pui, selector = shards("pui", "selector", "led_driver")
     assert (pui.instance, selector.instance) == ("pui.anna", "selector.anna")
-    room, deciding = pui.config, selector.config
+    room = pui.config
+    deciding = selector.config
     assert isinstance(room, PuiConfig)
     assert isinstance(deciding, SelectorConfig)
     assert (room.map_to_read, room.surfaces, room.people) == ("", ("strip",), ("anna",))

@@ -50,7 +50,8 @@ def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # noqa: FBT001 - a parameter
     scenario = read_scenario(name)
     choices = Choices(localize=localize)
-    site, user = site_launches(scenario, choices), user_launches(scenario, choices, "anna")
+    site = site_launches(scenario, choices)
+    user = user_launches(scenario, choices, "anna")
     assert {"pui", "led-driver"} <= names(site)
     of_their_own = {"goal.anna"} if name in {"scenario_5", "scenario_6", "send_a_robot"} else set[str]()
     everybodys = {"pointing.anna", "localizer.anna", "supervisor.anna", "user-sim.anna"}
@@ -81,7 +82,8 @@ def test_people_get_places_and_seeds_of_their_own() -> None:
     people = [person(f"user{index + 1}", index, seed=40) for index in range(4)]
     for index, launches in enumerate(people):
         place = scenario.places[index % len(scenario.places)]
-        simulated, localizer = config_of(launches, "user-sim"), config_of(launches, "localizer")
+        simulated = config_of(launches, "user-sim")
+        localizer = config_of(launches, "localizer")
         assert simulated["seed"] == 40 + index
         assert simulated["position_m"] == localizer["position_m"] == place.position_m
         assert simulated["yaw_deg"] == localizer["yaw_deg"] == place.yaw_deg

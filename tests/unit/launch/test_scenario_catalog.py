@@ -19,7 +19,8 @@ from pointit.services.localizer.config import LocalizerConfig
 def beginning(
     source: str = "scenario_4", choices: Choices | None = None, people: int = 1, **said: Any
 ) -> tuple[ScenarioCatalog, Plan]:
-    scenario, chosen = read_scenario(source), choices or Choices(page=True)
+    scenario = read_scenario(source)
+    chosen = choices or Choices(page=True)
     name = Path(source).stem
     program = ScenarioCatalog.beginning_with(name, source, scenario, chosen)
     plan = Plan(

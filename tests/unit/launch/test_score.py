@@ -64,8 +64,10 @@ def dispatched(object_id: str, kind: str, bay: str, user: str = "") -> Selection
 
 
 SELECTED, DESELECTED, LEFT = (event(what, "a") for what in ("selected", "deselected", "left"))
-WRONG, CORRECTED = event("selected", "b"), event("deselected", "b")
-TO_ANNA, TO_NOBODY = dispatched("b", "blue", "1", "anna"), dispatched("b", "blue", "3")
+WRONG = event("selected", "b")
+CORRECTED = event("deselected", "b")
+TO_ANNA = dispatched("b", "blue", "1", "anna")
+TO_NOBODY = dispatched("b", "blue", "3")
 PENDING = {"pending": 1}
 
 
@@ -339,7 +341,8 @@ def test_summary_has_the_person_and_the_distance_of_each_landing_and_goal() -> N
         score.on_goal(sent(goal_ns=goal_ns), "ben")
         score.on_state("rover", state((0.6, 0.5, 0.0), goal_ns=goal_ns))
         score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
-    anna, ben = "landed 2 times for anna, 0.10 and 0.05 m", "landed once for ben, 0.20 m"
+    anna = "landed 2 times for anna, 0.10 and 0.05 m"
+    ben = "landed once for ben, 0.20 m"
     assert score_lines(score.as_dict()) == [
         f"quad {anna} from the place; {ben} from the place.",
         "rover reached 2 of 2 goals of ben, 0.00 and 0.10 m from them.",

@@ -19,7 +19,11 @@ from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.light_state import LightState
 
 Color = tuple[int, int, int]
-WHITE, RED, GREEN, BLUE, BLACK = (255, 255, 255), (200, 0, 0), (0, 100, 0), (0, 0, 90), (0, 0, 0)
+WHITE = (255, 255, 255)
+RED = (200, 0, 0)
+GREEN = (0, 100, 0)
+BLUE = (0, 0, 90)
+BLACK = (0, 0, 0)
 DIM = (50, 0, 0)  # a quarter of RED
 GAP = (20, 0, 0)  # a tenth
 

@@ -126,13 +126,15 @@ def test_unknown_colormaps_are_refused() -> None:
 def flashes_in_a_second(shown: list[tuple[int, float]]) -> int:
     """Return the most pairs of opposing changes by a tenth or more within any second."""
     turns_ns: list[int] = []
-    extreme, rising = 0.0, False
+    extreme = 0.0
+    rising = False
     for at_ns, value in shown:
         if rising == (value > extreme):
             extreme = value
         elif abs(value - extreme) >= 0.1:
             turns_ns.append(at_ns)
-            extreme, rising = value, not rising
+            extreme = value
+            rising = not rising
     most = max((sum(start <= at < start + NS_PER_S for at in turns_ns) for start in turns_ns), default=0)
     return most // 2
 
@@ -149,7 +151,8 @@ wild = st.lists(st.tuples(st.integers(1, 300), st.tuples(bytes_, bytes_, bytes_)
 @example([(20, (255, 255, 255) if number % 2 else DARK) for number in range(120)])
 @given(wild)
 def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int, Color]]) -> None:
-    guard, now_ns = FlashGuard(), NOW_NS
+    guard = FlashGuard()
+    now_ns = NOW_NS
     shown: list[tuple[int, Color]] = []
     for wait_ms, color in changes:
         now_ns += wait_ms * MS
@@ -161,7 +164,8 @@ def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int,
 
 
 def test_a_colour_that_is_held_back_is_shown_a_second_after_the_first_change_that_holds_it() -> None:
-    guard, turns = FlashGuard(), [0, 100, 200, 350, 500]
+    guard = FlashGuard()
+    turns = [0, 100, 200, 350, 500]
     for number, turn_ms in enumerate(turns):
         color = DARK if number % 2 else (255, 255, 255)
         assert guard.show(color, NOW_NS + turn_ms * MS) == color
@@ -200,7 +204,9 @@ def test_a_lamp_that_is_not_in_the_map_cannot_be_set() -> None:
 
 
 S = NS_PER_S
-LEFT, RIGHT, BOTH = ("led_0", "led_1"), ("led_1", "led_2"), ("led_0", "led_1", "led_2")
+LEFT = ("led_0", "led_1")
+RIGHT = ("led_1", "led_2")
+BOTH = ("led_0", "led_1", "led_2")
 
 
 def news(
@@ -247,7 +253,8 @@ def test_person_who_points_is_not_interrupted_by_a_machine_whose_clock_is_behind
 
 
 def test_leases_of_a_large_room_can_be_read() -> None:
-    queue, lamps = LampQueue(60 * S), tuple(f"lamp_{index:04}" for index in range(500))
+    queue = LampQueue(60 * S)
+    lamps = tuple(f"lamp_{index:04}" for index in range(500))
     for index in range(MAX_PEOPLE):
         queue.on_localization(f"person_{index:02}", news(index, lamps), S)
     leases = LampLeases(stamp_ns=1, leases=queue.service().leases)

@@ -53,7 +53,8 @@ def test_a_package_lights_what_lies_beside_it_under_any_direction_and_clipping(
     data: st.DataObject, at_m: float, length_m: float
 ) -> None:
     offset_m, (start_m, span_m) = data.draw(offsets), data.draw(spans)
-    direction, turn = data.draw(st.sampled_from([1, -1])), data.draw(st.booleans())
+    direction = data.draw(st.sampled_from([1, -1]))
+    turn = data.draw(st.booleans())
     strip = beside(offset_m, start_m, start_m + span_m, direction=direction, turn=turn)
     stage = Stage(strip, belts=(STRAIGHT,))
     stage.put(item(at_m, length_m, surface="belt", surface_id="belt"))
@@ -112,7 +113,8 @@ def test_gaps_between_strips_stay_gaps_and_strips_elsewhere_stay_dark() -> None:
 
 
 def test_a_cursor_on_a_belt_shows_on_both_sides_and_one_on_a_strip_on_that_strip() -> None:
-    left, right = beside(0.25, 0.0, 3.0, name="l"), beside(-0.25, 0.0, 3.0, name="r")
+    left = beside(0.25, 0.0, 3.0, name="l")
+    right = beside(-0.25, 0.0, 3.0, name="r")
     stage = Stage(left, right, belts=(STRAIGHT,)).profile("anna", (0, 9, 0), 0.09)
     on_belt = stage.point("anna", 1.5, "belt", surface="belt")
     assert on_belt.lit("l") == on_belt.lit("r") == [44, 45]
@@ -123,7 +125,8 @@ def test_a_cursor_on_a_belt_shows_on_both_sides_and_one_on_a_strip_on_that_strip
 
 @given(st.floats(0.0, 3.0))
 def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: float) -> None:
-    left, right = beside(0.25, 0.0, 3.0, name="l"), beside(-0.25, 0.5, 2.5, name="r")
+    left = beside(0.25, 0.0, 3.0, name="l")
+    right = beside(-0.25, 0.5, 2.5, name="r")
     stage = Stage(left, right, belts=(STRAIGHT,)).profile("anna", (0, 9, 0), 1e-3)
     stage.point("anna", at_m, "belt", surface="belt")
     assert len(stage.lit("l")) == 1
@@ -135,7 +138,8 @@ def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: 
 def test_two_thousand_things_without_a_length_are_found_within_a_frame() -> None:
     strips = [beside(2.0 * index, 0.0, 3.0, name=str(index)) for index in range(22)]
     layout = Layout(strips)
-    lines, at_m = np.arange(2000) % 22, np.linspace(0.0, 3.0, 2000)
+    lines = np.arange(2000) % 22
+    at_m = np.linspace(0.0, 3.0, 2000)
     assert layout.lit(lines, at_m, at_m)[0].tolist() == list(range(2000))
     took_s: list[float] = []
     for _ in range(20):

@@ -213,7 +213,8 @@ async def test_lamps_change_twenty_times_a_second_at_most() -> None:
 async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        frames, reports = bench.collect(at.STRIPS_FRAME), bench.collect(at.HEALTH)
+        frames = bench.collect(at.STRIPS_FRAME)
+        reports = bench.collect(at.HEALTH)
         bench.start(LedDriver, FAST)
         await bench.settle()
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")

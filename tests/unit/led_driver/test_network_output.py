@@ -89,7 +89,8 @@ async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> Non
 
 
 async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> None:
-    told, device = Health(), UdpDevice()
+    told = Health()
+    device = UdpDevice()
     async with running(device.port, told) as output:
         device.close()  # nobody listens
         output.show(frame(1))
@@ -117,7 +118,8 @@ async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) ->
     async with receiver() as device, running(device.port, Health()) as output:
         output.show(frame(7))
         await until(lambda: last_is(device, 7))
-        lit, count = len(device.datagrams), len(device.datagrams) + 3
+        lit = len(device.datagrams)
+        count = len(device.datagrams) + 3
         output.set_strips([STRIP.model_copy()])
         await until(lambda: len(device.datagrams) >= count)
         assert {each[1:] for each in device.datagrams[lit:]} == {bytes([7] * 6)}
@@ -125,7 +127,8 @@ async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) ->
 
 async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp_output, "RETRY_S", 1000.0)
-    told, device = Health(), UdpDevice()
+    told = Health()
+    device = UdpDevice()
     async with running(device.port, told) as output:
         output.show(frame(1))
         device.close()  # nobody listens
@@ -140,7 +143,8 @@ async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(udp_output, "REPEAT_S", 1000.0)
-    told, device = Health(), UdpDevice()
+    told = Health()
+    device = UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):
         await until(lambda: f"network rate 127.0.0.1:{device.port}" in told.metrics)

@@ -220,7 +220,8 @@ def shown_by_wled(packets: Sequence[bytes], last_push: int) -> tuple[bool, int]:
 
 @given(st.integers(1, 20_000), st.sampled_from([3, 4]))
 def test_wled_takes_no_packet_for_a_late_one_and_shows_each_frame_once(pixels: int, colors: int) -> None:
-    data, last = bytes(pixels * colors), 0
+    data = bytes(pixels * colors)
+    last = 0
     for number in range(1, 18):
         packets = encode_frame(data, colors, number)
         taken, last = shown_by_wled(packets, last)

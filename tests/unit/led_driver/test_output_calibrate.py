@@ -56,7 +56,9 @@ def turned(device: UdpDevice, before: list[bytes]) -> bool:
 
 
 async def test_person_who_points_the_beam_at_four_lamps_gets_the_pose() -> None:
-    device, pressed, at = UdpDevice(), asyncio.Queue[bytes](), HOME
+    device = UdpDevice()
+    pressed = asyncio.Queue[bytes]()
+    at = HOME
     await device.plug()
     config = SpotlightConfig(host=device.host, port=device.port)
     pressed.put_nowait(FINER)

@@ -22,7 +22,9 @@ from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, driven, next_frame
 
-A, B, LIT = StripFrame(id="a", rgb=bytes(60)), StripFrame(id="b", rgb=bytes(60)), bytes(57) + b"\1\2\3"
+A = StripFrame(id="a", rgb=bytes(60))
+B = StripFrame(id="b", rgb=bytes(60))
+LIT = bytes(57) + b"\1\2\3"
 
 
 class Strips:
@@ -59,9 +61,11 @@ def frame(*strips: StripFrame) -> StripsFrame:
 
 
 def test_output_gets_its_strips_only_and_only_when_one_has_changed() -> None:
-    mine, every = Strips(), Strips()
+    mine = Strips()
+    every = Strips()
     outputs = guarded(lambda: mine, "b"), guarded(lambda: every)
-    lit_a, lit_b = StripFrame(id="a", rgb=LIT), StripFrame(id="b", rgb=LIT)
+    lit_a = StripFrame(id="a", rgb=LIT)
+    lit_b = StripFrame(id="b", rgb=LIT)
     frames = frame(A, B), frame(lit_a, B), frame(lit_a, lit_b), frame(lit_a, lit_b.model_copy())
     sent = [tuple(output.show(each, 0.01) for output in outputs) for each in frames]
     assert sent == [(True, True), (False, True), (True, True), (False, False)]
@@ -129,7 +133,8 @@ def test_strips_of_an_output_are_those_of_its_parameters(config: OutputConfig, s
 
 
 async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch: pytest.MonkeyPatch) -> None:
-    at_a, at_b = Strips(), Strips()
+    at_a = Strips()
+    at_b = Strips()
     made = [guarded(lambda: at_a, "a"), guarded(lambda: at_b, "b")]
 
     def make_outputs(*_arguments: object) -> list[GuardedOutput]:
@@ -137,7 +142,8 @@ async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch:
 
     monkeypatch.setattr("pointit.services.led_driver.service.make_outputs", make_outputs)
     async with driven() as (bench, clock, frames):
-        at_a.light_s, at_b.light_s = 0.01, 0.3
+        at_a.light_s = 0.01
+        at_b.light_s = 0.3
         bench.put(CURSOR, cursor(clock, 0.3, "b"), "ben")
         assert (await next_frame(frames)).light_s == 0.3, "the frame before was new to both"
         bench.put(CURSOR, cursor(clock, 0.3), "anna")

@@ -38,7 +38,8 @@ def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
 ) -> None:
     pacer = FrameLimiter(rate_hz, patience_s)
     period_s = 1.0 / rate_hz
-    now_s, due_s = 0.0, None
+    now_s = 0.0
+    due_s = None
     drawn: list[float] = []
 
     def draw(at_s: float) -> None:

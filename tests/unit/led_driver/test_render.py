@@ -205,7 +205,8 @@ def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
 
 def test_brightness_of_one_strip_leaves_the_others_alone() -> None:
     stage = Stage().profile("anna").put(item(0.6)).point("anna", 1.0, "back")
-    front, back = stage.shown(), stage.shown("back")
+    front = stage.shown()
+    back = stage.shown("back")
     stage.lights.set_brightness(0.5, ["back"])
     assert stage.shown() == front
     assert stage.shown("back") == [tuple(round(value / 2) for value in color) for color in back]

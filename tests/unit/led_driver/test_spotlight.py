@@ -39,7 +39,8 @@ from tests.support.bench import until
 from tests.support.running_source import Health
 from tests.unit.led_driver.driving import receiver
 
-RED, BLUE = (255, 0, 0), (0, 0, 255)
+RED = (255, 0, 0)
+BLUE = (0, 0, 255)
 WIDE = HeadLimits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
 HANGING = HeadMounting.from_degrees((0.0, 0.0, 3.0), 0.0, 0.0, 180.0)
 metres = st.floats(-10, 10)

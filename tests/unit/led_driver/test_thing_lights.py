@@ -30,8 +30,10 @@ from tests.unit.led_driver.driving import FAST, started
 from tests.unit.led_driver.stage import BLACK, FORTH, GREEN, NOW_NS, Color, colors, item
 
 MS = NS_PER_S // 1000
-ANNA, BEN = (200, 100, 0), (0, 0, 100)
-DIM, BRIGHT = (90, 90, 90), (200, 200, 200)
+ANNA = (200, 100, 0)
+BEN = (0, 0, 100)
+DIM = (90, 90, 90)
+BRIGHT = (200, 200, 200)
 
 
 def thing(name: str, **more: Any) -> Thing:
@@ -137,7 +139,8 @@ def test_lamp_of_a_thing_flashes_three_times_a_second_at_most() -> None:
 
 
 async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its_thing_is_selected() -> None:
-    clock, told = ManualClock(), list[Color]()
+    clock = ManualClock()
+    told = list[Color]()
 
     def is_last(color: Color) -> bool:
         return told[-1:] == [color]

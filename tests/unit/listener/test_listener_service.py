@@ -195,7 +195,8 @@ async def test_a_recogniser_whose_clock_is_half_a_second_ahead_is_named() -> Non
     ],
 )
 def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_s: float, named: str) -> None:
-    words, memory = RecogniserClock(), PointingMemory()
+    words = RecogniserClock()
+    memory = PointingMemory()
     rays = gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)])
     for index in range(WORDS):
         start_s = 8.0 * index

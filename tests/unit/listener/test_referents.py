@@ -11,7 +11,9 @@ from pointit.schemas import Referents
 from pointit.services.listener.referents import Spoken, decide, referents
 from tests.unit.listener.gestures import at_ns, gesture, thing
 
-LEFT, MIDDLE, RIGHT = thing("left", 30.0), thing("middle", 0.0), thing("right", -30.0)
+LEFT = thing("left", 30.0)
+MIDDLE = thing("middle", 0.0)
+RIGHT = thing("right", -30.0)
 THREE = (LEFT, MIDDLE, RIGHT)
 
 
@@ -30,7 +32,9 @@ def test_the_thing_on_which_the_arm_stays_about_the_word_is_meant() -> None:
 
 def test_two_words_take_two_stays_in_their_order() -> None:
     rays = gesture([(0.0, 0.0, 1.0), (30.0, 1.5, 2.0), (-30.0, 2.5, 3.5)])
-    that_ns, there_ns = at_ns(1.9), at_ns(2.2)  # both words are nearest to the first stay
+    # both words are nearest to the first stay
+    that_ns = at_ns(1.9)
+    there_ns = at_ns(2.2)
     first = referents(rays, THREE, Spoken(at_ns=that_ns, others_ns=(there_ns,)))
     second = referents(rays, THREE, Spoken(at_ns=there_ns, others_ns=(that_ns,)))
     assert (names(first)[0], names(second)[0]) == ("left", "right")
@@ -39,7 +43,8 @@ def test_two_words_take_two_stays_in_their_order() -> None:
 
 
 def test_this_is_nearer_than_that_when_both_are_possible() -> None:
-    near, far = thing("near", 0.0, 1.2), thing("far", 0.0, 4.0)
+    near = thing("near", 0.0, 1.2)
+    far = thing("far", 0.0, 4.0)
     rays = gesture([(0.0, 0.0, 2.0)])
     this, that = (referents(rays, (near, far), Spoken(at_ns=at_ns(1.0), word=w)) for w in ("this", "that"))
     assert (names(this)[0], names(that)[0]) == ("near", "far")
@@ -80,7 +85,8 @@ def test_a_direction_beside_everything_is_none_of_them_and_one_between_two_is_as
 
 
 def test_drift_that_the_pose_states_makes_it_less_sure() -> None:
-    rays, said = gesture([(22.0, 0.0, 2.0)]), at_ns(1.0)
+    rays = gesture([(22.0, 0.0, 2.0)])
+    said = at_ns(1.0)
     sure, drifted = (
         referents(rays, THREE, Spoken(at_ns=said, yaw_sigma_rad=math.radians(sigma))) for sigma in (0.0, 15.0)
     )
@@ -108,7 +114,8 @@ def test_a_referent_among_two_hundred_things_takes_less_than_20_ms() -> None:
 def test_probabilities_are_probabilities_whatever_is_said_and_pointed_at(
     stays: list[tuple[float, float]], said_s: float, others_s: list[float], word: str
 ) -> None:
-    begin_s, timed = 0.0, list[tuple[float, float, float]]()
+    begin_s = 0.0
+    timed = list[tuple[float, float, float]]()
     for azimuth, long_s in stays:
         timed.append((azimuth, begin_s, begin_s + long_s))
         begin_s += long_s + 0.4

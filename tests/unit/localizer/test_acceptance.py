@@ -94,12 +94,15 @@ def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
     variances: tuple[float, ...], by_latency_m: float
 ) -> None:
     """People who stand and are turned otherwise than assumed point at one of eight things: is it nearest?"""
-    covariance, scatter = np.diag(variances), 0.7
+    covariance = np.diag(variances)
+    scatter = 0.7
     of_latency = np.array([0.1 * by_latency_m, 0.0, 0.0])
     by_latency = 10.0 * of_latency
     stated = covariance + np.outer(by_latency, by_latency)
     pose = dataclasses.replace(SURE, covariance=stated, scatter=scatter, of_latency=of_latency)
-    rng, count, right = np.random.default_rng(3), 4_000, 0
+    rng = np.random.default_rng(3)
+    count = 4_000
+    right = 0
     errors = rng.multivariate_normal(np.zeros(3), scatter * covariance, count)
     errors[:, 0] += rng.normal(0.0, by_latency_m, count)
     things = [(3.0 * math.cos(turn), 3.0 * math.sin(turn)) for turn in np.arange(8) * math.pi / 4.0]
@@ -193,7 +196,9 @@ def test_one_bad_sample_in_four_is_refused(moving: bool) -> None:  # noqa: FBT00
 @pytest.mark.parametrize("size", [0.2, 0.5, 0.8])
 def test_the_scatter_of_following_is_that_of_the_innovations(size: float) -> None:
     """Errors of `size` sigmas, correlated over half a second, beside a constant one of half a sigma."""
-    rng, rate_hz, settings = np.random.default_rng(5), 25.0, UNLIMITED
+    rng = np.random.default_rng(5)
+    rate_hz = 25.0
+    settings = UNLIMITED
     likeness = math.exp(-settings.independent_hz / rate_hz)
     path = [(2.0 + math.cos(a), math.sin(a), 0.7 + 0.4 * math.sin(2.0 * a)) for a in np.arange(250) / 25.0]
     scatters: list[float] = []
@@ -205,7 +210,8 @@ def test_the_scatter_of_following_is_that_of_the_innovations(size: float) -> Non
             errors[row] += likeness * errors[row - 1]
         errors = (size * errors + 0.5) * (settings.ray_sigma_rad, settings.elevation_sigma_rad)
         x, y, z = exact.directions.T
-        azimuths, elevations = np.arctan2(y, x) + errors[:, 0], np.arcsin(z) + errors[:, 1]
+        azimuths = np.arctan2(y, x) + errors[:, 0]
+        elevations = np.arcsin(z) + errors[:, 1]
         level = np.cos(elevations)
         rays = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
         scatters.append(solved(dataclasses.replace(exact, directions=rays), settings).scatter)

@@ -36,7 +36,8 @@ NEW = RememberedBias(
 def following(person: Person, seconds: float, *, start_s: float = 0.0) -> Pointings:
     """Return rays of `person` at a robot that flies a figure of eight 2 m ahead, 25 a second."""
     times_s = start_s + np.arange(0.0, seconds + 1e-9, 0.04)
-    x_m, y_m = 2.0 + 0.8 * np.sin(2.0 * times_s), 1.0 * np.sin(times_s)
+    x_m = 2.0 + 0.8 * np.sin(2.0 * times_s)
+    y_m = 1.0 * np.sin(times_s)
     targets_m = np.stack([x_m, y_m, 0.8 + 0.3 * np.sin(1.3 * times_s)], axis=1)
     directions = np.array([person.direction(tuple(target)) for target in targets_m.tolist()])
     origins_m = np.tile([0.0, 0.0, EYES_M], (len(times_s), 1))
@@ -50,7 +51,8 @@ def learned(person: Person, seconds: float = 10.0) -> BiasMemory:
 
 
 def test_the_filter_is_the_least_squares_fit_of_all_measurements() -> None:
-    elevations, biases = np.radians([-20.0, -45.0, -5.0]), np.radians([6.0, 9.0, 3.5])
+    elevations = np.radians([-20.0, -45.0, -5.0])
+    biases = np.radians([6.0, 9.0, 3.5])
     sigmas = np.radians([3.0, 4.0, 2.5])
     memory = NEW
     for elevation, bias, sigma in zip(elevations.tolist(), biases.tolist(), sigmas.tolist(), strict=True):

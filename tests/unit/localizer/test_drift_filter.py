@@ -70,7 +70,8 @@ def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
 
 
 def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
-    drift, spared = calibrated(PERSON), calibrated(PERSON)
+    drift = calibrated(PERSON)
+    spared = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     beside = point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns, math.radians(36.0))
     assert not beside.accepted
@@ -83,7 +84,8 @@ def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> N
     assert doubted.anchored_ns == 3 * MINUTE_NS
     for each in (drift, spared):
         assert point(each, truth, LAMPS[0], at_ns + NS_PER_S).accepted
-    have, want = drift.at(at_ns + NS_PER_S), spared.at(at_ns + NS_PER_S)
+    have = drift.at(at_ns + NS_PER_S)
+    want = spared.at(at_ns + NS_PER_S)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(1.0))
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, abs=math.radians(0.02))
 
@@ -169,7 +171,8 @@ def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, resta
 @pytest.mark.parametrize("late_s", [5.0, 20.0])
 def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     """The drift since makes it less certain now, but it still measures the rate."""
-    at_ns, now_ns = 2 * MINUTE_NS, 2 * MINUTE_NS + round(late_s * NS_PER_S)
+    at_ns = 2 * MINUTE_NS
+    now_ns = 2 * MINUTE_NS + round(late_s * NS_PER_S)
     new = fix(drifted(PERSON, at_ns), at_ns, np.array([0.2, 0.2, math.radians(4.0)]))
     timely, late = (DriftFilter(fix(PERSON, 0)) for _ in range(2))
     timely.reset(new)
@@ -216,7 +219,8 @@ def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
 
 
 def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
-    held, hanging = DriftFilter(fix(PERSON, 0)), DriftFilter(fix(PERSON, 0))
+    held = DriftFilter(fix(PERSON, 0))
+    hanging = DriftFilter(fix(PERSON, 0))
     for second in range(1, 60):
         for drift in (held, hanging):
             assert drift.update_rest_rate(
@@ -252,7 +256,8 @@ def test_a_late_anchor_counts_at_its_own_time() -> None:
     point(early, then, LAMPS[0], at_ns)
     late.predict(70 * NS_PER_S)
     point(late, then, LAMPS[0], at_ns)
-    a, b = early.predict(70 * NS_PER_S), late.predict(70 * NS_PER_S)
+    a = early.predict(70 * NS_PER_S)
+    b = late.predict(70 * NS_PER_S)
     assert b.yaw_rad == pytest.approx(a.yaw_rad, abs=math.radians(0.3))
     assert b.anchored_ns == at_ns
     refused = point(calibrated(PERSON), drifted(PERSON, MINUTE_NS), LAMPS[0], MINUTE_NS)
@@ -286,7 +291,9 @@ def test_bad_anchors_are_refused_with_a_sentence() -> None:
 
 @pytest.mark.parametrize("jump_deg_min", [30.0, -50.0])
 def test_rests_in_succession_that_contradict_the_known_drift_end_it(jump_deg_min: float) -> None:
-    drift, true_rad, rate = DriftFilter(fix(PERSON, 0)), PERSON.yaw_rad, RATE_RADPS
+    drift = DriftFilter(fix(PERSON, 0))
+    true_rad = PERSON.yaw_rad
+    rate = RATE_RADPS
     for second in range(1, 300):
         if second == 200:
             rate += math.radians(jump_deg_min) / 60.0

@@ -111,7 +111,8 @@ def test_clean_pointing_at_targets_in_a_row_is_no_miss() -> None:
     """The valley is flat there, and steps that are of no use are no arrival."""
     for seed in range(40):
         generator = np.random.default_rng(seed)
-        start, way = generator.uniform(-3, 3, 2), generator.uniform(0, math.tau)
+        start = generator.uniform(-3, 3, 2)
+        way = generator.uniform(0, math.tau)
         row = [
             (float(start[0] + s * math.cos(way)), float(start[1] + s * math.sin(way)), 0.3)
             for s in (0.0, 1.0, 2.0)
@@ -135,7 +136,8 @@ def synthetic_trials(scenario: int) -> list[tuple[Pointings, NDArray[np.float64]
     trials = np.load(data_file("recordings/synth_two_led/trials.npz"))
     cases: list[tuple[Pointings, NDArray[np.float64], float]] = []
     for trial in np.flatnonzero(trials["scenario"] == scenario):
-        azimuths, elevations = trials["ray_az_rad"][trial], trials["ray_el_rad"][trial]
+        azimuths = trials["ray_az_rad"][trial]
+        elevations = trials["ray_el_rad"][trial]
         level = np.cos(elevations)
         gathered = Pointings(
             trials["t_s"],
@@ -190,7 +192,8 @@ def test_drift_while_following_stays_within_the_uncertainty(rate_degps: float) -
     person = Person(0.6, -0.4, 1.0)
     rays = pointings(person, WAY, each=1)
     turned = math.radians(rate_degps) * (rays.stamps_s - rays.stamps_s.mean())
-    cos, sin = np.cos(turned), np.sin(turned)
+    cos = np.cos(turned)
+    sin = np.sin(turned)
     x, y, z = rays.directions.T
     drifted = dataclasses.replace(rays, directions=np.column_stack([cos * x - sin * y, sin * x + cos * y, z]))
     assert position_error_m(solved(drifted, UNLIMITED), person) < 0.15
@@ -204,7 +207,8 @@ def test_following_does_not_depend_on_the_origins_of_world_and_yaw(
     here = pointings(Person(0.3 * x, 0.2, yaw_rad), WAY, each=1, noise_rad=0.02)
     turned = pointings(Person(0.3 * x, 0.2, yaw_rad - turn_rad), WAY, each=1, noise_rad=0.02)
     there = dataclasses.replace(turned, targets_m=turned.targets_m + np.array(shift))
-    a, b = solved(here, LAX), solved(there, LAX, floor_m=shift[2])
+    a = solved(here, LAX)
+    b = solved(there, LAX, floor_m=shift[2])
     assert (b.x_m - a.x_m, b.y_m - a.y_m) == pytest.approx(shift[:2], abs=1e-5)
     assert abs(yaw_difference(a.yaw_rad - turn_rad, b.yaw_rad)) < 1e-5
     assert np.allclose(a.covariance, b.covariance, rtol=1e-4, atol=1e-8)
@@ -219,7 +223,8 @@ PUNCTUAL = SolverSettings(latency_sigma_s=0.0)
 def circle(t_s: Array, centre: tuple[float, float], period_s: float, rise_m: float = 0.4) -> Array:
     """A robot on a circle of 1 m, up and down."""
     angle = math.tau * t_s / period_s
-    x, y = centre[0] + np.cos(angle), centre[1] + np.sin(angle)
+    x = centre[0] + np.cos(angle)
+    y = centre[1] + np.sin(angle)
     return np.column_stack([x, y, 0.7 + rise_m * np.sin(2.0 * angle)])
 
 
@@ -230,7 +235,8 @@ def following(
     generator = np.random.default_rng(seed)
     x, y = generator.uniform(-2.0, 2.0, 2)
     person = Person(float(x), float(y), float(generator.uniform(-3.0, 3.0)))
-    away, towards = generator.uniform(1.8, 3.5), generator.uniform(0.0, math.tau)
+    away = generator.uniform(1.8, 3.5)
+    towards = generator.uniform(0.0, math.tau)
     centre = (person.x + away * math.cos(towards), person.y + away * math.sin(towards))
     t_s = np.arange(500) / 50.0
     steps = generator.normal(0.0, 1.0, (500, 2)) * np.radians([2.0, 1.5]) * math.sqrt(1.0 - 0.96**2)

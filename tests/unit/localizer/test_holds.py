@@ -131,7 +131,8 @@ def test_turned_sensor_is_named_at_lamps(turn: str) -> None:
 def test_procedure_tells_which_pointing_does_not_count() -> None:
     lamps = tuple(Lamp(id=name, position_m=at) for name, at in zip("abcdef", LAMPS, strict=True))
     places = {lamp.id: lamp.position_m for lamp in lamps}
-    procedure, person = StaticTargets(lamps, config()), Person(0.6, -0.4, 2.2, math.radians(3.0))
+    procedure = StaticTargets(lamps, config())
+    person = Person(0.6, -0.4, 2.2, math.radians(3.0))
     outputs = procedure.start(START_NS)
     for now_ns in range(START_NS, START_NS + 30 * NS_PER_S, TICK_NS):
         lit = told(outputs)[-1].target_id

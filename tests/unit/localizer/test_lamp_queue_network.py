@@ -25,7 +25,9 @@ STEP_NS = S // 20
 NAMES = ("anna", "ben", "carl", "dora", "emil")
 LAMPS = tuple(Lamp(id=f"led_{x}", position_m=(float(x), 2.0 - x % 2, 1.0)) for x in range(4))
 ROOM = Environment(stamp_ns=0, name="room", lamps=LAMPS)
-LEFT, RIGHT, ALL = ("led_0", "led_1"), ("led_2", "led_3"), ()
+LEFT = ("led_0", "led_1")
+RIGHT = ("led_2", "led_3")
+ALL = ()
 MIDDLE = ("led_1", "led_2")
 LOSS_S = 1.0
 DELAY_S = 0.3
@@ -102,7 +104,8 @@ class World:
 
     def crash(self, player: Player) -> None:
         """Without a word."""
-        player.core, player.asked_ns = None, None
+        player.core = None
+        player.asked_ns = None
 
     def restart_led_driver(self) -> None:
         """It gets the last word of each localizer, as these are states."""

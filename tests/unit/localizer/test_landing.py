@@ -47,7 +47,8 @@ class Arm:
 
     def reach(self, azimuth_deg: float, rest_s: float) -> list[PointingRay]:
         """Return the rays of a movement to `azimuth_deg` and of a rest there."""
-        start_deg, rays = self.azimuth_deg, list[PointingRay]()
+        start_deg = self.azimuth_deg
+        rays = list[PointingRay]()
         for index in range(1, 26 + round(rest_s * 50)):
             self.now_ns += STEP_NS
             share = min(index / 25, 1.0)
@@ -228,7 +229,8 @@ def test_landing_before_the_pose_is_followed_is_not_used() -> None:
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
 def test_landings_go_on_after_the_clock_was_set(step_s: float) -> None:
-    detector, arm = LandingDetector(), Arm()
+    detector = LandingDetector()
+    arm = Arm()
     for ray in arm.reach(0.0, 1.0):
         detector.add(ray)
     arm.now_ns += round(step_s * NS_PER_S)
@@ -241,7 +243,8 @@ def test_landings_go_on_after_the_clock_was_set(step_s: float) -> None:
 
 @pytest.mark.parametrize("turned_deg", [1.0, 1.9])
 def test_tremor_and_slow_turns_are_no_reaches(turned_deg: float) -> None:
-    detector, arm = LandingDetector(), Arm()
+    detector = LandingDetector()
+    arm = Arm()
     for azimuth_deg in (-60.0 + turned_deg, -60.0, -60.0 + turned_deg):
         for ray in arm.reach(azimuth_deg, 0.5):
             detector.add(ray)

@@ -127,7 +127,8 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
     person = Person(0.5, -0.3, 1.1)
     config = LocalizerConfig(method="moving_target", autostart=True)
     async with worn(config, clock, environment=None) as room:
-        bench, poses = room.bench, room.poses
+        bench = room.bench
+        poses = room.poses
         assert room.phase == "sampling"
         for tick in range(300):  # 12 s at 25 Hz: the reaction and a whole window
             now_ns = clock.advance(0.04)
@@ -157,7 +158,8 @@ STILL_TICKS = 90
 
 async def localize_by_robot(room: Wearer, mounting: str = "band") -> UserPose:
     """Let the person follow a robot until a pose is accepted, and return it."""
-    bench, clock = room.bench, room.bench.clock
+    bench = room.bench
+    clock = room.bench.clock
 
     async def follow() -> None:
         for tick in itertools.count():
@@ -242,10 +244,12 @@ async def test_a_sensor_that_is_worn_otherwise_begins_a_new_memory() -> None:
 
 def test_defaults_of_configuration_and_cores_are_equal() -> None:
     config = LocalizerConfig()
-    want, have = SolverSettings(), config.believed()
+    want = SolverSettings()
+    have = config.believed()
     for name in want.__dataclass_fields__:
         assert getattr(have, name) == pytest.approx(getattr(want, name)), name
-    drift, settings = config.drift.settings(), DriftSettings()
+    drift = config.drift.settings()
+    settings = DriftSettings()
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
     assert want.max_position_sigma_m < UNSURE_M
     assert config.trust.max_yaw_sigma_deg < UNSURE_DEG == config.drift.max_yaw_sigma_deg

@@ -44,7 +44,8 @@ def following(seed: int, turn: Quaternion, *, rise_m: float = 0.4, is_around: bo
     generator = np.random.default_rng(seed)
     t_s = np.arange(250) / 25.0
     x, y = generator.uniform(-2.0, 2.0, 2)
-    away, towards = generator.uniform(1.8, 3.0), generator.uniform(0.0, math.tau)
+    away = generator.uniform(1.8, 3.0)
+    towards = generator.uniform(0.0, math.tau)
     radius_m = 2.0 if is_around else 1.0
     if is_around:
         away = 0.0

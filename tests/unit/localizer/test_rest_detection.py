@@ -235,7 +235,8 @@ def test_a_pose_that_is_exact_by_word_or_a_trackers_is_not_doubted() -> None:
     assert set_right.on_yaw_origin_changed(at(6.0), is_restarted=False) is not None
 
 
-HANGING, LEVEL = -1.45, -0.3
+HANGING = -1.45
+LEVEL = -0.3
 DRIFT_RADPS = math.radians(0.4)
 HZ = 50.0
 
@@ -261,7 +262,8 @@ def stream(
 ) -> list[tuple[Quaternion, int]]:
     rng = np.random.default_rng(seed)
     count = round(seconds * hz)
-    sideways, upwards = wander(count, 0.25, rng, hz), wander(count, 0.16, rng, hz)
+    sideways = wander(count, 0.25, rng, hz)
+    upwards = wander(count, 0.16, rng, hz)
     return [
         (
             rotation.from_azimuth_elevation(
@@ -343,6 +345,7 @@ def test_gaps_and_clock_steps_restart_a_rest_and_repeats_are_ignored() -> None:
 def test_the_sign_of_a_quaternion_means_nothing() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0)
     flipped = [((-q[0], -q[1], -q[2], -q[3]) if i % 3 else q, stamp) for i, (q, stamp) in enumerate(samples)]
-    plain, other = fed(RestDetector(), samples), fed(RestDetector(), flipped)
+    plain = fed(RestDetector(), samples)
+    other = fed(RestDetector(), flipped)
     assert len(plain) == 1
     assert other[0].yaw_rate_radps == pytest.approx(plain[0].yaw_rate_radps, abs=1e-12)

@@ -49,11 +49,14 @@ def run(
 ) -> list[Output]:
     """Have `person` point at what is lit, `delay_s` late; until then the arm stays where it was."""
     outputs = outputs if outputs is not None else procedure.start(start_ns)
-    aim, since_ns, current = (1.0, 1.0, 1.0), start_ns, ""
+    aim = (1.0, 1.0, 1.0)
+    since_ns = start_ns
+    current = ""
     for now_ns in range(start_ns, start_ns + round(duration_s * NS_PER_S), tick_ns):
         lit = "".join(lamps_lit(outputs))
         if lit != current:
-            current, since_ns = lit, now_ns
+            current = lit
+            since_ns = now_ns
         if current and now_ns - since_ns >= delay_s * NS_PER_S:
             aim = PLACES[current]
         procedure.on_ray(person.ray(aim, now_ns))
@@ -126,7 +129,8 @@ def chosen(procedure: StaticTargets, person: Person = ANNA, error_deg: float = 0
     generator = np.random.default_rng(1)
     places = {lamp.id: lamp.position_m for lamp in (*GOOD, *EYE_HIGH)}
     outputs = procedure.start(START_NS)
-    lit, off = "", (0.0, 0.0)
+    lit = ""
+    off = (0.0, 0.0)
     for tick in range(50 * 120):
         now_ns = START_NS + tick * NS_PER_S // 50
         last = told(outputs)[-1]

@@ -126,7 +126,8 @@ def dumped(strips: dict[str, StripEntry]) -> dict[str, Any]:
 def grids(draw: st.DrawFn) -> dict[tuple[int, int], int]:
     """Draw numbers by cell: walks in a grid with jumps, bends and skipped numbers."""
     cells: dict[tuple[int, int], int] = {}
-    number, at = draw(st.integers(0, 5)), (draw(st.integers(0, 9)), draw(st.integers(0, 9)))
+    number = draw(st.integers(0, 5))
+    at = (draw(st.integers(0, 9)), draw(st.integers(0, 9)))
     for _ in range(draw(st.integers(1, 40))):
         cells.setdefault(at, number)
         number += 1 + draw(st.sampled_from([0, 0, 0, 0, 0, 1, 3]))
@@ -157,7 +158,8 @@ def csv_of(points: NDArray[Any], header: str = "x,y,z\n") -> str:
 
 def spiral(turns: float, count: int) -> NDArray[np.float64]:
     share = np.linspace(0.0, 1.0, count) ** 1.5
-    angle, radius = 2 * np.pi * turns * share, 0.9 - 0.7 * share
+    angle = 2 * np.pi * turns * share
+    radius = 0.9 - 0.7 * share
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 2.0 * share])
 
 
@@ -392,7 +394,8 @@ def test_lamps_at_one_place_are_those_of_a_comparison_of_all_pairs(places: list[
     near = away_m + np.eye(len(places)) < SAME_PLACE_M
     assert bool(found) == bool(near.any())
     for each in found:
-        index, other = int(each.where.rpartition(".")[2]), int(each.text.split()[2])
+        index = int(each.where.rpartition(".")[2])
+        other = int(each.text.split()[2])
         assert other < index
         assert near[index, other]
     exact = [index for index, place in enumerate(places) if place in places[:index]]

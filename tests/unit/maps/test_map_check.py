@@ -31,7 +31,9 @@ def strip(*points: tuple[float, float], pixels: int = 30, more: str = "") -> str
     return f"{{line: {[[x, y, 1.0] for x, y in points]}, pixels: {pixels}, direction: 1{more}}}"
 
 
-A, B, C = belt((0, 0), (2, 0)), belt((2.1, 0), (4, 0)), belt((1, 0.3), (1, 2))
+A = belt((0, 0), (2, 0))
+B = belt((2.1, 0), (4, 0))
+C = belt((1, 0.3), (1, 2))
 ROUND = belt((0, 0), (2, 0), (2, 2), (0, 2), (0, 0.3))
 TWO = f"s: {strip((0, 0), (1, 0))}, t: {strip((0, 1), (2, 1), pixels=60)}"
 

@@ -39,7 +39,8 @@ def with_extra(order: str) -> bytes:
         [("r", "u1"), ("x", order + "f8"), ("c", order + "f4"), ("z", order + "f8"), ("y", order + "f8")]
     )
     rows = np.zeros(3, dtype=kinds)
-    rows["r"], rows["c"] = 255, 0.5
+    rows["r"] = 255
+    rows["c"] = 0.5
     rows["x"], rows["y"], rows["z"] = POINTS.T
     return rows.tobytes()
 

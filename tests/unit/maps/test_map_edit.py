@@ -198,7 +198,8 @@ def written(draw: st.DrawFn) -> tuple[str, dict[str, dict[str, Any]]]:
         out.append(f"{section}:{remark()}")
         indent = " " * draw(st.integers(1, 4))
         for name in names:
-            line, label = draw(st.lists(POINTS, min_size=1, max_size=3)), draw(LABELS)
+            line = draw(st.lists(POINTS, min_size=1, max_size=3))
+            label = draw(LABELS)
             data[section][name] = {"line": line, "label": label}
             if draw(st.booleans()):
                 out.append(f"{indent}# c{next(count)}")
@@ -250,7 +251,8 @@ def test_any_edits_give_the_values_that_were_meant_and_keep_comments_and_order(
         entry.pop(key, None)
         wanted[section][name] = entry if value is None else {**entry, key: value}
     for section in data.draw(st.sets(st.sampled_from(["lamps", "strips", "boxes"]))):
-        name, fresh = data.draw(NAMES), {"label": data.draw(LABELS)}
+        name = data.draw(NAMES)
+        fresh = {"label": data.draw(LABELS)}
         if name not in sections.get(section, {}):
             edits.append({"op": "add", "section": section, "name": name, "value": fresh})
             wanted.setdefault(section, {})[name] = fresh

@@ -193,7 +193,8 @@ def test_the_shipped_conveyor_is_the_papers() -> None:
         for room in (ours, theirs)
     )
     for mine, original in zip(lines, originals, strict=True):
-        line, their_line = Polyline(mine), Polyline(original)
+        line = Polyline(mine)
+        their_line = Polyline(original)
         assert (mine[0], mine[-1]) == (original[0], original[-1])
         assert line.nearest_to(their_line.vertices_m)[1].max() < 0.00101
         assert their_line.nearest_to(line.vertices_m)[1].max() < 1e-9, "vertices are theirs"

@@ -128,7 +128,8 @@ def test_digits_and_accents_count_as_spoken() -> None:
 
 
 def plot(folder: Path, name: str, label: str, suffix: str) -> tuple[Path, str]:
-    path, picture = folder / f"{name}.yaml", folder / f"picture{suffix}"
+    path = folder / f"{name}.yaml"
+    picture = folder / f"picture{suffix}"
     thing = f'{{light: a, mode: switch, label: "{label}"}}'
     path.write_text(f"lamps: {{a: {{position: [0, 0, 1]}}}}\nthings: {{t: {thing}}}\n", encoding="utf-8")
     result = CliRunner().invoke(command, ["map", "plot", str(path), "-o", str(picture)])

@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 CLOCK_HZ = 10_000_000
-FRAME, INFO, MODELS, ECHO = 7, 1, 5, 13
+FRAME = 7
+INFO = 1
+MODELS = 5
+ECHO = 13
 
 
 @dataclass

@@ -6,8 +6,14 @@ import struct
 from collections.abc import AsyncGenerator, Callable, Sequence
 from dataclasses import dataclass, field
 
-ERROR, COMMAND, XML, DATA, NO_DATA, EVENT = 0, 1, 2, 3, 4, 6
-CONNECTED, PLAYBACK = 1, 8
+ERROR = 0
+COMMAND = 1
+XML = 2
+DATA = 3
+NO_DATA = 4
+EVENT = 6
+CONNECTED = 1
+PLAYBACK = 8
 NAN = float("nan")
 LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 

@@ -80,7 +80,8 @@ def test_objects_have_their_kind_speed_and_an_uncertainty_of_a_millimetre_at_lea
     stream = Stream(bodies={"cup": {"kind": "red", "length_m": 0.2}})
     for index in range(30):
         stream.put(("cup", body(0.01 * index)), ("box", body(5.0)))
-    cup, box = stream.objects["cup"], stream.objects["box"]
+    cup = stream.objects["cup"]
+    box = stream.objects["box"]
     assert (cup.kind, cup.length_m, cup.position_sigma_m) == ("red", 0.2, 0.001)
     assert cup.velocity_mps == pytest.approx((1.0, 0.0, 0.0))
     assert (box.kind, box.velocity_mps, box.yaw_rad) == ("object", (0.0, 0.0, 0.0), None)
@@ -249,11 +250,13 @@ def test_truth_shows_the_error_of_the_pose_in_force_as_the_person_moves() -> Non
 def test_a_yaw_that_jumps_ends_pose_and_truth_within_2_s(*, is_truth: bool) -> None:
     bodies = {"cap": {"person": "anna"}, "cuff": {"person": "anna", "part": "forearm"}}
     config = MocapConfig.model_validate({"server": "127.0.0.1", "truth": is_truth, "bodies": bodies})
-    worn, mount = WornBodies(config), Rotation.from_euler("xyz", (0.4, -0.8, 1.2))
+    worn = WornBodies(config)
+    mount = Rotation.from_euler("xyz", (0.4, -0.8, 1.2))
     poses: list[tuple[float, UserPose]] = []
     kinds: list[tuple[float, str]] = []
     for tick in range(500):
-        time_s, now_ns = tick / 50, START_NS + tick * NS_PER_S // 50
+        time_s = tick / 50
+        now_ns = START_NS + tick * NS_PER_S // 50
         yaw_rad = 0.9 if time_s < 8 else -0.3
         angles = (math.sin(1.7 * time_s), 0.5 * math.sin(2.3 * time_s + 0.4), 0.3 * math.sin(time_s))
         arm = Rotation.from_euler("ZYX", angles)

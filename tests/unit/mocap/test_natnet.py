@@ -202,7 +202,8 @@ def test_a_server_that_is_silent_is_connected_to_anew() -> None:
 def test_the_clock_is_known_within_half_a_millisecond_though_it_drifts_and_echoes_are_late(
     rate: float,
 ) -> None:
-    dice, clock = random.Random(3), ServerClock(CLOCK_HZ)
+    dice = random.Random(3)
+    clock = ServerClock(CLOCK_HZ)
     errors: list[float] = []
     for second in range(120):
         sent_ns = START_NS + second * NS_PER_S // 2
@@ -350,7 +351,8 @@ def test_an_independent_decoder_reads_the_same() -> None:
     versions = pytest.importorskip("natnet.version")
     frames = {name: data for name, data in PACKETS.items() if name.startswith("frame")}
     for name, data in frames.items():
-        payload, version = split_packet(data)[1], version_of(name)
+        payload = split_packet(data)[1]
+        version = version_of(name)
         theirs = data_frame.DataFrame.read_from_buffer(
             buffers.PacketBuffer(payload), versions.Version(*version)
         )

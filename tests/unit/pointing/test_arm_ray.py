@@ -75,7 +75,8 @@ def test_turning_the_person_or_the_yaw_origin_turns_the_ray(
 
 def test_the_left_shoulder_is_on_the_left() -> None:
     body = BodyMeasures(neck_to_shoulder_m=0.2)
-    left, right = ArmRay(body, hand="left"), ArmRay(body, hand="right")
+    left = ArmRay(body, hand="left")
+    right = ArmRay(body, hand="right")
     assert direction(left, 0.0, 0.0)[1] > 0.0 > direction(right, 0.0, 0.0)[1]
     left, right = (ArmRay(body, hand=hand, model="shoulder_arm") for hand in ("left", "right"))
     assert (rayed(left, 0.0, 0.0)[0], rayed(right, 0.0, 0.0)[0]) == ((0.0, 0.2, 1.43), (0.0, -0.2, 1.43))
@@ -145,7 +146,8 @@ def test_the_polynomials_by_hand() -> None:
         azimuth_range_rad=AROUND,
         elevation_range_rad=AROUND,
     )
-    a, e = 0.4, -0.5
+    a = 0.4
+    e = -0.5
     azimuth, elevation = apply(offset, 3.4 - math.tau, e)
     assert azimuth == pytest.approx(-0.01 + 0.1 * a)
     assert elevation == pytest.approx(0.01 + 0.02 * a + 0.03 * e + 0.04 * a * a + 0.05 * a * e + 0.06 * e * e)
@@ -204,7 +206,8 @@ Rng = np.random.Generator
 
 def seen(azimuth_deg: float, elevation_deg: float, turn_deg: float, raise_deg: float) -> OffsetSighting:
     """Return a pointing at a place whose ray must be turned by what it is off to meet it."""
-    azimuth_rad, elevation_rad = (azimuth_deg - turn_deg) * DEG, (elevation_deg - raise_deg) * DEG
+    azimuth_rad = (azimuth_deg - turn_deg) * DEG
+    elevation_rad = (elevation_deg - raise_deg) * DEG
     return OffsetSighting(azimuth_rad, elevation_rad, azimuth_deg * DEG, elevation_deg * DEG)
 
 
@@ -290,7 +293,8 @@ def test_one_bad_hold_is_dropped(bad: tuple[float, float]) -> None:
     places = spread_out(6, rng)
     good = [seen(*place, rng.normal(2.0, 1.0), 4.0 + rng.normal(0.0, 0.7)) for place in places]
     spoiled = [*good[:3], seen(10.0, -20.0, 2.0 + bad[0], 4.0 + bad[1]), *good[3:]]
-    expected, fitted = fit(good), fit(spoiled)
+    expected = fit(good)
+    fitted = fit(spoiled)
     assert (expected.dropped, fitted.dropped) == ((), (3,))
     assert fitted.offset == there(expected.offset)
     assert fitted.heading_rad == pytest.approx(expected.heading_rad)
@@ -338,7 +342,8 @@ def test_two_that_disagree_are_both_kept_and_doubted() -> None:
 def bent(place: tuple[float, float], rng: Rng, noise_deg: float = 0.5) -> OffsetSighting:
     """Return a pointing of somebody whose error grows to the sides and downwards."""
     azimuth, elevation = place
-    a, e = azimuth * DEG, elevation * DEG
+    a = azimuth * DEG
+    e = elevation * DEG
     off_azimuth = (0.12 * a + 0.08 * a * a) / DEG + rng.normal(0.0, noise_deg)
     off_elevation = (0.05 - 0.12 * e + 0.1 * a * a) / DEG + rng.normal(0.0, noise_deg)
     return seen(azimuth, elevation, off_azimuth, off_elevation)
@@ -348,7 +353,8 @@ def test_with_many_anchors_a_bent_error_is_straightened() -> None:
     rng = np.random.default_rng(11)
     anchors = [bent(place, rng) for place in spread_out(24, rng)]
     held_out = [bent(place, rng) for place in spread_out(200, rng)]
-    flat, fitted = fit(anchors[:7]), fit(anchors)
+    flat = fit(anchors[:7])
+    fitted = fit(anchors)
     assert (there(flat.offset).rung, there(fitted.offset).rung) == ("pitch", "polynomial")
     azimuth_before, elevation_before = left_deg(flat, held_out)
     azimuth_after, elevation_after = left_deg(fitted, held_out)

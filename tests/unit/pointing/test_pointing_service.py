@@ -59,7 +59,8 @@ def test_new_profile_resets_the_filter() -> None:
 
 def test_repeats_do_not_hold_the_filter_back() -> None:
     """A repeat is not taken for a halt: the same movement with repeats comes out the same."""
-    plain, repeating = Pointer(one_euro=OneEuro()), Pointer(one_euro=OneEuro())
+    plain = Pointer(one_euro=OneEuro())
+    repeating = Pointer(one_euro=OneEuro())
     for index in range(50):
         at = index * 20 * MS
         azimuth = 0.02 * index

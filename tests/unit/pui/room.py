@@ -34,7 +34,8 @@ def ray_to(target: Vec3, pose: UserPose, stamp_ns: int = 0, bias_rad: float = 0.
 
 class Room:
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench, self.clock = bench, clock
+        self.bench = bench
+        self.clock = clock
         self.cursors: list[Cursor] = bench.collect(CURSOR)
         """Everybody's."""
         self.of: dict[str, list[Cursor]] = {}

@@ -157,7 +157,8 @@ def test_turning_as_told_meets_the_point(azimuth_deg: float, elevation_deg: floa
     assert (cursor.passed is None) == (cursor.surface != "none")
     if cursor.passed is None:
         return
-    passed, direction = cursor.passed, there(cursor.direction)
+    passed = cursor.passed
+    direction = there(cursor.direction)
     turned = vector.direction(
         vector.azimuth(direction) - passed.right_rad, vector.elevation(direction) + passed.up_rad
     )

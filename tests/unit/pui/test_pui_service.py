@@ -204,7 +204,8 @@ async def ask(here: Room, user: str = "anna", **query: Any) -> str:
 async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
     async with room() as here:
         await here.pose()
-        at_m, speed = (2.0, 1.0, 0.8), (0.0, 0.0, 0.4)
+        at_m = (2.0, 1.0, 0.8)
+        speed = (0.0, 0.0, 0.4)
         drone = TrackedObject(id="drone", kind="robot", position_m=at_m, velocity_mps=speed)
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=here.clock.now_ns(), objects=(drone,)), "sim")
         here.clock.advance(0.48)
@@ -301,7 +302,8 @@ async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
 
 
 async def test_operators_read_no_files_but_maps_of_the_runs_folder(tmp_path: Path) -> None:
-    maps, elsewhere = tmp_path / "maps", tmp_path / "elsewhere"
+    maps = tmp_path / "maps"
+    elsewhere = tmp_path / "elsewhere"
     maps.mkdir()
     elsewhere.mkdir()
     (maps / "room.yaml").write_text(STRIP.format(z=1))

@@ -57,7 +57,8 @@ def test_the_stated_sigma_decides_what_one_place_is() -> None:
 
 
 def test_places_are_compared_at_one_time() -> None:
-    room, at_m = Room(), 0.0
+    room = Room()
+    at_m = 0.0
     for _ in range(20):  # at 2 m/s, a tenth of a second is 0.2 m
         room.report((thing("cup", at_m, speed_mps=2.0),), (thing("mug", at_m + 0.2, speed_mps=2.0),), 0.2)
         at_m += 0.4

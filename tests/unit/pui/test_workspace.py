@@ -43,7 +43,8 @@ class Person:
         self.stand(feet_m, yaw_rad)
 
     def stand(self, feet_m: Vec3, yaw_rad: float = 0.0) -> None:
-        self.feet_m, self.yaw_rad = feet_m, yaw_rad
+        self.feet_m = feet_m
+        self.yaw_rad = yaw_rad
         self.core.set_pose(UserPose(stamp_ns=0, position_m=feet_m, yaw_rad=yaw_rad))
 
     @property
@@ -151,7 +152,8 @@ def test_nothing_jumps_when_a_workspace_is_laid_through_the_pointer(
 ) -> None:
     # pointing beside a strip, to which the cursor is drawn by up to the tolerance; then one after the other
     person = Person(feet, yaw)
-    start, end = LAB.strips[1].line_m[0], LAB.strips[1].line_m[-1]
+    start = LAB.strips[1].line_m[0]
+    end = LAB.strips[1].line_m[-1]
     place = vector.add(start, vector.scale(vector.subtract(end, start), along_m / 5.0))
     reach = vector.subtract(place, person.eyes_m)
     direction = vector.direction(
@@ -325,7 +327,8 @@ def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
 
 
 def test_workspace_is_not_met_more_than_200_m_away() -> None:
-    feet, eyes = (0.0, 0.0, 18.36), (0.0, 0.0, 20.0)
+    feet = (0.0, 0.0, 18.36)
+    eyes = (0.0, 0.0, 20.0)
     workspace = Workspace("horizontal", (10.0, 0.0, 0.0), feet_m=feet, eyes_m=eyes)
     hit = there(workspace.intersect(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
     assert hit.range_m == pytest.approx(20.0 / math.sin(math.radians(6.0)))

@@ -243,7 +243,8 @@ async def test_file_that_exists_is_never_overwritten(site: Site) -> None:
 
 class FullDisk:
     def __init__(self, file: IO[bytes], room: int) -> None:
-        self._file, self._room = file, room
+        self._file = file
+        self._room = room
 
     def write(self, data: bytes) -> int:
         self._room -= len(data)
@@ -273,7 +274,8 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
     monkeypatch.setattr(Path, "open", full)
     async with site.recorded():
         publisher = site.bus.publisher(topics.STRIPS_FRAME)
-        noise, number = random.Random(1), 0
+        noise = random.Random(1)
+        number = 0
 
         def is_told() -> bool:
             nonlocal number
@@ -445,7 +447,9 @@ async def test_thread_that_fails_says_so_and_counts_what_waited(
 
 async def test_what_waits_is_limited_by_bytes(sink: Sink, monkeypatch: Patch) -> None:
     monkeypatch.setattr(sink_module, "MAX_WAITING_BYTES", 1000)
-    first, second, third = Encoded(), Encoded(), Encoded()
+    first = Encoded()
+    second = Encoded()
+    third = Encoded()
     sink.add(Arrival(at(1.0), CURSOR, "anna", first))
     await until(first.asked.is_set)
     for each in (second, third):

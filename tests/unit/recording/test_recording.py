@@ -204,7 +204,8 @@ def test_reading_goes_on_behind_a_damaged_head_of_a_chunk(path: Path, place: int
 
 def test_reading_goes_on_behind_zeros(path: Path) -> None:
     write(path, session())
-    data, third = bytearray(path.read_bytes()), chunks(path)[2]
+    data = bytearray(path.read_bytes())
+    third = chunks(path)[2]
     data[third.offset - 9 : third.offset + third.length + 40] = bytes(third.length + 49)
     path.write_bytes(data)
     with Recording.open(path) as recording:

@@ -14,7 +14,9 @@ from pointit.schemas import Environment, Feedback, ImuSample, PointingRay, Selec
 from pointit.schemas.environment import Box, Cloud, Cylinder, Fence, Plane, Sphere, Thing
 
 MS = 1_000_000
-RAY, POSE, CURSOR = "users/anna/ray", "users/anna/pose", "users/anna/cursor"
+RAY = "users/anna/ray"
+POSE = "users/anna/pose"
+CURSOR = "users/anna/cursor"
 
 
 def sample(key: str, at_ms: int, stamp_ms: int | None = None, **content: Any) -> Sample:

@@ -96,7 +96,8 @@ def test_a_robot_does_what_the_table_says(stage: Stage, mode: Mode) -> None:
 @pytest.mark.parametrize(("hold", "verdict"), list(product(get_args(Hold), get_args(Verdict))))
 def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) -> None:
     desk = desk_in("resting")
-    before, now = HELD[hold], STOPS[verdict]
+    before = HELD[hold]
+    now = STOPS[verdict]
     desk.safety.stop_reason = before
     desk.step()
     user = desk.pilot.user
@@ -132,10 +133,12 @@ def test_a_ground_robot_goes_to_its_floor_only_and_stays_at_its_height(
     *, height_m: float, is_taken: bool
 ) -> None:
     x, y, _ = THERE
-    goals, follows = desk_of(), desk_of(mode="follow")
+    goals = desk_of()
+    follows = desk_of(mode="follow")
     goals.send("anna", (x, y, height_m), robot=ROBOT)
     follows.point("anna", (x, y, height_m))
-    path, follow = goals.step(), follows.step()
+    path = goals.step()
+    follow = follows.step()
     if is_taken:
         assert isinstance(path, FollowPath)
         assert isinstance(follow, Follow)

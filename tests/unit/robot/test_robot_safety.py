@@ -189,7 +189,8 @@ def test_a_quadrotor_does_not_take_off_beside_a_person() -> None:
 def test_the_age_of_a_cursor_from_before_a_localization_is_no_sign_of_a_lost_wrist(
     cursor_s: float | None, pointing_s: float, text: str | None
 ) -> None:
-    people, now_ns = PeopleNearRobot(RobotConfig(cursor_timeout_s=0.3), "quad"), START_NS + 20 * NS_PER_S
+    people = PeopleNearRobot(RobotConfig(cursor_timeout_s=0.3), "quad")
+    now_ns = START_NS + 20 * NS_PER_S
 
     def state_ago(state: str, seconds: float) -> Interaction:
         stamp_ns = now_ns - round(seconds * NS_PER_S)

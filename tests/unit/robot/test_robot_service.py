@@ -322,7 +322,8 @@ async def test_a_robot_that_drives_on_is_told_again_and_again_to_stop(
 ) -> None:
     driver = await driving(pilotage, drivers)
     driver.is_deaf = True
-    gone_m, speed = 0.0, 1.0
+    gone_m = 0.0
+    speed = 1.0
 
     def drives_on(item: ReportItem) -> list[ReportItem]:
         nonlocal gone_m

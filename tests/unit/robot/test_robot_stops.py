@@ -313,7 +313,8 @@ def star(rng: random.Random, center_m: tuple[float, float], least_m: float, most
     count = rng.randint(3, 7)
     corners: list[tuple[float, float]] = []
     for index in range(count):
-        angle, radius_m = math.tau * index / count, rng.uniform(least_m, most_m)
+        angle = math.tau * index / count
+        radius_m = rng.uniform(least_m, most_m)
         corners.append((center_m[0] + radius_m * math.cos(angle), center_m[1] + radius_m * math.sin(angle)))
     return FloorArea(corners)
 
@@ -323,7 +324,8 @@ def random_fences(rng: random.Random) -> tuple[Fence, ...]:
     inside = star(rng, (0.0, 0.0), 1.5, 5.0)
     fences = [Fence(id="hall", kind="keep_in", outline_m=inside.corners_m, high_m=2.5)]
     for index in range(rng.randint(0, 3)):
-        angle, range_m = rng.uniform(0.0, math.tau), rng.uniform(1.6, 3.5)
+        angle = rng.uniform(0.0, math.tau)
+        range_m = rng.uniform(1.6, 3.5)
         outside = star(rng, (range_m * math.cos(angle), range_m * math.sin(angle)), 0.2, 0.9)
         high_m = rng.choice((None, 1.0))
         fences.append(
@@ -381,7 +383,8 @@ def random_course(kind: RobotKind, seed: int) -> Course:
         max_acceleration_mps2=rng.choice((0.8, 2.0)),
     )
     people_m: dict[str, Vec3] = {"ada": (0.0, -2.5, 0.0)}
-    angle, range_m = rng.uniform(0.0, math.tau), rng.uniform(1.8, 4.0)
+    angle = rng.uniform(0.0, math.tau)
+    range_m = rng.uniform(1.8, 4.0)
     people_m["bob"] = (range_m * math.cos(angle), range_m * math.sin(angle), 0.0)
     events: list[tuple[Event, Vec3, float]] = []
     for _ in range(EVENTS):
@@ -403,13 +406,16 @@ def corner_course(seed: int) -> Course:
         max_speed_mps=rng.choice((1.0, 1.5, 2.0)),
         max_acceleration_mps2=rng.choice((1.0, 2.0, 4.0)),
     )
-    x_m, wide_m = rng.uniform(0.35, 0.8), rng.uniform(0.3, 0.8)
-    y_m, end_m = rng.uniform(-1.2, 0.3), rng.uniform(0.4, 1.5)
+    x_m = rng.uniform(0.35, 0.8)
+    wide_m = rng.uniform(0.3, 0.8)
+    y_m = rng.uniform(-1.2, 0.3)
+    end_m = rng.uniform(0.4, 1.5)
     outline_m = ((x_m, y_m), (x_m + wide_m, y_m), (x_m + wide_m, end_m), (x_m, end_m))
     box = Fence(id="box", kind="keep_out", outline_m=outline_m)
     events: list[tuple[Event, Vec3, float]] = []
     for _ in range(3):
-        angle, range_m = rng.uniform(-math.pi / 2.0, math.pi / 2.0), rng.uniform(1.0, 6.0)
+        angle = rng.uniform(-math.pi / 2.0, math.pi / 2.0)
+        range_m = rng.uniform(1.0, 6.0)
         target_m = (range_m * math.cos(angle), range_m * math.sin(angle), 0.0)
         events.append(("point", target_m, rng.uniform(0.5, 2.0)))
     return Course(config, (box,), {"ada": (20.0, 20.0, 0.0)}, 0.0, events, tick=2)

@@ -119,7 +119,8 @@ class Service(End):
 
 class Reply:
     def __init__(self, node: "Node") -> None:
-        self._node, self._value = node, Value()
+        self._node = node
+        self._value = Value()
 
     def add_done_callback(self, callback: Any) -> None:
         self._callback = callback
@@ -166,7 +167,10 @@ class Node:
     def __init__(self, name: str, *, namespace: str, context: "Context", **options: Any) -> None:
         if name == "refused":
             raise RuntimeError("no middleware\nat all")
-        self.name, self.namespace, self.wire, self.options = name, namespace, context.wire, options
+        self.name = name
+        self.namespace = namespace
+        self.wire = context.wire
+        self.options = options
         self.executor: Executor | None = None
         self.wire.nodes.append(self)
 

@@ -37,7 +37,8 @@ class Around(Shown):
 
     def __init__(self, clock: Any = None) -> None:
         super().__init__()
-        self.clock, self.health = clock or ManualClock(), self
+        self.clock = clock or ManualClock()
+        self.health = self
         self.metrics: dict[str, float | None] = {}
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
@@ -168,10 +169,13 @@ class Bench:
 @contextlib.asynccontextmanager
 async def bench(types: Types, table: Routes | None = None, *, is_read: bool = False) -> AsyncGenerator[Bench]:
     """Yield the bridge's two halves, wired to fakes."""
-    exchange, clock = LocalBroker(), ManualClock()
-    inner, other = MemoryBus(exchange), MemoryBus(exchange)
+    exchange = LocalBroker()
+    clock = ManualClock()
+    inner = MemoryBus(exchange)
+    other = MemoryBus(exchange)
     bus = ServiceBus(inner, clock, "ros2", "ros2")
-    backend, scene = FakeBackend(is_read=is_read), ConversionState(types)
+    backend = FakeBackend(is_read=is_read)
+    scene = ConversionState(types)
     site = Site(bus=bus, clock=clock, backend=backend, state=scene)
     table = table or routes()
     outbox = Outbox(table.outward, site)

@@ -80,7 +80,8 @@ def transform(
     q: rotation.Quaternion = rotation.IDENTITY,
     stamp_ns: int = NOW_NS,
 ) -> Any:
-    make, header = jazzy().make, stamped(stamp_ns, parent)
+    make = jazzy().make
+    header = stamped(stamp_ns, parent)
     moved = make("geometry_msgs/msg/Transform", translation=triple("Vector3", at), rotation=quaternion(q))
     name = "geometry_msgs/msg/TransformStamped"
     return make(name, header=header, child_frame_id=child, transform=moved)

@@ -229,7 +229,8 @@ def with_node(node: str) -> Graph:
 
 
 async def test_each_is_told_what_is_and_what_changes_until_they_close() -> None:
-    made, seen = outlook(), list[Graph]()
+    made = outlook()
+    seen = list[Graph]()
     watch = made.watch(seen.append)
     made.show(with_node("/a"), {})
     made.show(with_node("/a"), {})
@@ -240,7 +241,9 @@ async def test_each_is_told_what_is_and_what_changes_until_they_close() -> None:
 
 
 async def test_a_handler_that_fails_or_closes_another_keeps_nobody_else_from_being_told() -> None:
-    made, seen, closed = outlook(), list[Graph](), list[Graph]()
+    made = outlook()
+    seen = list[Graph]()
+    closed = list[Graph]()
     ends: list[Closable] = []
 
     def failing(graph: Graph) -> None:
@@ -257,7 +260,8 @@ async def test_a_handler_that_fails_or_closes_another_keeps_nobody_else_from_bei
 
 
 async def test_a_handler_that_fails_at_once_does_not_watch() -> None:
-    made, told = outlook(), list[Graph]()
+    made = outlook()
+    told = list[Graph]()
 
     def failing(graph: Graph) -> None:
         told.append(graph)

@@ -27,8 +27,10 @@ from tests.unit.ros2.scenes import POSE as PLACE
 TALL = UserProfile(
     stamp_ns=NOW_NS, hand="left", body=BodyMeasures(footprint_to_neck_m=1.6, neck_to_eyes_m=0.2)
 )
-LIST, BOOL = "hri_msgs/msg/IdsList", "std_msgs/msg/Bool"
-FLOAT, TEXT = "std_msgs/msg/Float32", "std_msgs/msg/String"
+LIST = "hri_msgs/msg/IdsList"
+BOOL = "std_msgs/msg/Bool"
+FLOAT = "std_msgs/msg/Float32"
+TEXT = "std_msgs/msg/String"
 TRACKED = "/humans/persons/tracked"
 ANNA = "/humans/persons/anna"
 
@@ -45,9 +47,13 @@ def arm(azimuth_rad: float, elevation_rad: float) -> ImuSample:
 
 def spread(sigma_m: float, *, across_m: float | None = None, turned_rad: float = 0.0) -> UserPose:
     """A place that is known to `sigma_m` along one direction and `across_m` across it."""
-    c, s = math.cos(turned_rad), math.sin(turned_rad)
-    along, across = sigma_m**2, (sigma_m if across_m is None else across_m) ** 2
-    xx, xy, yy = c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across
+    c = math.cos(turned_rad)
+    s = math.sin(turned_rad)
+    along = sigma_m**2
+    across = (sigma_m if across_m is None else across_m) ** 2
+    xx = c * c * along + s * s * across
+    xy = c * s * (along - across)
+    yy = s * s * along + c * c * across
     return PLACE.model_copy(update={"covariance": (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, 0.0)})
 
 
@@ -161,7 +167,8 @@ def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(
     angles = dict(zip(joints.name, joints.position, strict=True))
     assert set(angles) == {f"{name}_anna_body" for name in JOINTS}
     moved = {name: angle for name, angle in angles.items() if angle}
-    turn, lift = f"{hand[0]}_y_shoulder_anna_body", f"{hand[0]}_p_shoulder_anna_body"
+    turn = f"{hand[0]}_y_shoulder_anna_body"
+    lift = f"{hand[0]}_p_shoulder_anna_body"
     assert moved == pytest.approx({turn: math.pi / 2 - 0.4, lift: math.pi / 2 + 1.5})
 
 
@@ -177,7 +184,8 @@ def test_who_is_here_without_a_position_or_has_one_and_is_not_here_is_not_listed
 
 
 def test_known_people_are_bounded_and_those_who_are_here_stay(table: Routes) -> None:
-    known, scene = out(table, "known_people"), here("anna")
+    known = out(table, "known_people")
+    scene = here("anna")
     (people,) = sent(known, PLACE, scene, "anna")
     for count in range(MAX_KNOWN):
         scene.person(f"user{count}").is_here = True

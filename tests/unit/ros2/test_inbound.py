@@ -105,7 +105,8 @@ def test_a_rotation_is_the_wrist_of_an_arm() -> None:
     assert one.what.stamp_ns == NOW_NS - 40
     assert one.what.orientation_xyzw == pytest.approx(LEVEL)
     assert said(taken(row, arm(stamp_ns=0))).stamp_ns == NOW_NS
-    azimuth_rad, elevation_rad = 0.7, -0.3
+    azimuth_rad = 0.7
+    elevation_rad = -0.3
     q = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
     ahead = rotation.rotate(said(taken(row, arm(q))).orientation_xyzw, (1.0, 0.0, 0.0))
     assert math.atan2(ahead[1], ahead[0]) == pytest.approx(azimuth_rad)
@@ -141,7 +142,8 @@ def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, 
 
 
 def test_a_button_is_pressed_when_it_becomes_true() -> None:
-    row, scene = into("button_in"), furnished()
+    row = into("button_in")
+    scene = furnished()
     states = [False, True, True, False, True]
     found = [taken(row, make(row.type, data=state), scene) for state in states]
     assert [len(each) for each in found] == [0, 1, 0, 0, 1]
@@ -217,7 +219,8 @@ def test_a_package_is_added_by_the_number_of_its_kind_and_feeders_rest_as_told()
     assert taken(row, make(row.type, data=1)) == [BusOutput(ADD_PACKAGE, "", AddPackage(kind="red"))]
     told = warned(taken(row, make(row.type, data=77)))
     assert "kind 77 means nothing here: there are 0 blue, 1 red" in told
-    row, scene = into("feed"), furnished()
+    row = into("feed")
+    scene = furnished()
     for is_on in (False, False, True, True):
         found = taken(row, make(row.type, data=is_on), scene)
         assert found == [BusOutput(SET_FEEDING, "", SetFeeding(feeding=is_on))]
@@ -286,7 +289,8 @@ def wave(scene: ConversionState, begin_ns: int, duration_s: float, *, epoch: int
     """Move the arm with wrist and body; return the time of the end."""
     now_ns = begin_ns
     for tick in range(round(50 * duration_s)):
-        now_ns, time_s = begin_ns + tick * NS_PER_S // 50, tick / 50
+        now_ns = begin_ns + tick * NS_PER_S // 50
+        time_s = tick / 50
         arm = rotation.from_azimuth_elevation(
             0.3 * math.sin(7.0 * time_s), 0.3 * math.sin(5.0 * time_s + 1.0), 0.3 * math.sin(9.0 * time_s)
         )
@@ -355,7 +359,8 @@ def test_a_forearm_that_cannot_be_one_is_reported(value: Any, reason: str) -> No
 
 
 def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
-    row, scene = into("tf_in"), furnished()
+    row = into("tf_in")
+    scene = furnished()
     scene.person("user1")
     scene.person("user2")
     frames = [("base_link", "odom"), ("user1/human_footprint",), ("user3/human_footprint",)]
@@ -367,7 +372,8 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
 
 
 def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
-    row, scene = into("tf_in"), furnished()
+    row = into("tf_in")
+    scene = furnished()
     scene.person("user1")
     times = [0, 1, SOONEST_NS - 1, SOONEST_NS, SOONEST_NS + 5, -NS_PER_S]  # at last the clock is set back
     value = tf(frame_of("user1/human_footprint"))
@@ -375,7 +381,8 @@ def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
 
 
 def test_a_static_frame_tells_the_pose_once() -> None:
-    row, scene = into("tf_static_in"), furnished()
+    row = into("tf_static_in")
+    scene = furnished()
     scene.person("user1")
     one = output(taken(row, tf(frame_of("user1/human_footprint")), scene))
     assert (one.at, one.name, one.what.position_m) == (SET_POSE, "user1", (1.0, 2.0, 0.0))
@@ -386,7 +393,8 @@ def test_a_static_frame_tells_the_pose_once() -> None:
 
 
 def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
-    row, scene = into("tf_static_in"), furnished()
+    row = into("tf_static_in")
+    scene = furnished()
     frames = tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map"))
     assert taken(row, frames, scene) == []
     assert row.on_presence is not None

@@ -48,7 +48,8 @@ def listed(scene: ConversionState) -> list[int]:
 
 
 def test_a_package_is_added_under_the_callers_number() -> None:
-    row, scene = server("add_pack"), furnished()
+    row = server("add_pack")
+    scene = furnished()
     scene.take("conveyor", objects(package(1)), NOW_NS)
     asked = request(row, uid=41, kind=1, belt=1)
     found = row.asks(asked, about(scene))
@@ -62,7 +63,8 @@ def test_a_package_is_added_under_the_callers_number() -> None:
 
 
 def test_a_package_that_was_refused_leaves_its_number_free() -> None:
-    row, scene = server("add_pack"), furnished()
+    row = server("add_pack")
+    scene = furnished()
     asked = request(row, uid=41)
     kinds = [type(row.asks(each, about(scene))) for each in (asked, request(row, uid=41))]
     assert kinds == [BusOutput, ConversionWarning], "somebody is about to get it"
@@ -71,8 +73,10 @@ def test_a_package_that_was_refused_leaves_its_number_free() -> None:
 
 
 def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
-    row, scene = server("add_pack"), furnished()
-    first, second = request(row, uid=41), request(row, uid=41)
+    row = server("add_pack")
+    scene = furnished()
+    first = request(row, uid=41)
+    second = request(row, uid=41)
     row.asks(first, about(scene))
     row.asks(second, about(scene))
     assert not row.response(second, None, about(scene)).result
@@ -82,7 +86,8 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
 
 
 def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
-    row, scene = server("add_pack"), furnished()
+    row = server("add_pack")
+    scene = furnished()
     scene.take("conveyor", objects(package(7)), NOW_NS)
     assert listed(scene) == [7]
     scene.take("conveyor", objects(), NOW_NS)
@@ -117,7 +122,8 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
     ],
 )
 def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: Any, on: str) -> None:
-    row, scene = server(name), furnished()
+    row = server(name)
+    scene = furnished()
     asked = request(row, **fields)
     assert row.asks(asked, about(scene)) == BusOutput(row.request, on, query)
     for reply in (models.Done(), None):
@@ -138,7 +144,8 @@ def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: An
     ],
 )
 def test_requests_that_ours_cannot_grant_are_refused(name: str, fields: dict[str, Any], told: str) -> None:
-    row, scene = server(name), furnished()
+    row = server(name)
+    scene = furnished()
     scene.take("conveyor", objects(package(7)), NOW_NS)
     assert listed(scene) == [7]
     asked = request(row, **fields)
@@ -180,7 +187,8 @@ def check(found: Any) -> None:
 @pytest.mark.parametrize("name", [row.name for row in routes().inward])
 @given(data=st.data())
 def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
-    row, scene = into(name), furnished()
+    row = into(name)
+    scene = furnished()
     scene.person("user1")
     if data.draw(st.booleans()):
         scene.ros_users["user1"] = RosUser(is_here=True)
@@ -194,7 +202,8 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
 @pytest.mark.parametrize("name", [row.name for row in routes().served])
 @given(data=st.data())
 def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
-    row, scene = server(name), furnished()
+    row = server(name)
+    scene = furnished()
     kind = jazzy().request_of(row.type)
     for _ in range(2):
         asked = data.draw(any_value(kind, LIKELY))
@@ -245,7 +254,8 @@ def whats(found: list[BusOutput | ConversionWarning]) -> list[Any]:
 
 
 def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
-    row, scene = into("pointing_ray_in"), with_guests("user1")
+    row = into("pointing_ray_in")
+    scene = with_guests("user1")
     value = place(at=EYES, frame=HERS)
     one = output(taken(row, value, scene))
     assert (one.at, one.name) == (RAY, "user1")
@@ -258,7 +268,8 @@ def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
 def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
     azimuth_rad: float, elevation_rad: float, roll_rad: float, factor: float
 ) -> None:
-    row, scene = into("pointing_ray_in"), with_guests("user1")
+    row = into("pointing_ray_in")
+    scene = with_guests("user1")
     way = vector.direction(azimuth_rad, elevation_rad)
     ours = PointingRay(stamp_ns=NOW_NS, seq=1, origin_m=EYES, direction=way)
     (value,) = pointing_ray(ours, ConversionContext(scene, "user1", NOW_NS, HERS))
@@ -297,7 +308,8 @@ def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
 
 
 def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_nothing() -> None:
-    row, scene = into("pointing_ray_in"), with_guests("user1", is_here=False)
+    row = into("pointing_ray_in")
+    scene = with_guests("user1", is_here=False)
     assert taken(row, place(frame=HERS), scene) == []
     assert scene.ros_users["user1"].has_new_input
     scene.ros_users["user1"].is_here = True
@@ -307,7 +319,8 @@ def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_no
 
 
 def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubscribe() -> None:
-    row, scene = into("subscription_in"), with_guests("user1", "user2", "anna-2")
+    row = into("subscription_in")
+    scene = with_guests("user1", "user2", "anna-2")
     look, points = (output([each]) for each in taken(row, wish(), scene))
     assert (look.at, look.name, points.at, points.name) == (PROFILE, "user1", INTERACTION, "user1")
     assert look.what.cursor_color == (255, 128, 0)
@@ -323,7 +336,8 @@ def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubs
 
 
 def test_what_is_repeated_is_not_said_again_and_a_new_look_is() -> None:
-    row, scene = into("subscription_in"), with_guests("user1")
+    row = into("subscription_in")
+    scene = with_guests("user1")
     assert taken(row, wish(subscribe=False), scene) == []
     assert len(taken(row, wish(), scene)) == 2
     assert taken(row, wish(), scene) == []
@@ -350,7 +364,8 @@ def test_a_look_that_cannot_be_is_told_and_the_cursor_comes_all_the_same(value: 
 
 
 def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_is_not_heard() -> None:
-    row, scene = into("subscription_in"), with_guests("user1")
+    row = into("subscription_in")
+    scene = with_guests("user1")
     sentence = warned(taken(row, wish("eve"), scene))
     assert sentence.startswith("'eve' wants a cursor, but is unknown here: list ")
     assert "`people`" in sentence
@@ -361,7 +376,8 @@ def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_i
 
 
 def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:
-    row, scene = into("tf_static_in"), with_guests("user1")
+    row = into("tf_static_in")
+    scene = with_guests("user1")
     assert taken(row, tf(frame_of(HERS)), scene) == []
     assert row.on_presence is not None
     scene.person("user1")

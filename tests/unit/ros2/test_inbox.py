@@ -264,7 +264,8 @@ async def test_a_request_that_is_dropped_holds_no_number(bridge: Bench) -> None:
 
 
 async def test_who_left_with_the_button_down_presses_when_they_are_back(bridge: Bench) -> None:
-    button, down = "/anna/metawear_ros/button", "std_msgs/msg/Bool"
+    button = "/anna/metawear_ros/button"
+    down = "std_msgs/msg/Bool"
     seen: list[int] = []
     bridge.other.subscribe(topics.BUTTON, lambda message, _name: seen.append(message.seq))
     for presses in (1, 2):

@@ -103,7 +103,8 @@ def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
 
 
 def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> None:
-    row, wall = out(table, "clock"), WallClock().tick()
+    row = out(table, "clock")
+    wall = WallClock().tick()
     assert sent(row, wall, furnished()) == sent(row, wall, furnished(), again_ns=NOW_NS) == []
     for sim_ns, speed in ((NOW_NS, 2.0), (5 * models.NS_PER_S, 1.0)):
         tick = models.ClockTick(stamp_ns=NOW_NS, sim_ns=sim_ns, speed=speed)
@@ -114,7 +115,8 @@ def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> N
 
 
 def test_tf_is_repeated_with_the_time_it_is_then_but_left_to_who_publishes_it(table: Routes) -> None:
-    scene, row = furnished(), out(table, "tf")
+    scene = furnished()
+    row = out(table, "tf")
     (value,) = sent(row, POSE, scene)
     (frame,) = value.transforms
     assert (frame.header.frame_id, frame.child_frame_id) == ("world", "user1/human_footprint")
@@ -185,7 +187,8 @@ def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
 
 
 def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Routes) -> None:
-    scene, row = furnished(), out(table, "packages")
+    scene = furnished()
+    row = out(table, "packages")
     sent(row, objects(package(7, belt="part_b", at_m=1.5, kind="blue")), scene, "other")
     free = package(3).model_copy(update={"surface": "none", "surface_id": ""})
     strip = package(4).model_copy(update={"surface": "strip", "surface_id": "0", "surface_position_m": 99.0})
@@ -246,7 +249,8 @@ def test_pointers_tell_who_points_at_what(table: Routes) -> None:
     ],
 )
 def test_who_points_at_which_thing_is_a_detection(table: Routes, thing: str, event: Any, told: str) -> None:
-    scene, size_m = furnished(), (0.4, 0.3, 0.2)
+    scene = furnished()
+    size_m = (0.4, 0.3, 0.2)
     things = (
         models.Thing(id="screws", center_m=(1.0, 2.0, 3.0), size_m=size_m),
         models.Thing(id="radio", center_m=(1.0, 2.0, 3.0), size_m=size_m, mode="switch"),
@@ -318,7 +322,8 @@ ROWS = [(row.name, topic) for row in routes(ros4hri=True).outward for topic in r
 def test_whatever_the_bus_may_carry_is_converted_and_encoded(
     name: str, topic: Any, data: st.DataObject
 ) -> None:
-    scene, row = furnished(), out(routes(ros4hri=True), name)
+    scene = furnished()
+    row = out(routes(ros4hri=True), name)
     others = data.draw(st.lists(st.sampled_from(TOPICS), max_size=2))
     for other in others:
         scene.take("user1", data.draw(messages(other.message)), NOW_NS)
@@ -334,7 +339,8 @@ def keys(value: Any, action: int = ADD) -> set[tuple[str, int]]:
 
 
 def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> None:
-    scene, row = furnished(), out(table, "markers")
+    scene = furnished()
+    row = out(table, "markers")
     scene.take("user1", POSE, NOW_NS)
     selection = models.Selection(
         stamp_ns=NOW_NS, objects=(models.SelectedObject(id="19-2", user="user1", since_ns=0),)
@@ -361,7 +367,8 @@ def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> Non
 
 
 def test_markers_are_bounded_and_say_so(table: Routes) -> None:
-    many, scene = objects(*(package(number) for number in range(MAX_OBJECTS + 3))), furnished()
+    many = objects(*(package(number) for number in range(MAX_OBJECTS + 3)))
+    scene = furnished()
     (value,) = sent(out(table, "markers"), many, scene, "conveyor")
     assert len(value.markers) == MAX_OBJECTS + 1
     assert value.markers[-1].text.startswith("3 more")
@@ -428,7 +435,8 @@ STATE = models.RobotState(
 
 
 def test_a_robot_is_drawn_with_its_plan_in_the_colour_of_who_steers_it() -> None:
-    scene, row = furnished(), out(routes(), "markers")
+    scene = furnished()
+    row = out(routes(), "markers")
     scene.take("user1", models.UserProfile(stamp_ns=NOW_NS, cursor_color=(0, 0, 255)), NOW_NS)
     scene.take(
         "user1", models.Steering(stamp_ns=NOW_NS, waypoints_m=((2.0, 0.0, 0.0), (3.0, 0.0, 0.0))), NOW_NS
@@ -445,14 +453,16 @@ def test_a_robot_is_drawn_with_its_plan_in_the_colour_of_who_steers_it() -> None
         *(("robot quad/plan", 0), ("robot quad/target", 0), ("user1/waypoints", 0)),
         ("user1/waypoints", 1),
     }
-    body, plan = drawn["robot quad", 0], drawn["robot quad/plan", 0]
+    body = drawn["robot quad", 0]
+    plan = drawn["robot quad/plan", 0]
     assert (body.color.r, body.color.b, body.scale.x) == (0.0, 1.0, 0.4)
     assert [(point.x, point.y, point.z) for point in plan.points] == [(1.0, 2.0, 1.5), (3.0, 2.0, 1.5)]
     assert drawn["robot quad/name", 0].text == "quad: moving, user1"
 
 
 def test_a_stopped_robot_is_red_and_a_silent_one_is_gone() -> None:
-    scene, row = furnished(), out(routes(), "markers")
+    scene = furnished()
+    row = out(routes(), "markers")
     (value,) = sent(row, STATE.model_copy(update={"phase": "stopped", "user": ""}), scene, "quad")
     body = next(marker for marker in value.markers if marker.ns == "robot quad")
     assert (body.color.r, body.color.g) == pytest.approx((HALTED[0] / 255.0, HALTED[1] / 255.0))
@@ -467,7 +477,8 @@ def test_fences_are_outlines_at_their_heights() -> None:
         Fence(id="hall", kind="keep_in", outline_m=corners),
         Fence(id="desk", kind="keep_out", outline_m=corners, low_m=0.5, high_m=2.0),
     )
-    scene, row = furnished(), out(routes(), "map_markers")
+    scene = furnished()
+    row = out(routes(), "map_markers")
     (value,) = sent(row, ROOM.model_copy(update={"fences": fences}), scene, "")
     drawn = {(marker.ns, marker.id): marker for marker in value.markers if marker.ns.startswith("fences")}
     assert set(drawn) == {

@@ -18,7 +18,8 @@ from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench, Writer, bench
 from tests.unit.ros2.scenes import jazzy
 
-RAY_ROS, RAY_TYPE = "/anna/pointing_ray", "geometry_msgs/msg/PoseStamped"
+RAY_ROS = "/anna/pointing_ray"
+RAY_TYPE = "geometry_msgs/msg/PoseStamped"
 
 
 def ray(count: int) -> PointingRay:
@@ -237,7 +238,9 @@ def test_a_source_of_the_same_rate_is_never_held_up() -> None:
 
 @given(st.lists(st.floats(0.0, 0.05), min_size=200, max_size=400))
 def test_no_more_than_the_rate_in_the_long_run(gaps_s: list[float]) -> None:
-    pace, now_s, sent = RateLimiter(20.0), 100.0, 0
+    pace = RateLimiter(20.0)
+    now_s = 100.0
+    sent = 0
     for gap_s in gaps_s:
         now_s += gap_s
         if pace.wait_s(now_s) == 0.0:

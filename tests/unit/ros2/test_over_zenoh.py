@@ -266,7 +266,8 @@ def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_c
         RmwZenoh(session=session, node="/pointit", domain=7, enclave=BRIDGE) for session in (SESSION, "ab")
     )
     token = other.endpoint_token("publisher", "/x", POSE, SENSOR)
-    seen, own = ours.read(token), other.read(token)
+    seen = ours.read(token)
+    own = other.read(token)
     assert seen.endpoint is not None
     assert (seen.endpoint.is_ours, seen.endpoint.is_bridge, seen.bridge_gid) == (False, True, gid(token))
     assert own.endpoint is not None

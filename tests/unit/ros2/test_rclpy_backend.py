@@ -319,7 +319,9 @@ def more(request: fake_rclpy.Value, _response: fake_rclpy.Value) -> fake_rclpy.V
 
 
 async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire: Wire, ours: Ours) -> None:
-    gate, answered, heard = asyncio.Event(), list[bytes](), list[bytes]()
+    gate = asyncio.Event()
+    answered = list[bytes]()
+    heard = list[bytes]()
     desk = ours.backend.serve("/stop", SET, behind(gate))
     server_of(wire).ask(b"\0\1\0\0\7", into(answered))
     ours.backend.subscribe("/in", BOOL, QOS, heard.append)
@@ -350,7 +352,8 @@ async def test_who_asks_is_always_answered(wire: Wire, ours: Ours, response: byt
 
 
 async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wire, ours: Ours) -> None:
-    gate, answered = asyncio.Event(), list[bytes]()
+    gate = asyncio.Event()
+    answered = list[bytes]()
     ours.backend.serve("/stop", SET, behind(gate))
     for _ in range(66):
         server_of(wire).ask(b"\0\1\0\0\7", into(answered))

@@ -25,7 +25,8 @@ from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench
 from tests.unit.ros2.scenes import NOW_NS, furnished, jazzy, out, sent
 
-ROS, TYPE = "/rosout", "rcl_interfaces/msg/Log"
+ROS = "/rosout"
+TYPE = "rcl_interfaces/msg/Log"
 NO_MAP = "no map: start pui"
 QUOTED = f"says: “{NO_MAP}”"
 """The same from a person's service: its words are quoted."""

@@ -69,7 +69,8 @@ def test_what_a_running_node_meant(name: str, expected: dict[str, Any]) -> None:
 
 
 def test_calls_on_the_wire() -> None:
-    wire, add = golden("wire"), "conveyor_msgs/srv/AddPack"
+    wire = golden("wire")
+    add = "conveyor_msgs/srv/AddPack"
     for uid, call in enumerate(wire["calls"], start=41):
         request = jazzy().make(f"{add}_Request", uid=uid, kind=1, position=0.5, belt=2)
         assert jazzy().encode(jazzy().request_of(add), request).hex() == call["request_payload"]
@@ -99,7 +100,8 @@ def test_fields_not_given_have_the_defaults_of_ros() -> None:
 
 @pytest.mark.parametrize("distro", ["humble", "lyrical"])
 def test_every_type_has_defaults_that_can_be_sent(distro: Any) -> None:
-    kinds, checked = Types(distro), 0
+    kinds = Types(distro)
+    checked = 0
     begin = ("std_", "geo", "sens", "vis", "diag", "nav_", "conv", "led", "tf2", "rosg")
     for name in golden("hashes"):
         if name.endswith("_Event") or not name.startswith(begin):
@@ -266,7 +268,8 @@ def computed(hashes: Rihs01, name: str) -> str:
 
 @pytest.mark.parametrize(("distro", "count"), [("jazzy", 296), ("kilted", 269)])
 def test_every_known_hash_is_computed(distro: Literal["jazzy", "kilted"], count: int) -> None:
-    extra, store = definitions(), Definitions(distro).store
+    extra = definitions()
+    store = Definitions(distro).store
     hashes = Rihs01(lambda name: extra[name] if name in extra else store.fielddefs[name][1])
     known = {name: each["hash"] for name, each in golden("hashes").items() if distro in each["in"]}
     assert len(known) == count

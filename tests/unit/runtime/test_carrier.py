@@ -20,7 +20,8 @@ from tests.support.bench import START_NS, Bench, in_virtual_time, memory_bench, 
 class Lamp:
     def __init__(self, takes_s: float = 0.0, error: Exception | None = None, limit_s: float = 5.0) -> None:
         self.state = ThingState(id="", state="off", limit_s=limit_s)
-        self.takes_s, self.error = takes_s, error
+        self.takes_s = takes_s
+        self.error = error
         self.acts: list[Act] = []
 
     async def carry_out(self, act: Act) -> None:
@@ -178,7 +179,9 @@ async def test_what_some_targets_have_done_or_may_do_yet_is_taken_back_and_those
     None
 ):
     async with site() as home:
-        done, failing, slow = Lamp(), Lamp(error=ActFailedError("refused", "no")), Lamp(takes_s=6.0)
+        done = Lamp()
+        failing = Lamp(error=ActFailedError("refused", "no"))
+        slow = Lamp(takes_s=6.0)
         home.carrier.use({"lamp": [done, failing], "slow": [slow], "refused": [failing]})
         for name in ("lamp", "slow", "refused"):
             await home.act(name)
@@ -214,7 +217,8 @@ async def test_what_comes_after_people_were_told_that_it_failed_is_not_carried_o
 @in_virtual_time
 async def test_states_are_told_when_they_change_and_one_that_is_unavailable_counts() -> None:
     async with site() as home:
-        lamp, plug = Lamp(), Lamp()
+        lamp = Lamp()
+        plug = Lamp()
         plug.state = ThingState(id="", state="unavailable", reason="no power")
         home.carrier.use({"lamp": [lamp, plug], "none": []})
         home.carrier.tell()

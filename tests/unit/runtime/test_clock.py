@@ -42,7 +42,8 @@ def test_time_does_not_stand_still_or_run_backwards(speed: float) -> None:
 
 async def test_a_follower_may_wait_for_the_sites_time_before_it_begins() -> None:
     exchange = LocalBroker()
-    cli, service = MemoryBus(exchange), MemoryBus(exchange)
+    cli = MemoryBus(exchange)
+    service = MemoryBus(exchange)
     follower = SiteClock(service)
     assert not await follower.wait_for_tick(0.01)
     waiting = asyncio.create_task(follower.wait_for_tick(5))
@@ -99,7 +100,8 @@ async def test_a_site_clock_follows_the_tick_of_another_participant(wall: Wall, 
 
 
 async def test_setting_the_wall_clock_changes_no_site_time(wall: Wall, bus: MemoryBus) -> None:
-    source, follower = SimulatedClock(10.0), SiteClock(bus)
+    source = SimulatedClock(10.0)
+    follower = SiteClock(bus)
     publisher = bus.publisher(CLOCK)
     publisher.put(source.tick())
     await handled()
@@ -115,7 +117,8 @@ async def test_setting_the_wall_clock_changes_no_site_time(wall: Wall, bus: Memo
 
 async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, bus: MemoryBus) -> None:
     """The source's machine has a wall 0.2 s behind: only the first tick is read with it."""
-    source, follower = SimulatedClock(10.0), SiteClock(bus)
+    source = SimulatedClock(10.0)
+    follower = SiteClock(bus)
     publisher = bus.publisher(CLOCK)
 
     async def tick() -> None:
@@ -126,7 +129,8 @@ async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, b
     assert follower.now_ns() - source.now_ns() == 2 * NS_PER_S
     wall.step(1)
     await tick()
-    times, errors = [follower.now_ns()], [follower.now_ns() - source.now_ns()]
+    times = [follower.now_ns()]
+    errors = [follower.now_ns() - source.now_ns()]
     for _ in range(50):
         wall.step(0.01)
         times.append(follower.now_ns())
@@ -141,7 +145,8 @@ async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, b
 
 
 async def test_a_restarted_source_is_followed_at_once(wall: Wall, bus: MemoryBus) -> None:
-    follower, publisher = SiteClock(bus), bus.publisher(CLOCK)
+    follower = SiteClock(bus)
+    publisher = bus.publisher(CLOCK)
     publisher.put(SimulatedClock(10.0).tick())
     await handled()
     for speed in (10.0, 2.0, 0.5):
@@ -160,7 +165,8 @@ async def test_a_restarted_source_is_followed_at_once(wall: Wall, bus: MemoryBus
 
 
 async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -> None:
-    follower, source = SiteClock(bus), SimulatedClock(10.0)
+    follower = SiteClock(bus)
+    source = SimulatedClock(10.0)
     publisher = bus.publisher(CLOCK)
     for _ in range(2):
         publisher.put(source.tick())
@@ -198,7 +204,8 @@ def test_a_steady_clock_never_goes_back_nor_faster_than_what_it_follows(moves_s:
     time_ns = steady.now_ns()
     for move_s in moves_s:
         clock.advance(move_s)
-        before_ns, time_ns = time_ns, steady.now_ns()
+        before_ns = time_ns
+        time_ns = steady.now_ns()
         passed_ns = max(0, round(move_s * 1e9))
         assert passed_ns // 2 <= time_ns - before_ns <= passed_ns
         assert time_ns >= clock.now_ns()
@@ -221,7 +228,8 @@ def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
 @pytest.mark.parametrize("back_s", [0.5, MAX_SLEW_S, MAX_SLEW_S + 1.0, 3600.0])
 def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(back_s: float) -> None:
     clock = ManualClock()
-    stepping, steady = SteadyClock(clock, may_step=True), SteadyClock(clock)
+    stepping = SteadyClock(clock, may_step=True)
+    steady = SteadyClock(clock)
     clock.advance(-back_s)
     if back_s > MAX_SLEW_S:
         assert (stepping.now_ns(), steady.needs_restart()) == (clock.now_ns(), True)

@@ -14,7 +14,8 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.mqtt.broker import keep_connected
 from pointit.runtime.zenoh.connections import LinkWatch
 
-LOST, BACK = "lost", "back"
+LOST = "lost"
+BACK = "back"
 
 
 class Session:

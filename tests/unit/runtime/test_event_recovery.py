@@ -86,7 +86,10 @@ class Reader:
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     monkeypatch.setattr(subscribers, "WAITS_S", (0.0, *[0.001] * 5))
-    bus, writer, got, lost = MemoryBus(LocalBroker()), Writer(), list[int](), list[int]()
+    bus = MemoryBus(LocalBroker())
+    writer = Writer()
+    got = list[int]()
+    lost = list[int]()
 
     def hand_on(sample: Any) -> None:
         got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
@@ -108,7 +111,9 @@ async def test_samples_without_gaps_are_passed_on_at_once(reader: Reader) -> Non
 
 @pytest.mark.parametrize("after", [0, 1, 2])
 async def test_a_silent_writer_is_queried_again_and_order_is_kept(reader: Reader, after: int) -> None:
-    reader.writer.kept, reader.writer.cut, reader.writer.after = range(20), 3, after
+    reader.writer.kept = range(20)
+    reader.writer.cut = 3
+    reader.writer.after = after
     reader.hear(1, 5, 6)
     reader.hear(0, of=Id(eid=8))
     assert reader.got == [1, 0], "another writer's waited, or what came since did not"
@@ -126,7 +131,8 @@ async def test_a_silent_writer_is_queried_again_and_order_is_kept(reader: Reader
     ids=["a second gap with the first", "by a session that could not ask"],
 )
 async def test_a_gap_is_closed(reader: Reader, heard: tuple[int, ...], unable: int) -> None:
-    reader.writer.kept, reader.writer.unable = range(20), unable
+    reader.writer.kept = range(20)
+    reader.writer.unable = unable
     reader.hear(*heard)
     await until(lambda: len(reader.got) == heard[-1])
     assert (reader.got, reader.lost) == ([*range(1, heard[-1] + 1)], [])
@@ -151,7 +157,8 @@ async def test_what_does_not_come_is_lost(
 async def test_what_a_writer_sent_before_it_was_first_heard_is_asked_for(
     reader: Reader, heard: tuple[int, ...], cut: int
 ) -> None:
-    reader.writer.kept, reader.writer.cut = range(1, 20), cut
+    reader.writer.kept = range(1, 20)
+    reader.writer.cut = cut
     reader.hear(*heard, of=Id(eid=8))
     assert reader.got == []
     await until(lambda: len(reader.got) == heard[-1])

@@ -210,7 +210,8 @@ class Order:
 
 
 async def test_plugin_reaches_neither_the_bus_nor_what_others_show(bench: Bench) -> None:
-    one, other = PluginHealth(bench.view, "one"), PluginHealth(bench.view, "other")
+    one = PluginHealth(bench.view, "one")
+    other = PluginHealth(bench.view, "other")
     assert {name for name in dir(one) if not name.startswith("_")} == {
         "warn",
         "clear",

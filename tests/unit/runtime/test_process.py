@@ -251,7 +251,8 @@ def test_full_collections_leave_out_what_a_process_has_made_at_its_start(
     monkeypatch.setattr("pointit.runtime.service.process.STARTED_S", 0.0)
 
     async def work() -> int:
-        before, made = gc.get_freeze_count(), [[n] for n in range(10_000)]
+        before = gc.get_freeze_count()
+        made = [[n] for n in range(10_000)]
         for _ in range(5):
             await asyncio.sleep(0)
         return gc.get_freeze_count() - before - len(made)

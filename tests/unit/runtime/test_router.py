@@ -30,7 +30,8 @@ def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.Monke
     cut: list[set[tuple[str, int]]] = []
     monkeypatch.setattr(router, "cut", cut.append)
     routing = Router(lambda: "{}", Path(), [])
-    by_quic, by_tls = "quic/10.0.0.8:40000", "tls/10.0.0.7:40000"
+    by_quic = "quic/10.0.0.8:40000"
+    by_tls = "tls/10.0.0.7:40000"
     for addresses in ([], [by_quic]):
         routing.cut(addresses)
     assert cut == []
@@ -39,7 +40,8 @@ def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.Monke
 
 
 async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun, release = threading.Event(), threading.Event()
+    begun = threading.Event()
+    release = threading.Event()
     session = Session()
 
     def opened(_config: object) -> Session:

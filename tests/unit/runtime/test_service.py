@@ -83,7 +83,8 @@ class OneOfSeveral(Service[Config]):
 class Bench:
     def __init__(self) -> None:
         self.exchange = LocalBroker()
-        self.bus, self.other = MemoryBus(self.exchange), MemoryBus(self.exchange)
+        self.bus = MemoryBus(self.exchange)
+        self.other = MemoryBus(self.exchange)
         self.health: list[Health] = []
         self.alive: dict[str, bool] = {}
         self.other.subscribe(topics.HEALTH, lambda message, _name: self.health.append(message))
@@ -97,7 +98,8 @@ class Bench:
 @pytest_asyncio.fixture
 async def bench(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Bench]:
     monkeypatch.setattr(service_module, "HEALTH_PERIOD_S", 0.02)
-    Worker.running, OneOfSeveral.names = [], []
+    Worker.running = []
+    OneOfSeveral.names = []
     bench = Bench()
     yield bench
     await bench.bus.close()
@@ -266,7 +268,8 @@ class Dimmer(Service[DimmerConfig]):
 async def bus() -> AsyncIterator[MemoryBus]:
     """Yield another participant of a site on which a dimmer runs."""
     exchange = LocalBroker()
-    own, other = MemoryBus(exchange), MemoryBus(exchange)
+    own = MemoryBus(exchange)
+    other = MemoryBus(exchange)
     launch = Launch(service=Dimmer, config=DimmerConfig(gain=0.75))
     task = asyncio.create_task(run_service(launch, own, ManualClock()))
     await until(lambda: exchange.handler_for(topics.SET_BRIGHTNESS, "") is not None)

@@ -24,7 +24,8 @@ LAMPS: dict[str, Vec3] = {"a": (-0.5, 2.0, 1.0), "b": (0.4, 2.2, 1.9), "c": (0.0
 def pointed(lamp: Vec3, eyes: Vec3, azimuth_rad: float = 0.0, elevation_rad: float = 0.0) -> Vec3:
     """Return the direction from `eyes` to `lamp` with errors."""
     x, y, z = np.subtract(lamp, eyes)
-    azimuth, elevation = math.atan2(y, x) + azimuth_rad, math.atan2(z, math.hypot(x, y)) + elevation_rad
+    azimuth = math.atan2(y, x) + azimuth_rad
+    elevation = math.atan2(z, math.hypot(x, y)) + elevation_rad
     level = math.cos(elevation)
     return (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
 
@@ -83,7 +84,8 @@ def test_a_ray_is_turned_into_the_room_by_the_pose() -> None:
 
 def test_a_box_is_found_by_three_corners_of_its_top_and_one_at_its_foot() -> None:
     yaw = math.radians(30)
-    along, across = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
+    along = np.array([math.cos(yaw), math.sin(yaw)])
+    across = np.array([-math.sin(yaw), math.cos(yaw)])
     corners: list[Vec3] = [
         (float(x), float(y), z)
         for (x, y), z in (

@@ -117,7 +117,8 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level(scan: Scan) -> None:
     assert placed.strips["back"].end == pytest.approx(
         (math.dist(start[:2], end[:2]), 0, end[2] - start[2]), abs=1e-9
     )
-    camera, before = placed.cameras[0], scan.cameras[0]
+    camera = placed.cameras[0]
+    before = scan.cameras[0]
     assert camera is not None
     assert before is not None
     assert math.dist(camera.position_m, (0, 0, 0)) == pytest.approx(math.dist(before.position_m, start))

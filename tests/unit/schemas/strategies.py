@@ -24,7 +24,8 @@ def messages(kind: type[P]) -> st.SearchStrategy[P]:
 
 
 def _values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
-    origin, args = typing.get_origin(annotation), typing.get_args(annotation)
+    origin = typing.get_origin(annotation)
+    args = typing.get_args(annotation)
     if origin is typing.Annotated:
         return _values(args[0], [*args[1:], *metadata])
     if origin is typing.Literal:
@@ -59,7 +60,8 @@ def _plain(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
         for name in ("ge", "gt", "le", "lt", "min_length", "max_length", "pattern")
         if (value := getattr(each, name, None)) is not None
     }
-    low, high = limits.get("gt", limits.get("ge")), limits.get("lt", limits.get("le"))
+    low = limits.get("gt", limits.get("ge"))
+    high = limits.get("lt", limits.get("le"))
     if "pattern" in limits:
         return st.from_regex(str(limits["pattern"]), fullmatch=True)
     plain: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {

@@ -35,7 +35,9 @@ class Served:
     """All that a selector tells, by topic."""
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench, self.bus, self.clock = bench, bench.bus, clock
+        self.bench = bench
+        self.bus = bench.bus
+        self.clock = clock
         self.selections = bench.collect(topics.SELECTION)
         self.events = bench.collect(topics.SELECTION_EVENTS)
         self.health: list[Health] = bench.collect(topics.HEALTH)

@@ -49,14 +49,18 @@ def as_the_docstring_says(stream: Cursors, share: float, release: int) -> tuple[
     for at, name in stream:
         before = in_order[-1] if in_order else (at, None)
         if at // STEP < before[0] // STEP - WINDOW:  # the clock was set back
-            window, away, in_order = [], {}, [(at, name)]
+            window = []
+            away = {}
+            in_order = [(at, name)]
             continue
         if at < before[0]:
             continue
         in_order.append((at, name))
-        first, last = before[0] // STEP, at // STEP
+        first = before[0] // STEP
+        last = at // STEP
         if last - first > release and at - before[0] > GAP:
-            window, away = [None] * WINDOW, {}
+            window = [None] * WINDOW
+            away = {}
             continue
         fired: str | None = None
         for step in range(first, last):
@@ -67,7 +71,8 @@ def as_the_docstring_says(stream: Cursors, share: float, release: int) -> tuple[
             counts = {each: window.count(each) for each in reversed(window) if each}
             best = max(counts, key=counts.__getitem__, default=None)
             if len(window) == WINDOW and best and counts[best] >= share * WINDOW - 1e-9:
-                window, fired = [], best
+                window = []
+                fired = best
                 away[best] = 0
         if fired:
             toggled.append((at, fired))

@@ -116,7 +116,8 @@ def test_it_has_that_speed_at_whatever_times_the_rays_come(
     gaps_ms: list[int], turned_deg_s: float, raised_deg_s: float
 ) -> None:
     steadiness = RaySpeedEstimator(0.15)
-    time_ms, elevation = 0, 0.0
+    time_ms = 0
+    elevation = 0.0
     for gap_ms in gaps_ms:
         time_ms += gap_ms
         elevation = math.radians(raised_deg_s * time_ms / 1000)

@@ -67,7 +67,8 @@ async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
 ) -> None:
     journal = Journal(tmp_path)
     journal.begin(NOW)
-    is_read, may_end = asyncio.Event(), threading.Event()
+    is_read = asyncio.Event()
+    may_end = threading.Event()
     loop = asyncio.get_running_loop()
 
     def slow(path: Path, last: int, *, since_ns: int = 0) -> object:

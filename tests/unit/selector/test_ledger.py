@@ -42,7 +42,8 @@ def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]
 
 
 def test_what_was_not_done_is_taken_back_once_also_if_the_change_was_before_a_restart() -> None:
-    kept, restarted = ledger(), ledger()
+    kept = ledger()
+    restarted = ledger()
     on, off = (kept.toggle("a", "red", "anna", stamp_ns) for stamp_ns in (100, 200))
     for each in (kept, restarted):
         back = each.take_back(off, 250, "no power")

@@ -43,7 +43,8 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
 
 
 def seconds_to_select(room: Room, x_m: float = 5.0) -> float:
-    began_s, seen = room.time_s, len(room.events)
+    began_s = room.time_s
+    seen = len(room.events)
     while len(room.events) == seen:
         room.stay(0.02, anna=x_m)
         assert room.time_s - began_s < 10.0, "it was never selected"

@@ -102,7 +102,8 @@ def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
 def test_a_tracker_whose_clock_is_ahead_takes_nobodys_objects_away() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
-    listed, room.objects = room.objects, ()
+    listed = room.objects
+    room.objects = ()
     room.time_s += 0.02
     room.list_objects()  # the tracker flickers
     for stamp_ns in (at(room.time_s + 3600.0), 2**62):

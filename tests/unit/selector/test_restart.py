@@ -46,7 +46,8 @@ async def test_selections_survive_a_kill_and_counting_goes_on(kill: Callable[[st
     async with served(clock) as site:
         await site.stay("anna", 1.0, "a", "b")
         await site.stay("ben", 2.0, "a", "b")
-        before, events = site.selections[-1].objects, site.events
+        before = site.selections[-1].objects
+        events = site.events
         assert len(events) == 2
         kill("after")
     async with served(clock) as site:

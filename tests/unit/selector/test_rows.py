@@ -27,7 +27,8 @@ def things_at(*boxes: tuple[float, float, float, float]) -> list[TrackedObject]:
 
 def distances(things: list[TrackedObject], start: str) -> dict[str, int]:
     """Return the least number of steps from `start` to each thing that can be reached."""
-    reached, edge = {start: 0}, [start]
+    reached = {start: 0}
+    edge = [start]
     while edge:
         here = edge.pop(0)
         for step in STEPS:
@@ -59,7 +60,8 @@ def test_every_thing_of_any_room_is_reached_in_at_most_rows_and_columns_steps(
 
 def test_a_step_to_a_row_goes_to_what_is_above_or_below_and_ends_at_the_last() -> None:
     things = things_at(*((2.5, y, z, 0.3) for z in (1.6, 1.0, 0.4) for y in (0.8, 0.0, -0.8)))
-    down, up = Step(stamp_ns=0, by=1, to="row"), Step(stamp_ns=0, by=-1, to="row")
+    down = Step(stamp_ns=0, by=1, to="row")
+    up = Step(stamp_ns=0, by=-1, to="row")
     assert [neighbour(things, AHEAD, each, down) for each in ("t2", "t5", "t8")] == ["t5", "t8", "t8"]
     assert neighbour(things, AHEAD, "t1", up) == "t1"
 

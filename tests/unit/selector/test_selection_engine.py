@@ -40,10 +40,8 @@ def test_sweeping_over_objects_selects_nothing() -> None:
 
 
 def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it_takes() -> None:
-    turning, passed = (
-        Room(package("a", 5.0, length_m=3.0)),
-        Room(package("a", 3.9, speed_mps=1.0, length_m=3.0)),
-    )
+    turning = Room(package("a", 5.0, length_m=3.0))
+    passed = Room(package("a", 3.9, speed_mps=1.0, length_m=3.0))
     turning.stay(2.2, 100.0, anna=lambda time_s: 3.9 + time_s)
     passed.stay(2.2, 100.0, anna=5.0)  # the object moves under a ray at rest
     for room in (turning, passed):
@@ -79,7 +77,8 @@ def test_a_hover_says_all_there_is_to_say() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 100.0, anna=5.16)
     room.stay(1.0, 100.0, ben=5.16)
-    mine, other = room.hovers["anna"][-1], room.hovers["ben"][-1]
+    mine = room.hovers["anna"][-1]
+    other = room.hovers["ben"][-1]
     assert (mine.object_id, mine.is_selected, mine.action, mine.taken_by) == ("a", True, "", "")
     assert mine.snapped_position_m == pytest.approx(5.15)
     assert mine.snapped_m == pytest.approx((5.15, 0.0, 0.9))

@@ -29,7 +29,8 @@ from tests.unit.selector.served import cursor, objects, served
 
 async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> None:
     async with served() as site:
-        events, hovers = site.events, site.hovers["anna"]
+        events = site.events
+        hovers = site.hovers["anna"]
         assert [one.objects for one in site.selections] == [()], "who joins late knows at once"
         await site.stay("anna", 2.05, "a", "b")
         assert [(e.event, e.object_id, e.kind, e.user) for e in events] == [("selected", "b", "red", "anna")]

@@ -128,7 +128,8 @@ def _check_events(events: list[SelectionEvent]) -> None:
 
 def test_shards_select_as_one_selector_does() -> None:
     """With links that take no time."""
-    site, room = a_site(("anna",)), Room(*a_site().objects, **a_site().config.model_dump())
+    site = a_site(("anna",))
+    room = Room(*a_site().objects, **a_site().config.model_dump())
     for _ in range(10):
         dwell(site, anna=3.0)
         room.stay(0.5, 20.0, anna=3.0)

@@ -333,7 +333,8 @@ def test_the_manner_of_selecting_names_what_wants_a_press_and_follows_the_things
         told = engine.manner(0)
         return told.by, told.pressed, told.pressed_count
 
-    screws, kettle = thing("screws"), thing("kettle", 1.0, press=True, label="the kettle")
+    screws = thing("screws")
+    kettle = thing("kettle", 1.0, press=True, label="the kettle")
     assert manner() == ("stay", (), 0)
     assert manner(screws) == ("stay", (), 0)
     assert manner(screws, kettle) == ("stay", ("the kettle",), 1)

@@ -63,7 +63,8 @@ def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tu
     azimuth, elevation = stance.aim_at(target, beside)
     shoulder = stance.shoulder_m(azimuth)
     finger = vector.add(shoulder, vector.scale(vector.direction(azimuth, elevation), stance.arm_m))
-    seen, meant = stance.sight_of(finger), stance.sight_of(target)
+    seen = stance.sight_of(finger)
+    meant = stance.sight_of(target)
     assert (seen[0] - meant[0], seen[1] - meant[1]) == pytest.approx(beside)
 
 

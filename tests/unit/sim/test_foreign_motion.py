@@ -11,7 +11,8 @@ from pointit.runtime.errors import ConfigError
 from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import read_imu_csv, read_robot_csv
 
-COUNT, RATE_HZ = 30, 100
+COUNT = 30
+RATE_HZ = 100
 TIMES_S = [row / RATE_HZ for row in range(COUNT)]
 TURNS = [from_yaw(0.5 * time_s) for time_s in TIMES_S]
 """Orientations, {H}."""

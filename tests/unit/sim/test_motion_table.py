@@ -106,10 +106,8 @@ def test_the_declared_axis_points_up(tmp_path: Path, up: str) -> None:
     for row in motion():
         w, x, y, z, *places = map(float, row[1:])
         x, y, z, w = multiply(back, (x, y, z, w))
-        robot, head = (
-            rotate(back, (places[0], places[1], places[2])),
-            rotate(back, (places[3], places[4], places[5])),
-        )
+        robot = rotate(back, (places[0], places[1], places[2]))
+        head = rotate(back, (places[3], places[4], places[5]))
         rows.append([row[0], w, x, y, z, *robot, *head])
     text = text_of((*ARM, *BODIES), rows)
     with pytest.raises(

@@ -45,7 +45,8 @@ def format_of(tag: int, *, channels: int = 1, rate_hz: int = 16_000, bits: int =
 
 
 def extensible(tag: int, *, channels: int = 1, bits: int = 16) -> bytes:
-    mask, subformat = 4, struct.pack("<H", tag) + SUBFORMAT
+    mask = 4
+    subformat = struct.pack("<H", tag) + SUBFORMAT
     return format_of(0xFFFE, channels=channels, bits=bits) + struct.pack("<HHI", 22, bits, mask) + subformat
 
 

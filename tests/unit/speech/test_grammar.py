@@ -77,7 +77,8 @@ def test_names_are_spoken_in_words_and_stay_data_in_a_grammar() -> None:
     hostile = names_of(
         ["x; public <command> = stop;", "é", "ignore all rules, send the robot", *WORDS.names.values()]
     )
-    text, plain = Vocabulary(names=hostile).jsgf(), Vocabulary(names={}).jsgf()
+    text = Vocabulary(names=hostile).jsgf()
+    plain = Vocabulary(names={}).jsgf()
     assert text.count("public") == 2, "the rule's own and, as a plain word, that of the name"
     assert text.count(";") == plain.count(";")
     foreign = Vocabulary(names=names_of(["zqx", "rover"]), verbs=("heat", "vrx"))

@@ -126,7 +126,8 @@ async def test_what_would_be_refused_is_refused_without_a_question_and_the_rest_
 @in_virtual_time
 async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
     async with room() as here:
-        here.found, here.refusal = ({"there": sure("place", "floor")}, "you are not pointing")
+        here.found = {"there": sure("place", "floor")}
+        here.refusal = "you are not pointing"
         here.say("go there")
         said = await here.result()
         assert (said.result, said.message) == ("refused", here.refusal)
@@ -201,7 +202,8 @@ async def test_stop_stops_at_once_whatever_is_being_asked_and_however_late_it_is
         here.say("take that")
         asked = await here.result()
         here.say(text, ago_s=60.0)
-        stopped, unconfirmed = await here.result(2), await here.result(3)
+        stopped = await here.result(2)
+        unconfirmed = await here.result(3)
         assert {stopped.command, unconfirmed.command} == {"stop", "take"}
         assert {stopped.result, unconfirmed.result} == {"done", "refused"}
         assert here.bench.clock.now_ns() - asked.stamp_ns < 2 * NS_PER_S, "nothing is asked about any more"
@@ -251,7 +253,8 @@ class Conveyor:
     """Two packages, and a selector that grants all that nobody has; what is selected goes to bay 1."""
 
     def __init__(self, here: Room, refusal: str = "") -> None:
-        self.here, self.refusal = here, refusal
+        self.here = here
+        self.refusal = refusal
         self.bays = {"red_7": "3", "blue_8": "3"}
         self.claims: list[Claim] = []
         here.bench.bus.subscribe(CLAIM, self._on_claim, USER)

@@ -31,7 +31,8 @@ def heard(clock: ManualClock, from_s: float, to_s: float) -> Speech:
 async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are_its_echo(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program, said = tmp_path / PROGRAM, tmp_path / "said"
+    program = tmp_path / PROGRAM
+    said = tmp_path / "said"
     program.write_text(f"#!/bin/sh\necho $1 $(cat) >>{said}\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
@@ -60,7 +61,8 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
 async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program, begun = tmp_path / PROGRAM, tmp_path / "begun"
+    program = tmp_path / PROGRAM
+    begun = tmp_path / "begun"
     os.mkfifo(begun)
     program.write_text(f"#!/bin/sh\necho >{begun}\nsleep 600\n", encoding="utf-8")
     program.chmod(0o755)

@@ -206,7 +206,8 @@ def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: 
     )
     about = tmp_path / "data/01/participant.yaml"
     about.write_bytes(b"\xef\xbb\xbf# left-handed\r\n" + about.read_bytes().replace(b"\n", b"\r\n"))
-    edited, notes = about.read_bytes(), list[str]()
+    edited = about.read_bytes()
+    notes = list[str]()
     folder = study_folder(tmp_path, notes=notes)
     known = folder.about("01")
     assert (known["pseudonym"], known["simulated"]) == ("01", False)

@@ -320,7 +320,10 @@ async def test_ray_and_cursor_of_one_message_have_one_time_that_never_goes_back(
     (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
     pylsl = importlib.import_module("pylsl")  # it reads the file as it is loaded
-    count, study, begin_s, passed_s = 40, f"delayed{os.getpid()}", pylsl.local_clock(), 0.0
+    count = 40
+    study = f"delayed{os.getpid()}"
+    begin_s = pylsl.local_clock()
+    passed_s = 0.0
 
     def local_clock() -> float:
         nonlocal passed_s
@@ -370,7 +373,8 @@ def test_session_marks_each_attempt_and_sends_what_it_hears(
     view = SimulatedView(0, lambda _status: None)
     pointit.run_virtually(session.Session(study, folder, "P01", view, setup).run())
     rows = read_rows(folder.path / "P01/trials.csv")
-    starts, ends = marks[::2], marks[1::2]
+    starts = marks[::2]
+    ends = marks[1::2]
     begun = ("trial", "attempt", "method", "practice", "target")
     ended = ("trial", "attempt", "outcome", "reason")
     assert starts == [{"event": "trial_start", **marked(row, begun)} for row in rows]

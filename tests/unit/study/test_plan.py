@@ -248,7 +248,8 @@ questionnaires: [sus]
 def ratios(tmp_path: Path) -> tuple[Study, StudyFolder]:
     """Return a study whose levels a spreadsheet cannot tell apart, with the trials and answers of P01."""
     study, folder = small(tmp_path, RATIOS)
-    table, answers = folder.trials("P01"), folder.answers("P01")
+    table = folder.trials("P01")
+    answers = folder.answers("P01")
     for trial in plan_of(study, "P01").trials:
         usual = {"participant": "P01", "block": trial.block, "attempt": 1, "practice": False}
         numbers = {"selection_s": 1.5, "path_length_deg": 12.5, "corrections": 1}

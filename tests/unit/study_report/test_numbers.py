@@ -337,7 +337,8 @@ def test_power_is_that_of_the_noncentral_t_distribution() -> None:
     people = spread(stats.norm.ppf((np.arange(2000) + 0.5) / 2000))
     for row in power.power(people, 0.5, (10, 30, 50), seed=1):
         n = row["participants"]
-        at, noncentrality = stats.t.ppf(0.975, n - 1), 0.5 * np.sqrt(n)
+        at = stats.t.ppf(0.975, n - 1)
+        noncentrality = 0.5 * np.sqrt(n)
         expected = stats.nct.sf(at, n - 1, noncentrality) + stats.nct.cdf(-at, n - 1, noncentrality)
         assert row["power"] == pytest.approx(expected, abs=0.03)
 

@@ -45,7 +45,8 @@ def rows_of(table: study_report.Table) -> dict[str, dict[str, Any]]:
 def test_sequence_that_is_too_short_is_counted_and_its_counterparts_are_left_out(folder: Path) -> None:
     edit_trials(folder, "P02", times_out(("press", "0.05", 3)))
     study = study_report.trials(folder)
-    found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
+    found = rows_of(study_report.throughput(study))
+    left = rows_of(study_report.omissions(study))
     assert [(row["participants"], row["sequences"]) for row in found.values()] == [(4, 7), (4, 7)]
     assert (found["dwell"]["left_out"], found["press"]["left_out"]) == (5, 5)
     assert [left["press"][name] for name in PARTS] == [8, 1, 0, 4, 0]
@@ -75,7 +76,8 @@ def test_methods_are_compared_with_the_same_people_and_sizes(folder: Path) -> No
 def test_person_without_a_condition_is_in_none(folder: Path) -> None:
     edit_trials(folder, "P03", lambda row: row["method"] != "press")
     study = study_report.trials(folder)
-    found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
+    found = rows_of(study_report.throughput(study))
+    left = rows_of(study_report.omissions(study))
     assert [row["participants"] for row in found.values()] == [3, 3]
     assert left["dwell"]["unmatched_sequences"] == 2
 
@@ -84,7 +86,8 @@ def test_condition_without_any_sequence_has_a_row_of_its_own(folder: Path) -> No
     for name in ("P01", "P02", "P03", "P04"):
         edit_trials(folder, name, times_out(*(("press", width, 4) for width in ("0.05", "0.1"))))
     study = study_report.trials(folder)
-    found, left = rows_of(study_report.throughput(study)), rows_of(study_report.omissions(study))
+    found = rows_of(study_report.throughput(study))
+    left = rows_of(study_report.omissions(study))
     assert (found["dwell"]["participants"], found["press"]["participants"]) == (4, 0)
     assert (found["press"]["throughput_bit_per_s"], found["press"]["left_out"]) == (None, 40)
     assert (left["press"]["short_sequences"], left["press"]["no_selection"]) == (8, 8)

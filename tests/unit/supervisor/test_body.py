@@ -25,7 +25,8 @@ def test_without_anything_known_the_measures_are_the_common_ones() -> None:
 
 @given(st.floats(0.9, 2.5))
 def test_lengths_grow_with_the_stature(stature_m: float) -> None:
-    body, common = measures(stature_m, {}), BodyMeasures()
+    body = measures(stature_m, {})
+    common = BodyMeasures()
     for name, value in common.model_dump().items():
         assert math.isclose(getattr(body, name), value * stature_m / 1.835, abs_tol=1e-12)
 

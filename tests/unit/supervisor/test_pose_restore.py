@@ -167,7 +167,8 @@ async def _two_restarts() -> None:
         await bus.close()
 
     bench = Bench(MemoryBus(exchange), clock)
-    localizer, pui = start(Localizer, ANNA), start(Pui)
+    localizer = start(Localizer, ANNA)
+    pui = start(Pui)
     try:
         bench.start(Supervisor, user=ANNA)
         poses, cursors = bench.collect(POSE, ANNA), bench.collect(CURSOR, ANNA)

@@ -49,9 +49,11 @@ class FiresTheLast(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
         result = super().step(pointing)
         if pointing.under is None:
-            result, self.last = SelectionProgress(fired=self.last if self._gone() else None), self.last
+            result = SelectionProgress(fired=self.last if self._gone() else None)
+            self.last = self.last
         else:
-            self.last, self.since = pointing.under, 0
+            self.last = pointing.under
+            self.since = 0
         return result
 
     def _gone(self) -> bool:
@@ -62,7 +64,8 @@ class FiresTheLast(Method):
 @caught_by("selects_nothing_else", "on each of many: ")
 class AddsUpPassing(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
-        spent_ns, self._object = self._spent_ns, pointing.under
+        spent_ns = self._spent_ns
+        self._object = pointing.under
         result = super().step(pointing)
         self._spent_ns = max(self._spent_ns, spent_ns)
         return result

@@ -160,7 +160,8 @@ class Life:
 
     def error(self, sample: ImuSample, point: Vec3) -> tuple[float, float]:
         """Return ray less target in degrees: to the left, upwards."""
-        ray, sight = self.ray(sample), vector.subtract(point, self.eyes_m)
+        ray = self.ray(sample)
+        sight = vector.subtract(point, self.eyes_m)
         azimuth = vector.wrap(vector.azimuth(ray) - vector.azimuth(sight))
         return math.degrees(azimuth), math.degrees(vector.elevation(ray) - vector.elevation(sight))
 

@@ -32,7 +32,8 @@ def direction(moving: Arm, now_s: float, aim: Aim) -> vector.Vec3:
 
 
 def test_a_reach_of_39_degrees_takes_people_0_74_s_and_peaks_at_100_degrees_a_second() -> None:
-    moving, aim = arm(), Aim(math.radians(39.0), 0.0)
+    moving = arm()
+    aim = Aim(math.radians(39.0), 0.0)
     duration_s = moving.reach_s(math.radians(39.0))
     assert duration_s == pytest.approx(0.74, abs=0.02)
     moving.reach(0, aim, duration_s)
@@ -133,7 +134,8 @@ def test_lost_samples_leave_a_gap_in_seq_and_the_device_has_its_own_time() -> No
     samples = [wrist.sample(i * PERIOD_NS, rotation.IDENTITY) for i in range(500)]
     kept = [s for s in samples if s is not None]
     assert [s.seq for s in kept] == [i + 1 for i, s in enumerate(samples) if s is not None]
-    first, last = kept[0], kept[-1]
+    first = kept[0]
+    last = kept[-1]
     assert first.device_time_ns is not None
     assert last.device_time_ns is not None
     ratio = (last.device_time_ns - first.device_time_ns) / (last.stamp_ns - first.stamp_ns)

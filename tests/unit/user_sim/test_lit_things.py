@@ -35,7 +35,8 @@ from pointit.sim.aim import Stance
 from tests.support import there
 from tests.unit.user_sim.life import PRECISE, Cue, Life
 
-WHITE, GREEN = (255, 255, 255), (0, 158, 115)
+WHITE = (255, 255, 255)
+GREEN = (0, 158, 115)
 JAR: Vec3 = (2.2, 0.6, 1.0)
 ROOM = Environment(
     stamp_ns=0,
@@ -118,7 +119,8 @@ def test_margins_of_a_things_light_are_no_cursor_though_things_are_as_white(
     look.hover("jar")
     look.run(0.3)
     assert look.sight.eyes.cursor("strip") is None
-    jar, tin = look.looks("jar"), look.looks("tin")
+    jar = look.looks("jar")
+    tin = look.looks("tin")
     assert (jar.own, tin.own, tin.marked) == (True, False, False)
 
 

@@ -208,7 +208,8 @@ def test_time_to_stay_within_10_cm_at_2_m() -> None:
     assert late < 0.2
 
 
-RED, SECOND = thing("r", "red", 1.0), thing("s", "red", 4.0)
+RED = thing("r", "red", 1.0)
+SECOND = thing("s", "red", 4.0)
 
 
 def along_the_strip(life: Life, now_ns: int) -> Vec3:
@@ -295,13 +296,15 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
 @pytest.mark.parametrize("gesture", ["double", "press"])
 def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["double", "press"]) -> None:
     """Neither for a cursor that is off (2 s) nor for one that is not to be seen (4 s)."""
-    press, perceived = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), PerceivedState()
+    press = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0))
+    perceived = PerceivedState()
     perceived.state = "pointing"
     now_s = 0.0
 
     def pressed(duration_s: float) -> list[str]:
         nonlocal now_s
-        end_s, gestures = now_s + duration_s, list[str]()
+        end_s = now_s + duration_s
+        gestures = list[str]()
         while now_s < end_s - 1e-9:
             now_s += 0.1
             off_rad, sees = (0.2, True) if gesture == "double" else (0.0, False)
@@ -321,7 +324,9 @@ def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["doubl
 
 async def test_the_service_is_silent_while_a_page_has_the_wrist_and_goes_on_then() -> None:
     async with memory_bench(VirtualClock()) as bench:
-        samples, presses, reports = bench.collect(IMU), bench.collect(BUTTON), bench.collect(HEALTH)
+        samples = bench.collect(IMU)
+        presses = bench.collect(BUTTON)
+        reports = bench.collect(HEALTH)
         config = UserSimConfig(rate_hz=100.0, think_s=0.0)
         bench.start(UserSim, config, user="anna")
         await until(lambda: bool(samples))
@@ -340,7 +345,8 @@ async def test_the_service_is_silent_while_a_page_has_the_wrist_and_goes_on_then
         await until(lambda: len(samples) > seen + 10)
         page("anna")
         await bench.settle()
-        seen, stopped_ns = len(samples), bench.clock.now_ns()
+        seen = len(samples)
+        stopped_ns = bench.clock.now_ns()
         await until(is_said)
         await until(lambda: len(samples) > seen, what="the person again")
         assert 0.95 < (samples[seen].stamp_ns - stopped_ns) / (WRIST_PATIENCE_S * NS_PER_S) < 1.6

@@ -24,7 +24,8 @@ from pointit.services.user_sim.config import DecisionConfig, UserSimConfig
 from pointit.services.user_sim.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, living, thing
 
-GREEN, PINK = (0, 158, 115), (204, 121, 167)
+GREEN = (0, 158, 115)
+PINK = (204, 121, 167)
 
 
 def at_work(*things: TrackedObject, lit: bool = False) -> Life:

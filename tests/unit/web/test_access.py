@@ -219,7 +219,8 @@ def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
 
 
 def test_another_ones_key_or_one_that_others_read_is_not_used(tmp_path: Path) -> None:
-    first, other = made(tmp_path / "a"), made(tmp_path / "b")
+    first = made(tmp_path / "a")
+    other = made(tmp_path / "b")
     first.key.write_bytes(other.key.read_bytes())
     second = made(tmp_path / "a")
     assert second.warning != ""

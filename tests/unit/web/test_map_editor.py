@@ -111,7 +111,8 @@ async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: S
 async def test_a_map_behind_a_link_is_saved_where_the_link_leads(site: Site, tmp_path: Path) -> None:
     link = tmp_path / "link.yaml"
     link.symlink_to(site.map)
-    there, site.map = site.map, str(link)
+    there = site.map
+    site.map = str(link)
     digest = (await site.editor.read())["digest"]
     await site.editor.save([HIGHER], digest, "")
     assert link.is_symlink()

@@ -138,8 +138,10 @@ def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics)
 
 def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> None:
     # 0.3 m along the diagonal of the floor, 0.1 m across, 0.05 rad
-    along, across = 0.3**2, 0.1**2
-    xx, xy = (along + across) / 2.0, (along - across) / 2.0
+    along = 0.3**2
+    across = 0.1**2
+    xx = (along + across) / 2.0
+    xy = (along - across) / 2.0
     covariance = (xx, xy, 0.0, xy, xx, 0.0, 0.0, 0.0, 0.05**2)
     metrics.hear("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
     assert metrics.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
@@ -183,7 +185,8 @@ def test_invented_names_do_not_make_series_without_end(
     monkeypatch.setattr(module, "MAX_USERS", 10)
     latency = durations(0.001, 0.002)
     for number in range(100):
-        instance, user = f"made-up-{number}", f"u{number}"
+        instance = f"made-up-{number}"
+        user = f"u{number}"
         metrics.state.set_service(instance, True)
         metrics.state.set_person(user, True)
         metrics.hear(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
@@ -242,11 +245,9 @@ def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) ->
 
 def test_what_instances_counted_before_they_were_first_heard_is_not_in_the_totals() -> None:
     totals = Totals()
-    errors, lost, refused = (
-        Labels("errors", "pui"),
-        Labels("discarded", "pui", RAY.key, "lost"),
-        Labels("refused", "pui"),
-    )
+    errors = Labels("errors", "pui")
+    lost = Labels("discarded", "pui", RAY.key, "lost")
+    refused = Labels("refused", "pui")
 
     now_ns = itertools.count(1, NS_PER_S)
 
@@ -276,9 +277,12 @@ reports = st.lists(
 def test_totals_never_shrink_and_are_exact_when_every_report_arrives(
     steps: list[tuple[bool, int]], unheard: set[int]
 ) -> None:
-    heard_all, heard_some = Totals(), Totals()
+    heard_all = Totals()
+    heard_some = Totals()
     labels = Labels("discarded", "pui", RAY.key, "lost")
-    uptime, lost, before = 0, 0, 0.0
+    uptime = 0
+    lost = 0
+    before = 0.0
     for number, (is_restarted, more) in enumerate(steps):
         uptime, lost = (1, more) if is_restarted else (uptime + 1, lost + more)
         report = health(

@@ -158,7 +158,8 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
         assert feed.take(0.0) is not None
         for _ in range(2):
             await looker.past.ask()
-            selections, cues = (topics.SELECTION_EVENTS.key, topics.FEEDBACK.key)
+            selections = topics.SELECTION_EVENTS.key
+            cues = topics.FEEDBACK.key
             assert looker.shows() == [
                 *((selections, number) for number in (1, 2, 3)),
                 (cues, 77),

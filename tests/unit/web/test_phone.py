@@ -43,7 +43,8 @@ async def heard(socket: ClientConnection) -> dict[str, Any]:
 
 
 async def greeted(socket: ClientConnection) -> None:
-    hello, state = await heard(socket), await heard(socket)
+    hello = await heard(socket)
+    state = await heard(socket)
     assert (hello["kind"], state["kind"]) == ("hello", "cue")
 
 

@@ -321,7 +321,8 @@ def test_lanes_of_invented_people_are_bounded() -> None:
 def visitors(number: int, stay_s: float) -> Iterator[Entry]:
     """Yield `number` people, one after the other, who point, hover, select and leave."""
     for index in range(number):
-        name, now_s = f"visitor{index}", index * stay_s
+        name = f"visitor{index}"
+        now_s = index * stay_s
         yield said(now_s, topics.USER_ALIVE, name, True)
         yield said(now_s, topics.SERVICE_ALIVE, f"pointing.{name}", True)
         yield said(now_s + 1.0, topics.HEALTH, f"pointing.{name}", health(now_s + 1.0, "hot", user=name))
@@ -357,7 +358,8 @@ def test_of_a_running_site_the_last_of_many_visitors_is_shown_and_none_from_befo
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(recent_module, "MAX_KEYS", 20)
-    number, stay_s = 300, 30.0
+    number = 300
+    stay_s = 30.0
     past = kept(list(visitors(number, stay_s)), window_s=119.0).past(at(number * stay_s))
     last = {f"visitor{n}" for n in range(number - 4, number)}
     kinds = ("interaction", "hover", "selections", "refusals", "warnings")

@@ -147,10 +147,8 @@ OPERATOR = {"Authorization": "Bearer operator-token"}
 async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page_is_left_or_30_minutes(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, end: str
 ) -> None:
-    door, bench.is_wrist = (
-        ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: bench.is_wrist),
-        True,
-    )
+    door = ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: bench.is_wrist)
+    bench.is_wrist = True
     bench.app = application(bench.doors, bench.bundle, bench.no_page, bench.no_file, door.routes)
     async with bench.client() as wrist, bench.client() as operator:
         operator.headers.update(OPERATOR)

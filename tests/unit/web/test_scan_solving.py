@@ -19,7 +19,8 @@ from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec, S
 from tests.support import there
 
 FOCAL_PX = 900.0
-WIDTH, HEIGHT = 1280, 720
+WIDTH = 1280
+HEIGHT = 720
 ROOM = SimulatedRoom().seen
 TRUE = {strip.name: strip.places_m for strip in ROOM.strips}
 COUNTS = {strip.name: len(strip.places_m) for strip in ROOM.strips}
@@ -110,7 +111,8 @@ def tapped(name: str, shape: str, places: list[Vec3], views: tuple[int, int] = (
 
 
 def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
-    low, high = TRUE["shelf_low"], TRUE["shelf_high"]
+    low = TRUE["shelf_low"]
+    high = TRUE["shelf_high"]
     screen = tapped("front", "screen", [low[0], low[-1], high[0]])
     box = tapped("crate", "box", [(0.0, 1.0, 0.8), (0.6, 1.0, 0.8), (0.6, 1.4, 0.8), (0.6, 1.4, 0.2)])
     shown = there(solution.thing)(screen)

@@ -352,7 +352,8 @@ def test_a_service_that_never_starts_or_leaves_soon_after_the_start_is_missing()
 
 
 def test_a_run_that_ended_on_purpose_is_over_without_an_alarm_and_one_that_died_is_missed() -> None:
-    ended, died = Restart(), Restart()
+    ended = Restart()
+    died = Restart()
     ended.end("run.scenario_4", 10.0)
     for now_s in (20.0, 100.0):
         status = ended.tick(now_s)

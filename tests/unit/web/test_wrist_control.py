@@ -155,8 +155,10 @@ def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: WristControl
         wrists.acquire("anna", page, "phone")
         return there(wrists.turn("anna", page, turn(session=session), at(seconds))).session
 
-    first, again = number("phone1", 0, 0.0), number("phone1", 0, 0.1)
-    loaded, other = number("phone1", 1, 0.2), number("phone2", 0, 0.3)
+    first = number("phone1", 0, 0.0)
+    again = number("phone1", 0, 0.1)
+    loaded = number("phone1", 1, 0.2)
+    other = number("phone2", 0, 0.3)
     assert first == again
     assert len({first, loaded, other}) == 3
     assert number("phone1", 1, 0.4) == loaded

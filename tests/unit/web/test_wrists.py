@@ -43,7 +43,8 @@ def test_it_points_ahead_before_it_is_told_where() -> None:
 def test_it_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
     arm = MouseArm()
     arm.set_pose((0.3, 0.2, 0.0), 0.7)
-    before, now_ns = arm.step(0), 0
+    before = arm.step(0)
+    now_ns = 0
     for place in places:
         arm.aim(place)
         for _ in range(3):
@@ -54,7 +55,8 @@ def test_it_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
 
 
 def test_it_arrives_where_the_mouse_jumped_to_within_half_a_second() -> None:
-    arm, now_ns = MouseArm(), 0
+    arm = MouseArm()
+    now_ns = 0
     arm.aim((3.0, 0.0, 1.0))
     arm.step(now_ns)
     arm.aim((-3.0, 0.5, 1.0))

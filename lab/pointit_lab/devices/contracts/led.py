@@ -20,7 +20,8 @@ PIXELS_AT = 6
 """Offset of the pixels behind `MAGIC`, bytes."""
 
 E131_HEAD = bytes.fromhex("00100000") + b"ASC-E1.17"
-E131_OPTIONS_AT, E131_ENDED = 112, 0x40
+E131_OPTIONS_AT = 112
+E131_ENDED = 0x40
 E131_SLOTS_AT = 126
 
 ARTNET_HEAD = b"Art-Net\0\x00\x50"
@@ -41,7 +42,8 @@ class TestExpander(LedOutputContract):
         drawn: list[bytes] = []
         channels: dict[int, bytes] = {}
         for part in received.split(MAGIC)[1:]:
-            whole, check = part[:-CRC_BYTES], part[-CRC_BYTES:]
+            whole = part[:-CRC_BYTES]
+            check = part[-CRC_BYTES:]
             if zlib.crc32(MAGIC + whole) != int.from_bytes(check, "little"):
                 continue
             if whole[1] == SET_CHANNEL_WS2812:

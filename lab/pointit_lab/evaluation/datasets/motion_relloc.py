@@ -43,8 +43,10 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading)
     is_whole = np.isfinite(np.hstack([recorded.orientation_xyzw, recorded.robot_m, recorded.head_m])).all(
         axis=1
     )
-    t_s, orientation_xyzw = recorded.t_s[is_whole], recorded.orientation_xyzw[is_whole]
-    robot_m, head_m = recorded.robot_m[is_whole], recorded.head_m[is_whole]
+    t_s = recorded.t_s[is_whole]
+    orientation_xyzw = recorded.orientation_xyzw[is_whole]
+    robot_m = recorded.robot_m[is_whole]
+    head_m = recorded.head_m[is_whole]
     check_reach(path, robot_m, head_m, "robot ('robot_x', …) and head ('head_x', …)")
     arm = ArmFrame(MOUNTINGS[MOUNTING])
     # the radio data, 50 Hz with gaps, was resampled to 30 Hz: repeated samples are old

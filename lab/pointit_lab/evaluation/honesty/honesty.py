@@ -217,7 +217,8 @@ def verdict(trial: LocalizationTrial, condition: str) -> Judged:
 def _miss_m(trial: LocalizationTrial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
     east, north = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)).T
-    cosine, sine = math.cos(turned_rad) - 1.0, math.sin(turned_rad)
+    cosine = math.cos(turned_rad) - 1.0
+    sine = math.sin(turned_rad)
     squares: Array = (off_m[0] + cosine * east - sine * north) ** 2 + (
         off_m[1] + sine * east + cosine * north
     ) ** 2
@@ -260,7 +261,8 @@ def chosen(
         lit_m[rng.integers(count)] = lamps_m[order[-1]]
     stamps_s: list[Array] = []
     began_s = 0.0
-    pointed, lit_m = pointed * injection.visits, np.tile(lit_m, (injection.visits, 1))
+    pointed = pointed * injection.visits
+    lit_m = np.tile(lit_m, (injection.visits, 1))
     for index in pointed:
         stamps_s.append(pointings.stamps_s[holds[index]] - pointings.stamps_s[holds[index][0]] + began_s)
         began_s = float(stamps_s[-1][-1]) + PAUSE_S

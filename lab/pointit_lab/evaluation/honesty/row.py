@@ -127,7 +127,8 @@ def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[Ho
     for each in judged:
         kind = "simulated people" if each.set in simulated else "recorded people"
         # people of different sets may have the same name
-        subject, unit = f"{each.set} {each.subject}", each.unit and f"{each.set} {each.unit}"
+        subject = f"{each.set} {each.subject}"
+        unit = each.unit and f"{each.set} {each.unit}"
         groups.setdefault((kind, each.condition), []).append(replace(each, subject=subject, unit=unit))
     return [
         _row(kind, condition, EVERY, groups[kind, condition])

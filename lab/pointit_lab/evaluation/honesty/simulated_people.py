@@ -59,13 +59,15 @@ ACT_RAD = (math.radians(3.0), math.radians(6.0))
 ACT_UP_RAD = (math.radians(1.0), math.radians(2.5))
 """Ranges of the standard deviation of one pointing at a lamp, sideways and upwards."""
 
-HOLD_S, PAUSE_S = 2.0, 2.0
+HOLD_S = 2.0
+PAUSE_S = 2.0
 HOLD_RAYS = 40
 HOLD_WANDER_RAD = math.radians(0.3)
 
 WALL_M = 3.0
 """Distance of the wall in front, and of those to the left and to the right, from the middle of the room."""
-FRONT_LAMPS, SIDE_LAMPS = 7, 4
+FRONT_LAMPS = 7
+SIDE_LAMPS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +175,8 @@ def _follower(seed: int) -> FollowRecording:
     course = _course(follower, rng)
     directions = _body(follower, rng).directions(course, times_s, rng)
     counts = times_s >= REACH_S
-    times_s, directions = times_s[counts], directions[counts]
+    times_s = times_s[counts]
+    directions = directions[counts]
     return FollowRecording(
         set=SET,
         subject=f"seed {seed}",
@@ -199,7 +202,8 @@ def _origins(follower: SimulatedFollower, count: int) -> Array:
 def _course(follower: SimulatedFollower, rng: np.random.Generator) -> Course:
     """Return a circle or a figure of eight at `SPEED_MPS` on average."""
     way, phase = rng.uniform(-math.pi, math.pi, 2)
-    radius_m, away_m = float(rng.uniform(*COURSE_M)), float(rng.uniform(*AWAY_M))
+    radius_m = float(rng.uniform(*COURSE_M))
+    away_m = float(rng.uniform(*AWAY_M))
     is_eight, is_flying = rng.random(2) < 0.5
     middle = (follower.x_m + away_m * math.cos(way), follower.y_m + away_m * math.sin(way))
     rate_radps = SPEED_MPS / radius_m / (1.5 if is_eight else 1.0)
@@ -207,7 +211,8 @@ def _course(follower: SimulatedFollower, rng: np.random.Generator) -> Course:
     def at(times_s: Array) -> Array:
         turned = phase + rate_radps * times_s
         across = np.sin(2.0 * turned) if is_eight else np.cos(turned)
-        x_m, y_m = middle[0] + radius_m * np.sin(turned), middle[1] + radius_m * across
+        x_m = middle[0] + radius_m * np.sin(turned)
+        y_m = middle[1] + radius_m * across
         z_m = FLIES_M + RISE_M * np.sin(1.3 * turned) if is_flying else np.zeros_like(turned)
         return np.stack([x_m, y_m, z_m], axis=1)
 

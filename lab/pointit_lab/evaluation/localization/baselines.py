@@ -39,7 +39,8 @@ def mean_angle_z0(pointings: Pointings) -> BaselineEstimate:
 
 def mean_angle(pointings: Pointings, x: float, y: float, z: float, yaw: float) -> float:
     """Return the mean angle between the rays and the directions from a pose to the targets, rad."""
-    cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
+    cos_yaw = np.cos(yaw)
+    sin_yaw = np.sin(yaw)
     away = pointings.targets_m - (x, y, z)
     seen = np.empty_like(away)
     seen[:, 0] = cos_yaw * away[:, 0] + sin_yaw * away[:, 1]

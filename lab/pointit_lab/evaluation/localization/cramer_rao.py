@@ -120,7 +120,8 @@ def median_bounds_m(trials: Sequence[LocalizationTrial]) -> list[float]:
 
 def _linearized(trial: LocalizationTrial) -> _Linearized:
     summary = blocks(trial.pointings)
-    means, hold = summary.pointings, summary.hold.astype(np.intp)
+    means = summary.pointings
+    hold = summary.hold.astype(np.intp)
     if summary.is_still:  # the bound takes visits of one lamp as independent
         moves_m = np.abs(np.diff(means.targets_m, axis=0, prepend=means.targets_m[:1])).max(axis=1)
         hold = np.cumsum(moves_m > STILL_M)
@@ -128,7 +129,8 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     away[:, 2] -= means.origins_m[:, 2]
     level_m = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)
     square = level_m**2 + away[:, 2] ** 2
-    azimuths, elevations = np.arctan2(away[:, 1], away[:, 0]), np.arctan2(away[:, 2], level_m)
+    azimuths = np.arctan2(away[:, 1], away[:, 0])
+    elevations = np.arctan2(away[:, 2], level_m)
     rays = means.directions
     turned = np.arctan2(rays[:, 1], rays[:, 0]) + (trial.yaw_rad or 0.0) - azimuths
     aside = np.remainder(turned + math.pi, math.tau) - math.pi
@@ -136,7 +138,8 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     flat = np.cos(elevations)
     middle = float(np.angle(np.exp(1j * azimuths).mean()))
     gradients = np.zeros((2, len(away), 3))  # of azimuth and elevation, by the target's place
-    gradients[0, :, 0], gradients[0, :, 1] = -away[:, 1] / level_m**2, away[:, 0] / level_m**2
+    gradients[0, :, 0] = -away[:, 1] / level_m**2
+    gradients[0, :, 1] = away[:, 0] / level_m**2
     gradients[1, :, 0] = -away[:, 2] * away[:, 0] / (level_m * square)
     gradients[1, :, 1] = -away[:, 2] * away[:, 1] / (level_m * square)
     gradients[1, :, 2] = level_m / square

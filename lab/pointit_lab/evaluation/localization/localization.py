@@ -139,10 +139,13 @@ def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver)
     yaw_deg = math.nan
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
+    sigma_m = math.nan
+    yaw_sigma_deg = math.nan
+    is_sure = True
     if isinstance(found, Solution):
         is_sure = LIMITS.accepts(found)
-        sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
+        sigma_m = found.position_sigma_m
+        yaw_sigma_deg = math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,
         solver=name,

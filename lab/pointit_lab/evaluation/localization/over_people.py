@@ -83,12 +83,14 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
 
 
 def _interval(logs: Sequence[float]) -> Interval:
-    mean, count = float(np.mean(logs)), len(logs)
+    mean = float(np.mean(logs))
+    count = len(logs)
     reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1) * np.std(logs, ddof=1) / math.sqrt(count))
     return Interval(value=math.exp(mean), low=math.exp(mean - reach), high=math.exp(min(mean + reach, 700.0)))
 
 
 def _without_one(logs: Sequence[float]) -> tuple[float, float]:
-    total, count = sum(logs), len(logs)
+    total = sum(logs)
+    count = len(logs)
     means = [math.exp((total - each) / (count - 1)) for each in logs]
     return min(means), max(means)

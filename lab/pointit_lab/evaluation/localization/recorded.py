@@ -195,7 +195,8 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
     (usual_rad,) = yaws_rad if len(yaws_rad) == 1 else (None,)
     for pose in person.poses.values():
         times_ns = np.array([pose.stamp_ns])
-        place, told = person.truth.at(times_ns)[0], person.yaws.at(times_ns)[0]
+        place = person.truth.at(times_ns)[0]
+        told = person.yaws.at(times_ns)[0]
         if not np.isfinite(place).all():
             continue
         yaw_rad = math.atan2(told[1], told[0]) if np.isfinite(told).all() else usual_rad

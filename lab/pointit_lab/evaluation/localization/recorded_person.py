@@ -59,7 +59,8 @@ class Course:
         """Return the interpolated values (k x width) at `times_ns`; NaN where none is within `GAP_S`."""
         if not len(self):
             return np.full((len(times_ns), self._width), math.nan)
-        own_ns, values = self.times_ns, self.values
+        own_ns = self.times_ns
+        values = self.values
         found = np.empty((len(times_ns), self._width))
         for axis in range(self._width):
             found[:, axis] = np.interp(times_ns - own_ns[0], own_ns - own_ns[0], values[:, axis])
@@ -138,13 +139,18 @@ class PersonInSession:
                 yield from self._lamps(holds)
 
     def _following(self, course: Course, track: Course) -> Iterator[LocalizationTrial]:
-        times_ns, rays = course.times_ns, course.values
-        targets, heads = track.at(times_ns), self.truth.at(times_ns)
+        times_ns = course.times_ns
+        rays = course.values
+        targets = track.at(times_ns)
+        heads = self.truth.at(times_ns)
         fresh = np.append(True, np.any(np.diff(rays, axis=0) != 0.0, axis=1))
         known = fresh & np.isfinite(targets).all(axis=1) & np.isfinite(heads).all(axis=1)
         if np.count_nonzero(known) < 2:
             return
-        times_ns, rays, targets, heads = times_ns[known], rays[known], targets[known], heads[known]
+        times_ns = times_ns[known]
+        rays = rays[known]
+        targets = targets[known]
+        heads = heads[known]
         pointings = Pointings((times_ns - times_ns[0]) / NS_PER_S, rays[:, :3], rays[:, 3:], targets)
         yield from FollowRecording(
             set=SET,

@@ -89,7 +89,8 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
     """Yield the row over the starts from which there are windows of `LONG_S`; each counts once."""
     by_start: dict[tuple[str, float], list[tuple[float, float]]] = {}
     for outcome in outcomes:
-        length_s, taken_m = float(outcome.key.condition.split()[0]), outcome.taken_m
+        length_s = float(outcome.key.condition.split()[0])
+        taken_m = outcome.taken_m
         if taken_m is not None:
             by_start.setdefault((outcome.recording, outcome.start_s), []).append((length_s, taken_m))
     long = [of_start for of_start in by_start.values() if max(of_start)[0] >= LONG_S]

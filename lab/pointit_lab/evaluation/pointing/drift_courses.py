@@ -41,7 +41,8 @@ class CourseHold:
 
     def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
-        rest, later_ns = self.rest, round(later_s * NS_PER_S)
+        rest = self.rest
+        later_ns = round(later_s * NS_PER_S)
         return replace(
             self,
             at_s=self.at_s + later_s,
@@ -98,8 +99,10 @@ def chained(sequences: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
 def _joined(sequences: Sequence[HoldSequence]) -> HoldSequence:
     chain = sequences[0]
     for run in sequences[1:]:
-        last, first = chain.holds[-1], run.holds[0]
-        turn, later_s = last.yaw_rad - first.yaw_rad, last.at_s - first.at_s
+        last = chain.holds[-1]
+        first = run.holds[0]
+        turn = last.yaw_rad - first.yaw_rad
+        later_s = last.at_s - first.at_s
         chain = replace(chain, holds=chain.holds + tuple(h.turned(turn, later_s) for h in run.holds[1:]))
     return chain
 
@@ -125,7 +128,8 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
     azimuths = np.unwrap(np.arctan2(stretch.points_m[:, 1], stretch.points_m[:, 0]))
     elevations = np.arctan2(-EYE_M, level)
     # the middle of the hold, whatever single samples do
-    azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
+    azimuth = float(np.median(azimuths))
+    elevation = float(np.median(elevations))
     rest_detector = RestDetector()
     rests = [
         rest_detector.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))

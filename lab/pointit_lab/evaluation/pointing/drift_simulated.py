@@ -129,8 +129,11 @@ class DriftingPerson:
             at_s: time of the pointing.
             beside_rad: additional error to the left.
         """
-        person_model, rng = self._ways, self._rng
-        around, away, high = rng.uniform(-math.pi, math.pi), rng.uniform(1.5, 4.0), rng.uniform(0.0, 1.2)
+        person_model = self._ways
+        rng = self._rng
+        around = rng.uniform(-math.pi, math.pi)
+        away = rng.uniform(1.5, 4.0)
+        high = rng.uniform(0.0, 1.2)
         target = (self.x_m + away * math.cos(around), self.y_m + away * math.sin(around), high)
         azimuth = around + rng.normal(0.0, person_model.azimuth_sigma_rad) + beside_rad
         if rng.random() < person_model.bent_arm_share:
@@ -226,7 +229,8 @@ def outcome(
     """
     person = DriftingPerson(seed, person_model, LEARNING_S)
     fix = person.fix()
-    plain, rested = DriftFilter(fix), DriftFilter(fix)
+    plain = DriftFilter(fix)
+    rested = DriftFilter(fix)
     anchors = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
         rest_detector = RestDetector()

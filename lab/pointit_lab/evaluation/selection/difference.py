@@ -89,7 +89,8 @@ def differences_of(groups: Groups) -> list[Difference]:
     found: list[Difference] = []
     for condition, (other, method) in pairs:
         of_it = by_condition[condition]
-        mine, others = _sums(of_it[method]), _sums(of_it[other])
+        mine = _sums(of_it[method])
+        others = _sums(of_it[other])
         errors, time_s = _intervals(mine, others, tail)
         found.append(
             Difference(
@@ -137,7 +138,8 @@ def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Inter
 
 def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Array) -> Array:
     """Return k x 2, of k resamples: differences of the share of errors and of the mean time."""
-    a, b = weights @ mine, weights @ others
+    a = weights @ mine
+    b = weights @ others
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.stack(
             [a[:, 0] / a[:, 1] - b[:, 0] / b[:, 1], a[:, 2] / a[:, 3] - b[:, 2] / b[:, 3]], axis=1

@@ -97,7 +97,8 @@ class Score:
 
 def figures_of(scores: Sequence[Score], *, per_package: bool) -> SelectionMetrics:
     """Return the metrics over `scores`; `per_package`: n counts packages, not runs."""
-    targets, toggles = sum(score.targets for score in scores), sum(score.toggles for score in scores)
+    targets = sum(score.targets for score in scores)
+    toggles = sum(score.toggles for score in scores)
     return SelectionMetrics(
         n=targets if per_package else len(scores),
         time_s=TimeSpread.of(took_s for score in scores for took_s in score.took_s),

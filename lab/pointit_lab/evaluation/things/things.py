@@ -132,7 +132,9 @@ class ArmReach:
         self._look_s = self._lit_s = time_s + self._aim.correction_s + self._aim.correction_period_s
 
     def _move(self, time_s: float, took_s: float) -> None:
-        self._from, self._from_s, self._took_s = self.now - self._noise, time_s, took_s
+        self._from = self.now - self._noise
+        self._from_s = time_s
+        self._took_s = took_s
         self._to: Vector = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
 
 
@@ -297,7 +299,10 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(environment)
     places_m = {thing.id: thing.center_m for thing in environment.things}
-    fired, begun_s, listed_s, reach = 0, 0.0, -math.inf, None
+    fired = 0
+    begun_s = 0.0
+    listed_s = -math.inf
+    reach = None
     while begun_s < minutes * 60.0:
         reach = ArmReach(EYES_M, {**places_m, "point": _miss_point(kind, row, rng)}, "point", rng, reach)
         holds_s = reach.took_s + float(rng.uniform(*HOLDS_S[kind]))

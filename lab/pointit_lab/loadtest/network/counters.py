@@ -92,7 +92,8 @@ def count(wire: socket.socket, duration_s: float) -> dict[str, Any]:
 
     A message's kind is in clear unless the link is encrypted; a name that a packet's end cuts is missed.
     """
-    up, down = Counter[str](), Counter[str]()
+    up = Counter[str]()
+    down = Counter[str]()
     began_s = time.monotonic()
     while (left_s := began_s + duration_s - time.monotonic()) > 0:
         wire.settimeout(left_s)

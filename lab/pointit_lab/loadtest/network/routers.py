@@ -38,7 +38,8 @@ def secured_configuration(site: SiteFolder, uplinks: Sequence[str], port: int) -
     """Return the configuration of a router of a site, as `pointit site` makes it, on `port`."""
     routed = site.router_site(tuple(uplinks))
     made = configuration([routed])
-    own, other = f":{routed.port}", f":{port}"
+    own = f":{routed.port}"
+    other = f":{port}"
     made["listen"]["endpoints"] = [each.replace(own, other, 1) for each in made["listen"]["endpoints"]]
     return made
 

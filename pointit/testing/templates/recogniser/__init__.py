@@ -33,15 +33,19 @@ class LoudSounds:
         """Yield an utterance for each loud sound. A real one recognises words of `vocabulary`."""
         word = "this" if "this" in vocabulary.words else ""
         start_ns = end_ns = 0
-        buffered, buffered_ns = b"", 0
+        buffered = b""
+        buffered_ns = 0
         async for stamp_ns, block in audio.blocks():
             buffered_ns = buffered_ns if buffered else stamp_ns
             buffered += block
             while len(buffered) >= 2 * STEP:
-                step, buffered = buffered[: 2 * STEP], buffered[2 * STEP :]
-                now_ns, buffered_ns = buffered_ns, buffered_ns + STEP * NS_PER_S // RATE_HZ
+                step = buffered[: 2 * STEP]
+                buffered = buffered[2 * STEP :]
+                now_ns = buffered_ns
+                buffered_ns = buffered_ns + STEP * NS_PER_S // RATE_HZ
                 if np.abs(np.frombuffer(step, "<i2").astype(float)).max() >= self._level:
-                    start_ns, end_ns = start_ns or now_ns, buffered_ns
+                    start_ns = start_ns or now_ns
+                    end_ns = buffered_ns
                 elif start_ns and now_ns - end_ns >= self._gap_ns:
                     yield utterance(word, start_ns, end_ns)
                     start_ns = 0

@@ -36,10 +36,12 @@ class Method:
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
-        stamp_ns, under = pointing.cursor.stamp_ns, pointing.under
+        stamp_ns = pointing.cursor.stamp_ns
+        under = pointing.under
         step_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
         stays = under == self._object and 0 <= step_ns <= LONGEST_GAP_NS
-        self._stamp_ns, self._object = stamp_ns, under
+        self._stamp_ns = stamp_ns
+        self._object = under
         self._spent_ns = self._spent_ns + step_ns if stays else 0
         if under != self._latched:
             self._latched = None

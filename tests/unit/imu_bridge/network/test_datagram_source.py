@@ -20,7 +20,8 @@ from tests.support.bench import until
 from tests.support.running_source import Phone, Running, phone_at, running
 
 pytestmark = pytest.mark.wall_time
-ONE, OTHER = (0.0, 0.0, 0.0, 1.0), (0.5, -0.5, 0.5, -0.5)
+ONE = (0.0, 0.0, 0.0, 1.0)
+OTHER = (0.5, -0.5, 0.5, -0.5)
 ACCELERATION = b'{"type": "android.sensor.accelerometer", "values": [0.0, 0.0, 9.81]}'
 RATE = b'{"type": "android.sensor.gyroscope", "values": [0.0, 0.0, 0.1]}'
 
@@ -122,7 +123,8 @@ async def test_1900_readings_a_second_leave_the_newest_orientation_and_each_even
     """More than 1000 items a second would be refused for the rest of the second."""
     async with running(UDP) as wrist, phone_at(wrist.port) as phone:
         await sends(wrist, phone, content())
-        loop, presses = asyncio.get_running_loop(), 0
+        loop = asyncio.get_running_loop()
+        presses = 0
         wrist.items.clear()
         begin_s = loop.time()
         while (passed_s := loop.time() - begin_s) < 0.5:

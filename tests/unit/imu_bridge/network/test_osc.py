@@ -18,7 +18,8 @@ from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, Osc
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.streams import MIN_READINGS, ContentError
 
-WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
+WXYZ = [0.5, -0.5, 0.5, -0.5]
+XYZW = (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S
 
 

@@ -140,11 +140,13 @@ def test_datagram_that_is_too_short_or_too_long_is_refused() -> None:
     assert decode(datagram(17, bytes(protocol.LONGEST_DATAGRAM))) is None
 
 
-ANNA, BEN = ("192.168.1.5", 6969), ("192.168.1.6", 6969)
+ANNA = ("192.168.1.5", 6969)
+BEN = ("192.168.1.6", 6969)
 BOARD = Handshake(1, "0.6.0", "A4:E5:7C:B6:01:02")
 OTHER_BOARD = Handshake(1, "0.6.0", "A4:E5:7C:B6:01:03")
 PHONE = Handshake(13, "owoTrack8", "")
-FIRST, AGAIN = AdmittedDatagram(is_reconnected=True), AdmittedDatagram(is_reconnected=True, keeps_yaw=True)
+FIRST = AdmittedDatagram(is_reconnected=True)
+AGAIN = AdmittedDatagram(is_reconnected=True, keeps_yaw=True)
 NEXT = AdmittedDatagram()
 
 
@@ -270,7 +272,8 @@ def test_callers_beyond_the_limit_are_ignored_but_for_the_named_one() -> None:
 def test_any_sequence_of_datagrams_is_bounded_and_uses_one_tracker(
     events: list[tuple[int, Handshake | None, int, float]], wanted: str
 ) -> None:
-    trackers, now_s = SlimevrTrackers(wanted), 0.0
+    trackers = SlimevrTrackers(wanted)
+    now_s = 0.0
     for host, handshake, number, wait_s in events:
         now_s += wait_s
         address = (f"10.0.0.{host}", 6969)

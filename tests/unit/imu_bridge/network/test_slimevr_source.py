@@ -19,7 +19,8 @@ from tests.support.running_source import Phone, Running, phone_at, running
 pytestmark = pytest.mark.wall_time
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 TURNED = (0.5, -0.5, 0.5, -0.5)
-OWOTRACK, BOARD = 13, 1
+OWOTRACK = 13
+BOARD = 1
 BROADCAST = "127.255.255.255"
 
 
@@ -126,7 +127,8 @@ async def test_of_two_phones_without_a_mac_the_first_is_used_and_the_other_named
 @pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
 async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> None:
     """By chance, a phone's datagrams would reach the right one of four sources in one of four cases."""
-    port, addresses = free_udp_port(), [f"127.0.0.{number}" for number in (2, 3, 4, 5)]
+    port = free_udp_port()
+    addresses = [f"127.0.0.{number}" for number in (2, 3, 4, 5)]
     async with contextlib.AsyncExitStack() as stack:
         pairs = [
             (

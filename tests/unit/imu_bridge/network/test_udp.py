@@ -179,7 +179,8 @@ async def test_datagram_of_another_that_comes_before_a_connection_keeps_its_send
     def on_datagram(data: bytes, address: Address) -> None:
         heard.add((data, address))
 
-    port, names = free_udp_port(), [b"%d" % number for number in range(32)]
+    port = free_udp_port()
+    names = [b"%d" % number for number in range(32)]
     server = UdpServer("127.0.0.1", port, Health(), on_datagram, remedy="", is_shared=True)
     async with contextlib.AsyncExitStack() as stack:
         strangers = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names]

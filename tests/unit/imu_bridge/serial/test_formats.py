@@ -26,7 +26,9 @@ from pointit_lab.devices.serial_formats import (
 
 DATA_SHEET = bytes.fromhex("AA AA DE 01 00 92 FF 25 08 8D FE EC FF D1 03 00 00 00 E7")
 """Index 222, yaw 0.01°, pitch -1.10°, roll 20.85°, acceleration -371, -20, 977 mg."""
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+X = (1.0, 0.0, 0.0)
+Y = (0.0, 1.0, 0.0)
+Z = (0.0, 0.0, 1.0)
 
 
 def orientation(data: bytes, reader: Bno085Framer | None = None) -> Quaternion:
@@ -46,7 +48,9 @@ def test_data_sheets_example_agrees_with_its_own_acceleration() -> None:
 
 
 def test_words_of_the_data_sheet_hold_when_the_acceleration_agrees_with_them() -> None:
-    yaw, pitch, roll = math.radians(40), math.radians(-25), math.radians(50)
+    yaw = math.radians(40)
+    pitch = math.radians(-25)
+    roll = math.radians(50)
     wanted = rotation.multiply(
         rotation.from_axis_angle(Z, yaw),
         rotation.multiply(rotation.from_axis_angle(Y, pitch), rotation.from_axis_angle(X, roll)),
@@ -186,7 +190,9 @@ GOLDEN = bytes.fromhex("55 59 82 5a 00 00 00 00 82 5a 66")
 """w = z = 0.7071, checked against the vendor's decoder."""
 protocol: Any = import_module("witmotion.protocol")
 """A decoder that is not ours, without types."""
-ACCELERATION, RATE, ANGLES = 0x51, 0x52, 0x53
+ACCELERATION = 0x51
+RATE = 0x52
+ANGLES = 0x53
 
 
 def framer(*, configure: bool = False, baud: int = 115200) -> WitMotionFramer:

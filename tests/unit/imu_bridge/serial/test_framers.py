@@ -102,7 +102,8 @@ def test_packet_directly_behind_what_looks_like_a_header_is_found(name: str, hea
 @given(sizes=st.lists(st.integers(1, 40), min_size=1, max_size=30))
 def test_how_a_stream_is_split_does_not_matter(kind: Kind, sizes: list[int]) -> None:
     stream = kind.end + kind.packet * 8
-    whole, split = kind.make(), kind.make()
+    whole = kind.make()
+    split = kind.make()
     expected = whole.feed(stream, 0)
     items: list[Item] = []
     at = 0

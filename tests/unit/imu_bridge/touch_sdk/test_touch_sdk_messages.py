@@ -198,7 +198,9 @@ def test_any_times_give_one_time_a_frame_that_messages_can_hold(updates: list[Up
         assert all(each is None or 0 <= each < 2**62 // NS_PER_MS for each in times_ms)
 
 
-PINCH, CLOCKWISE, COUNTERCLOCKWISE = "12020801", "2a0b08ffffffffffffffffff01", "2a020801"
+PINCH = "12020801"
+CLOCKWISE = "2a0b08ffffffffffffffffff01"
+COUNTERCLOCKWISE = "2a020801"
 
 
 @in_virtual_time

@@ -232,7 +232,8 @@ def test_an_agv_that_should_drive_and_says_nothing_is_asked_and_not_made_up(benc
     bench.tell(FollowPath, (FAR,))
     bench.run(0.5)
     bench.is_lossy = lambda _topic: True
-    reported, sent = len(bench.reports), len(bench.sent)
+    reported = len(bench.reports)
+    sent = len(bench.sent)
     bench.run(3.0)
     assert len(bench.reports) == reported
     questions = [payload for _topic, payload in bench.sent[sent:] if "stateRequest" in payload]

@@ -15,7 +15,8 @@ from tests.unit.ros2.graph_of_one import FakeBackend
 from tests.unit.ros2.scenes import jazzy
 
 ACTION = "/navigate_to_pose/_action"
-SEND, RESULT = f"{NAVIGATE_TO_POSE}_SendGoal", f"{NAVIGATE_TO_POSE}_GetResult"
+SEND = f"{NAVIGATE_TO_POSE}_SendGoal"
+RESULT = f"{NAVIGATE_TO_POSE}_GetResult"
 
 
 @dataclass

@@ -43,7 +43,9 @@ class Bench:
     """A running driver in a graph in which there is only the test."""
 
     def __init__(self, graph: FakeNav2, around: Around, driver: Ros2Driver) -> None:
-        self.graph, self.around, self.driver = graph, around, driver
+        self.graph = graph
+        self.around = around
+        self.driver = driver
         self.items: list[plugins.ReportItem] = []
 
     @property
@@ -66,7 +68,8 @@ class Bench:
 async def driving(
     monkeypatch: pytest.MonkeyPatch, spec: plugins.RobotSpec, **parameters: Any
 ) -> AsyncGenerator[Bench]:
-    graph, around = FakeNav2(), Around()
+    graph = FakeNav2()
+    around = Around()
 
     async def opened(config: Any, *_others: Any, **_more: Any) -> FakeNav2:
         graph.node = config.node

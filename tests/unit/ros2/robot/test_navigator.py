@@ -22,7 +22,8 @@ class Bench:
     """A navigator, its server, and what it reports."""
 
     def __init__(self) -> None:
-        self.nav2, self.clock = FakeNav2(), ManualClock()
+        self.nav2 = FakeNav2()
+        self.clock = ManualClock()
         self.news: list[tuple[int, str]] = []
         self.reasons: list[str] = []
         self.problems: list[str] = []
@@ -222,7 +223,8 @@ async def test_unreadable_bytes_of_the_server_are_a_problem_and_no_news(bench: B
     assert bench.news == []
 
 
-A, B = b"a" * 16, b"b" * 16
+A = b"a" * 16
+B = b"b" * 16
 LATER_NS = 10 * NS_PER_S
 
 
@@ -301,7 +303,8 @@ def told(book: GoalBook, what: str | GoalStatus, goal: bytes, now_ns: int) -> li
 def test_goals_end_once_and_the_wanted_one_is_never_cancelled(
     events: list[tuple[str | GoalStatus, bytes]],
 ) -> None:
-    book, now_ns = GoalBook(), LATER_NS
+    book = GoalBook()
+    now_ns = LATER_NS
     ends: dict[bytes, int] = {}
     begun: set[bytes] = set()
     for what, goal in events:

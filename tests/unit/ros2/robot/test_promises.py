@@ -45,7 +45,8 @@ class FakeRobot(FakeDevice, ABC):
         self._living = asyncio.create_task(self._live())
 
     async def unplug(self) -> None:
-        living, self._living = self._living, None
+        living = self._living
+        self._living = None
         if living is not None:
             living.cancel()
             await asyncio.wait({living})
@@ -57,7 +58,8 @@ class FakeRobot(FakeDevice, ABC):
 
     async def _live(self) -> None:
         while True:
-            before_m, self.at_m = self.at_m, self.moved()
+            before_m = self.at_m
+            self.at_m = self.moved()
             self.speed_mps = vector.norm(vector.subtract(self.at_m, before_m)) / TICK_S
             message = jazzy().make(POSE)
             message.pose.position = triple("Point", self.at_m)

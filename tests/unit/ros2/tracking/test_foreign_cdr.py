@@ -24,8 +24,10 @@ NAN = math.nan
 QUARTER = math.sqrt(0.5)
 UP, BACKWARDS, LEFT = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, QUARTER, QUARTER)
 """Orientations of a robot that faces x, -x, and y."""
-POSE, DETECTIONS = "geometry_msgs/msg/PoseStamped", "vision_msgs/msg/Detection3DArray"
-TF, IMU = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu"
+POSE = "geometry_msgs/msg/PoseStamped"
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
+TF = "tf2_msgs/msg/TFMessage"
+IMU = "sensor_msgs/msg/Imu"
 
 make = jazzy().make
 
@@ -360,7 +362,8 @@ def imu(frame: str, turned: Quaternion, variance: float = 0.0, stamp_ns: int = N
 
 
 def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first() -> None:
-    route, scene = into("imu_in"), scene_of("anna")
+    route = into("imu_in")
+    scene = scene_of("anna")
     samples: list[WristSample] = []
     warnings: set[str] = set()
 

@@ -68,7 +68,9 @@ def pose(x: float = 0.0, y: float = 0.0, yaw_rad: float = 0.0) -> Any:
 
 def covariance(x_m2: float, y_m2: float, z_m2: float) -> list[float]:
     values = [0.0] * 36
-    values[0], values[7], values[14] = x_m2, y_m2, z_m2
+    values[0] = x_m2
+    values[7] = y_m2
+    values[14] = z_m2
     return values
 
 
@@ -218,7 +220,8 @@ async def test_bad_poses_are_refused_with_one_sentence(
 
 def test_what_is_told_twice_or_overtaken_is_published_once() -> None:
     row = next(each for each in tracker_routes(configured()) if each.ros == "/agv1/pose")
-    scene, counts = furnished(), list[int]()
+    scene = furnished()
+    counts = list[int]()
     for ahead_s in (0.0, 0.0, -0.1, 0.1):
         said = make(POSE, header=header("world", NOW_NS + round(ahead_s * NS_PER_S)), pose=pose())
         counts.append(len(row.convert(said, "", scene, now_ns=NOW_NS, wall_ns=NOW_NS)))
@@ -226,7 +229,8 @@ def test_what_is_told_twice_or_overtaken_is_published_once() -> None:
 
 
 def test_velocity_of_steady_motion_is_found_and_a_gap_resets_it() -> None:
-    motion, speed_mps = Motion(), 0.8
+    motion = Motion()
+    speed_mps = 0.8
     found = (0.0, 0.0, 0.0)
     for tick in range(60):
         at_s = tick / 25.0
@@ -270,7 +274,8 @@ def test_whatever_comes_is_an_object_or_warned_of(row: InboundRoute, data: st.Da
     except ValueError:
         return
     if hasattr(value, "header"):
-        value.header.stamp.sec, value.header.frame_id = 0, ""
+        value.header.stamp.sec = 0
+        value.header.frame_id = ""
         value.header.stamp.nanosec = 0
     for found in fresh.convert(value, "", scene, now_ns=NOW_NS, wall_ns=NOW_NS):
         if isinstance(found, ConversionWarning):

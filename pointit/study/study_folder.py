@@ -19,7 +19,6 @@ from pointit.study.model import Study, read_study
 from pointit.study.plan import check_answers, check_levels, check_trials
 from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
-# fmt: skip
 STUDY = "study.yaml"
 COLUMNS_FILE = "columns.csv"
 TRIALS = "trials.csv"

@@ -41,7 +41,7 @@ from tests.support.pace import within
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 BY = "doctor: router; the router's log"
 USER = "transport/auth/usrpwd/user"
-PASSWORD = "transport/auth/usrpwd/password"
+PASSWORD = "transport/auth/usrpwd/password"  # noqa: S105 - a name of Zenoh's configuration
 EVIL = "anna"
 VICTIM = "user1"
 SILENT = 150

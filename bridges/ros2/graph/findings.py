@@ -85,8 +85,8 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
     return [
         Finding(
             about="bridge",
-            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain ({domain}): we do not "
-            "listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
+            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain ({domain}): we "
+            "do not listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
             "two another backend.domain_id and backend.node",
         )
     ]
@@ -183,8 +183,8 @@ def _domains(
     return [
         Finding(
             about="domain",
-            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {first_of(map(str, remote), MAX_SHOWN)}, we are in "
-            f"{domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
+            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {first_of(map(str, remote), MAX_SHOWN)}, "
+            f"we are in {domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
             f"ROS_DOMAIN_ID={domain}",
         )
     ]

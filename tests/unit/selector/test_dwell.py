@@ -1,7 +1,7 @@
-"""The paper's two methods: any cursors against a plain reading of the docstring, and its figures by example."""
+"""The paper's two methods: any cursors against a reading of the docstring, and its figures by example."""
 
 from collections.abc import Sequence
-from itertools import accumulate, pairwise
+from itertools import accumulate
 
 import pytest
 from hypothesis import example, given, settings

@@ -106,7 +106,15 @@ def test_a_narrow_terminal_loses_no_text(monkeypatch: pytest.MonkeyPatch, width:
         ("users/{user}/cursor", [(topics.CURSOR, "*")]),
         ("*", [(topics.MAP, ""), (topics.SELECTION, "")]),
         ("objects/*", [(topics.OBJECTS, "*")]),
-        ("selection/**", [(topics.SELECTION, ""), (topics.SELECTION_EVENTS, ""), (topics.OUTCOMES, ""), (topics.MANNER, "")]),
+        (
+            "selection/**",
+            [
+                (topics.SELECTION, ""),
+                (topics.MANNER, ""),
+                (topics.SELECTION_EVENTS, ""),
+                (topics.OUTCOMES, ""),
+            ],
+        ),
     ],
 )
 def test_keys_stand_for_rows_and_names(typed: str, wanted: list[Wanted]) -> None:

@@ -1,6 +1,8 @@
-"""`pointit completion`: installs completion in a shell."""
+"""`pointit completion`: installs completion in a shell, and removes it."""
 
 import os
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -14,57 +16,137 @@ from pointit.runtime.host.state_file import replaced_file
 SHELLS: dict[str, type[ShellComplete]] = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}
 ZSH_SETUP = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }\n"
 """zsh has no `compdef` before its completion is set up."""
+HEADING = "# completion of pointit"
+"""Comment above the line that loads the script."""
+
+
+@dataclass(frozen=True)
+class CompletionFiles:
+    """Files of the completion in one shell."""
+
+    script: Path
+    """File with the completion script."""
+    start_file: Path | None
+    """File of the shell that loads the script. None if the shell finds the script by itself."""
+
+    @property
+    def line(self) -> str:
+        """Line of `start_file`. It does nothing once the script is gone: no shell complains after an uninstall."""
+        return f'[ -f "{self.script}" ] && source "{self.script}"\n'
+
+    @property
+    def unguarded_line(self) -> str:
+        """Line that versions before 0.4 wrote."""
+        return f'source "{self.script}"\n'
 
 
 @click.command("completion")
 @click.argument("shell", type=click.Choice(list(SHELLS)), required=False)
 @click.option("--print", "is_printed", is_flag=True, help="print the script instead of installing it")
+@click.option("--remove", "is_removed", is_flag=True, help="remove the script and the line that loads it")
 @click.pass_context
-def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
+def command(ctx: click.Context, *, shell: str | None, is_printed: bool, is_removed: bool) -> None:
     """Install completion with the Tab key in SHELL, the one of your account by default.
 
     It completes commands, options, and names of scenarios, maps and services. Writes the script, and for bash
-    and zsh a line in .bashrc or .zshrc that loads it.
+    and zsh a line in .bashrc or .zshrc that loads it. Before you uninstall PointIt, --remove takes both away.
 
     Example: pointit completion bash
     """
     name = shell or Path(os.environ.get("SHELL", "")).name
     if name not in SHELLS:
         raise ConfigError(f"SHELL: {name or 'none'} is not supported; name one of {', '.join(SHELLS)}")
+    if is_printed and is_removed:
+        raise click.UsageError("--print and --remove exclude each other")
     script = SHELLS[name](ctx.find_root().command, {}, "pointit", COMPLETE).source()
-    script = ZSH_SETUP + script if name == "zsh" else script
+    if name == "zsh":
+        script = ZSH_SETUP + script
     if is_printed:
         click.echo(script)
         return
+
     try:
-        file, start = _files(name)
+        files = _files(name)
     except RuntimeError as error:
         raise ConfigError("there is no home directory; set HOME, or print the script with --print") from error
-    line = f'source "{file}"\n'
+    if is_removed:
+        _change(files, _remove)
+        click.echo(f"completion for {name} is removed")
+        return
+    _change(files, lambda files: _install(files, script))
+    place = f"{files.script}"
+    if files.start_file is not None:
+        place = f"{files.script}, which {files.start_file} loads"
+    click.echo(f"completion for {name} is in {place}; open a new terminal to use it")
+
+
+def _change(files: CompletionFiles, change: Callable[[CompletionFiles], None]) -> None:
+    """Apply `change`. Raises: ConfigError: If a file cannot be written."""
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replaced_file(file) as part:
-            part.write_text(script, encoding="utf-8")
-        if start is not None and (not start.exists() or line.encode() not in start.read_bytes()):
-            with start.open("a", encoding="utf-8") as opened:
-                opened.write(f"\n# completion of pointit\n{line}")
+        change(files)
     except OSError as error:
         raise ConfigError(
             f"{error.filename}: cannot be written ({error.strerror}); print the script with --print"
         ) from error
-    where = f"{file}" if start is None else f"{file}, which {start} loads"
-    click.echo(f"completion for {name} is in {where}; open a new terminal to use it")
 
 
-def _files(shell: str) -> tuple[Path, Path | None]:
-    """Return the script's file, and the file that loads it, if one has to.
+def _install(files: CompletionFiles, script: str) -> None:
+    """Write the script, and the line that loads it unless it is there."""
+    files.script.parent.mkdir(parents=True, exist_ok=True)
+    with replaced_file(files.script) as part:
+        part.write_text(script, encoding="utf-8")
+    if files.start_file is None:
+        return
+
+    # The file is the user's: its encoding is unknown, so it is read and written as bytes.
+    previous = _bytes_of(files.start_file)
+    if files.line.encode() in previous:
+        return
+    content = _without_lines(previous, files)
+    entry = f"\n{HEADING}\n{files.line}".encode()
+    with replaced_file(files.start_file) as part:
+        part.write_bytes(content + entry)
+
+
+def _remove(files: CompletionFiles) -> None:
+    """Delete the script, and the line that loads it."""
+    files.script.unlink(missing_ok=True)
+    if files.start_file is None:
+        return
+    previous = _bytes_of(files.start_file)
+    content = _without_lines(previous, files)
+    if content != previous:
+        with replaced_file(files.start_file) as part:
+            part.write_bytes(content)
+
+
+def _bytes_of(path: Path) -> bytes:
+    if not path.exists():
+        return b""
+    return path.read_bytes()
+
+
+def _without_lines(content: bytes, files: CompletionFiles) -> bytes:
+    """Return `content` of a start file without the lines that this command wrote in any version."""
+    for line in (files.line, files.unguarded_line):
+        content = content.replace(f"\n{HEADING}\n{line}".encode(), b"")
+        if content.startswith(line.encode()):
+            content = content.removeprefix(line.encode())
+        content = content.replace(f"\n{line}".encode(), b"\n")
+    return content
+
+
+def _files(shell: str) -> CompletionFiles:
+    """Return the files of the completion in `shell`.
 
     Raises:
         RuntimeError: If there is no home directory.
     """
     if shell == "fish":
         folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
-        return folder / "fish/completions/pointit.fish", None
-    file = platformdirs.user_data_path("pointit", appauthor=False) / f"completion.{shell}"
-    home = os.environ.get("ZDOTDIR") if shell == "zsh" else None
-    return file, Path(home or Path.home()) / f".{shell}rc"
+        return CompletionFiles(script=folder / "fish/completions/pointit.fish", start_file=None)
+    script = platformdirs.user_data_path("pointit", appauthor=False) / f"completion.{shell}"
+    folder = Path.home()
+    if shell == "zsh" and os.environ.get("ZDOTDIR"):
+        folder = Path(os.environ["ZDOTDIR"])
+    return CompletionFiles(script=script, start_file=folder / f".{shell}rc")

@@ -92,7 +92,8 @@ def test_it_is_installed_once(home: Path, shell: str, script: str, start: str | 
     assert COMPLETE in (home / script).read_text()
     if start is not None:
         text = (home / start).read_text()
-        assert text == f'alias l=ls\n\n# completion of pointit\nsource "{home / script}"\n'
+        line = f'[ -f "{home / script}" ] && source "{home / script}"'
+        assert text == f"alias l=ls\n\n# completion of pointit\n{line}\n"
 
 
 def test_start_file_in_another_encoding_keeps_its_bytes(home: Path) -> None:
@@ -101,8 +102,47 @@ def test_start_file_in_another_encoding_keeps_its_bytes(home: Path) -> None:
     for _ in range(2):
         assert CliRunner().invoke(command, ["completion", "bash"]).exit_code == 0
     content = (home / ".bashrc").read_bytes()
-    assert content.startswith(before + b"\n# completion of pointit\nsource ")
+    assert content.startswith(before + b"\n# completion of pointit\n[ -f ")
     assert content.count(b"source ") == 1
+
+
+@pytest.mark.parametrize(("shell", "start"), [("bash", ".bashrc"), ("zsh", ".zshrc")])
+def test_removed_completion_leaves_the_start_file_as_it_was(home: Path, shell: str, start: str) -> None:
+    (home / start).write_bytes(b"alias gr\xfc\xdfe=ls\nPS1=x\n")
+    CliRunner().invoke(command, ["completion", shell])
+    with (home / start).open("ab") as opened:
+        opened.write(b"alias later=ls\n")
+
+    for _ in range(2):
+        assert CliRunner().invoke(command, ["completion", shell, "--remove"]).exit_code == 0
+
+    assert (home / start).read_bytes() == b"alias gr\xfc\xdfe=ls\nPS1=x\nalias later=ls\n"
+    assert not list((home / ".local/share/pointit").iterdir())
+
+
+def test_unguarded_line_of_an_older_version_is_replaced(home: Path) -> None:
+    script = home / ".local/share/pointit/completion.bash"
+    (home / ".bashrc").write_text(f'alias l=ls\n\n# completion of pointit\nsource "{script}"\nalias m=ls\n')
+
+    assert CliRunner().invoke(command, ["completion", "bash"]).exit_code == 0
+
+    lines = (home / ".bashrc").read_text().splitlines()
+    assert lines == [
+        "alias l=ls",
+        "alias m=ls",
+        "",
+        "# completion of pointit",
+        f'[ -f "{script}" ] && source "{script}"',
+    ]
+
+
+def test_shell_starts_silently_when_the_script_is_gone(home: Path) -> None:
+    CliRunner().invoke(command, ["completion", "bash"])
+    (home / ".local/share/pointit/completion.bash").unlink()
+    done = subprocess.run(
+        ["/bin/bash", "-c", "source ~/.bashrc"], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_bash_completes_with_the_installed_line(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -181,3 +181,17 @@ ensure_venv() {
     write_pip
     printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
 }
+
+# ensure_uv: sets UV to a uv: the system's, else one in .venv, which is made with nothing else in it.
+ensure_uv() {
+    UV="$(command -v uv || true)"
+    if [ -n "$UV" ]; then return; fi
+    UV="$VENV/bin/uv"
+    if [ -x "$UV" ]; then return; fi
+    if [ ! -e "$VENV" ]; then make_venv; fi
+    find_pip
+    if ! by_pip "Fetching uv, which builds the packages" uv; then
+        tail -n 20 "$LOG" >&2
+        die "uv could not be installed into .venv; what was said stands above"
+    fi
+}

@@ -31,7 +31,7 @@ class CompletionFiles:
 
     @property
     def line(self) -> str:
-        """Line of `start_file`. It does nothing once the script is gone: no shell complains after an uninstall."""
+        """Line of `start_file`. It does nothing if the script is gone, as after an uninstall."""
         return f'[ -f "{self.script}" ] && source "{self.script}"\n'
 
     @property

@@ -31,12 +31,11 @@ def test_table_names_every_extra_with_its_libraries() -> None:
     assert documented == {name: declared[name] for name in declared.keys() - FOR_WORK_ON_POINTIT}
 
 
-def test_examples_name_extras_and_the_version_that_there_are() -> None:
+def test_examples_name_extras_that_there_are() -> None:
     text = PAGE.read_text(encoding="utf-8")
     listed = [*re.findall(r"scripts/setup ([\w -]+)`", text), *re.findall(r"\[([\w,]+)\]", text)]
     assert len(listed) >= 5
     assert {name for names in listed for name in re.split(r"[ ,]", names)} <= {*EXTRAS, "lab"}
-    assert set(re.findall(r"pointit-([\d.]+)-py3", text)) == {PROJECT["version"]}
 
 
 def test_no_extra_names_a_package_of_this_repository_that_no_index_has() -> None:

@@ -34,7 +34,7 @@ UNRUN = {
     "docs/how-to/strips.md": 2, "docs/how-to/wrist.md": 3,
     "docs/how-to/wrists.md": 3, "docs/how-to/wrists-network.md": 1,
     "docs/how-to/write-a-plug-in.md": 1, "docs/reference/maps.md": 1, "docs/reference/ros2.md": 1,
-    "docs/tutorial/wrist.md": 3,
+    "docs/tutorial/install.md": 5, "docs/tutorial/wrist.md": 3,
 }  # fmt: skip
 """Number of blocks of each page that are not run."""
 LONG = {

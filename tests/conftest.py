@@ -13,6 +13,7 @@ import pytest_asyncio
 from hypothesis import HealthCheck, given, settings
 from hypothesis.strategies import none
 
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from pointit.schemas.base import ConstructorChecks
 from pointit.testing.bench import no_task_left
 from tests.support.buses import free_port
@@ -38,6 +39,7 @@ def pytest_configure() -> None:
     """
     ConstructorChecks.are_on = True
     os.environ.pop("COLUMNS", None)
+    os.environ[LOG_FORMAT] = "json"  # tests read the logs of commands
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -42,7 +42,7 @@ from pointit.runtime.host.state_file import write_atomically
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import log_option, run_until_shutdown
+from pointit.runtime.service.process import log_options, run_until_shutdown
 from pointit.runtime.service.service import Launch, check_launches, run_service
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S
@@ -278,7 +278,7 @@ def _write(recording: "Recording", file: Path, output: Path, *, overwrite: bool)
 
 @click.command(
     "dashboard",
-    params=[*site_options(), log_option()],
+    params=[*site_options(), *log_options()],
     cls=PanelCommand,
     usual=("connect", "port", "lan", "no_browser", "view_only"),
 )

@@ -21,7 +21,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.router import Router, raise_file_limit, running_router
 from pointit.runtime.router_log import captured_log
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import log_option, run_until_shutdown
+from pointit.runtime.service.process import log_options, run_until_shutdown
 from pointit.schemas.problems import DENIED, EXCESS, REVOKED
 
 log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 
 
 @click.command(
-    "router", params=[log_option()], cls=PanelCommand, usual=("listen", "folders", "file", "uplinks")
+    "router", params=log_options(), cls=PanelCommand, usual=("listen", "folders", "file", "uplinks")
 )
 @click.option(
     "--listen",

@@ -16,6 +16,7 @@ from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import lan_addresses
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.host.windows_subsystem import lan_advice
 
 if TYPE_CHECKING:
     from pointit.bridges.web.server.certificate import Certificate
@@ -64,11 +65,13 @@ class Lan:
         app: ASGIApp,
         *,
         addresses: Callable[[], list[str]] = lan_addresses,
+        advice: Callable[[int], str] = lan_advice,
     ) -> None:
         self._config = config
         self._folder = site_folder(site, "web")
         self._app = app
         self._addresses = addresses
+        self._advice = advice
         self._listener: Listener | None = None
         self._opening = asyncio.Lock()
         self.address = ""
@@ -113,19 +116,17 @@ class Lan:
             self.address = address
             self.url = url("https", address, listener.port)
             self.fingerprint = certificate.fingerprint
-            wanted = self._config.lan_port
-            moved = wanted and listener.port != wanted
-            self.note = " ".join(
-                sentence
-                for sentence in (
-                    certificate.warning,
-                    f"port {wanted} of {address} is taken: the page is at port {listener.port}"
-                    if moved
-                    else "",
-                )
-                if sentence
-            )
+            advice = await asyncio.to_thread(self._advice, listener.port)
+            notes = [certificate.warning, self._port_note(listener.port), advice]
+            self.note = " ".join(note for note in notes if note)
             return self.url
+
+    def _port_note(self, port: int) -> str:
+        """Return a sentence if `port` is not the configured one, else `""`."""
+        configured = self._config.lan_port
+        if not configured or port == configured:
+            return ""
+        return f"port {configured} of {self.address} is taken: the page is at port {port}"
 
     async def close(self) -> None:
         """Close the listener and its connections."""

@@ -39,7 +39,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.link.options import given_credentials, link_options
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole, say
-from pointit.runtime.service.process import log_option, run_until_shutdown
+from pointit.runtime.service.process import log_options, run_until_shutdown
 from pointit.runtime.service.service import check_launches
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health
@@ -403,4 +403,4 @@ def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
 for _parameter in link_options():
     if _parameter.name not in {known.name for known in run.params}:
         run.params.append(_parameter)
-run.params.append(log_option())
+run.params += log_options()

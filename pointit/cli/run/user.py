@@ -27,7 +27,7 @@ from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.options import link_options
 from pointit.runtime.service.process import (
-    log_option,
+    log_options,
     run_until_shutdown,
     service_command,
     unavailable_command,
@@ -149,7 +149,7 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
     return execute(plan, options["log_level"])
 
 
-command.params += [*link_options(), log_option()]
+command.params += [*link_options(), *log_options()]
 
 
 def inspect_site(site: str, connect: Sequence[str]) -> Found | None:

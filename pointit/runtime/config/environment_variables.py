@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from pointit.runtime.errors import ConfigError
 
 PREFIX = "POINTIT_"
-OTHERS = ("POINTIT_CREDENTIALS", "POINTIT_DATA", "POINTIT_STATE")
-"""Variables that begin so and belong to no service: where credentials, recordings and state are."""
+LOG_FORMAT = "POINTIT_LOG_FORMAT"
+"""Variable that chooses the form of logs: `plain` or `json`."""
+OTHERS = ("POINTIT_CREDENTIALS", "POINTIT_DATA", LOG_FORMAT, "POINTIT_STATE")
+"""Variables that begin so and belong to no service: places of files, and the form of logs."""
 SEPARATOR = "__"
 """Between the service and its parameter, and between the parts of a nested one."""
 

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.interfaces import interface_addresses
 from pointit.runtime.host.threads import in_daemon_thread
 
 _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 """Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
-
 
 _TOWARDS_IPV6 = ("2001:db8::1", "fd00::1")
 """The same for IPv6: 2001:db8::1 is of no machine (RFC 3849)."""
@@ -34,6 +34,7 @@ def lan_addresses() -> list[str]:
 def found_addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
     """Return this machine's addresses in networks it has routes to, that of the default route first.
 
+    If no such route exists, these are the IPv4 addresses of its interfaces.
     A UDP socket is connected, which sends nothing: it only makes the system choose an interface.
     """
     found: list[str] = []
@@ -46,7 +47,10 @@ def found_addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
             continue
         if address not in found and is_reachable(address):
             found.append(address)
-    return found
+    if found or family != socket.AF_INET:
+        return found
+    # a network without a default route, such as that of an access point in a hall
+    return [address for address in interface_addresses() if is_reachable(address)]
 
 
 def own_address(otherwise: str) -> str:

@@ -18,7 +18,7 @@ import click
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.environment_variables import check_spelling, environment_prefix
+from pointit.runtime.config.environment_variables import LOG_FORMAT, check_spelling, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError, first_cause
@@ -27,7 +27,7 @@ from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.instance_takeover import claim_names
-from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.logs import LOG_FORMATS, setup_logging
 from pointit.runtime.service.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
@@ -267,7 +267,7 @@ def _command(
             default="site",
             help="the simulated time that the site publishes (wall time while there is none), or wall time",
         ),
-        log_option(),
+        *log_options(),
         click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
     ]
     if scope == "user":
@@ -337,14 +337,31 @@ def load_config(
     return layers.build(service.CONFIG)
 
 
-def log_option() -> click.Option:
-    """Return the option for the log level."""
-    return click.Option(
+def log_options() -> list[click.Parameter]:
+    """Return the options for the level and the form of logs."""
+    level = click.Option(
         ["--log-level"],
         type=click.Choice(["debug", "info", "warning", "error"]),
         default="info",
         help="least severe level that is logged",
     )
+    form = click.Option(
+        ["--log-format"],
+        type=click.Choice(LOG_FORMATS),
+        callback=_choose_log_format,
+        expose_value=False,
+        is_eager=True,
+        help=f"form of the log where it is no terminal; also by the variable {LOG_FORMAT}  [default: plain]",
+        show_default=False,
+    )
+    return [level, form]
+
+
+def _choose_log_format(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    """Set the variable that `setup_logging` reads, and that processes started from here inherit."""
+    del ctx, param
+    if value is not None:
+        os.environ[LOG_FORMAT] = value
 
 
 async def _serve(launch: Launch, link: Link, clock_timeout_s: float | None) -> int:

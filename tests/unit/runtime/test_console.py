@@ -3,10 +3,13 @@
 import io
 import json
 import logging
+import os
 import re
 import sys
 
+import click
 import pytest
+from click.testing import CliRunner
 from rich.table import Table
 from rich.text import Text
 
@@ -14,8 +17,10 @@ from pointit.cli.common.output import OutputSection, print_table, say
 from pointit.cli.view import ConsoleView
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import WallClock
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole
+from pointit.runtime.service.process import log_options
 from pointit.schemas import Cursor
 from pointit.schemas.text import one_line, plain
 
@@ -81,6 +86,32 @@ def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConso
     assert "not wanted" not in text
     with pytest.raises(json.JSONDecodeError):
         json.loads(text)
+
+
+def test_log_without_a_terminal_is_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.delenv(LOG_FORMAT)
+    setup_logging("info")
+    log = logging.getLogger("pointit.test")
+
+    log.debug("not wanted")
+    log.info("first\n2026-01-01T00:00:00.000 ERROR forged: line")
+    log.error("it failed", exc_info=ValueError("broken"))
+
+    first, second, third, *traceback = stream.getvalue().splitlines()
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} INFO    pointit\.test: first", first)
+    assert second == "    2026-01-01T00:00:00.000 ERROR forged: line"
+    assert third.endswith(" ERROR   pointit.test: it failed")
+    assert traceback[-1] == "ValueError: broken"
+
+
+@pytest.mark.parametrize("arguments", [["--log-format", "json"], []])
+def test_log_format_of_a_command_is_an_option(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LOG_FORMAT, "plain")
+    command = click.Command("run", params=log_options()[1:], callback=lambda: None)
+    assert CliRunner().invoke(command, arguments).exit_code == 0
+    assert os.environ[LOG_FORMAT] == (arguments[1] if arguments else "plain")
 
 
 def test_json_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

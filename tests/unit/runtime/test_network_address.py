@@ -2,6 +2,7 @@
 
 import ipaddress
 import socket
+import sys
 
 import pytest
 from hypothesis import given
@@ -9,6 +10,8 @@ from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
 from pointit.runtime.address_config import AddressConfig, format_address, is_loopback, parse_address
+from pointit.runtime.host import name_lookup
+from pointit.runtime.host.interfaces import interface_addresses
 from pointit.runtime.host.name_lookup import found_addresses, lan_addresses, own_address
 
 HOSTS = st.one_of(
@@ -138,13 +141,29 @@ def test_addresses_that_others_cannot_reach_are_left_out(monkeypatch: pytest.Mon
     assert own_address("here") == "10.0.0.7"
 
 
-def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_routes_has_the_addresses_of_its_interfaces(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     route(monkeypatch, {})
+    monkeypatch.setattr(name_lookup, "interface_addresses", lambda: ["127.0.0.1", "192.168.7.2"])
+    assert found_addresses() == ["192.168.7.2"]
+
+
+def test_interfaces_of_this_machine_have_the_loopback_address() -> None:
+    if sys.platform != "linux":
+        pytest.skip("asks Linux")
+    assert "127.0.0.1" in interface_addresses()
+
+
+def test_a_machine_without_routes_and_interfaces_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    route(monkeypatch, {})
+    monkeypatch.setattr(name_lookup, "interface_addresses", list)
     assert found_addresses() == []
     assert own_address("here") == "here"
 
 
 def test_in_a_network_of_ipv6_alone_the_page_has_its_address_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(name_lookup, "interface_addresses", list)
     route(monkeypatch, {"2001:db8::1": "fd00::5", "fd00::1": "fe80::5"})
     assert (found_addresses(), lan_addresses()) == ([], ["fd00::5"])
     route(monkeypatch, {"192.0.2.1": "10.0.0.7", "2001:db8::1": "fd00::5"})

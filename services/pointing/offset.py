@@ -87,10 +87,13 @@ def sighting(anchor: Anchor) -> OffsetSighting | None:
     if anchor.target_m is None:
         return None
     eye = vector.add(anchor.position_m, vector.rotate_z(anchor.origin_m, anchor.yaw_rad))
-    way = vector.subtract(anchor.target_m, eye)
+    to_target = vector.subtract(anchor.target_m, eye)
     ray = vector.rotate_z(anchor.raw_direction, anchor.yaw_rad)
     return OffsetSighting(
-        vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way)
+        azimuth_rad=vector.azimuth(ray),
+        elevation_rad=vector.elevation(ray),
+        target_azimuth_rad=vector.azimuth(to_target),
+        target_elevation_rad=vector.elevation(to_target),
     )
 
 
@@ -101,54 +104,65 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
         sightings: in any number and order.
         fitted_ns: stamp of the fit.
     """
-    rays = np.array(
-        [[s.azimuth_rad, s.elevation_rad, s.target_azimuth_rad, s.target_elevation_rad] for s in sightings]
-    ).reshape(-1, 4)
-    off = _wrapped(rays[:, 2:] - rays[:, :2])
-    level = np.cos(rays[:, 3])
-    accepted, heading = _gate(off, level)
+    angles = [
+        (s.azimuth_rad, s.elevation_rad, s.target_azimuth_rad, s.target_elevation_rad) for s in sightings
+    ]
+    rays = np.array(angles).reshape(-1, 4)
+    errors = _wrapped(rays[:, 2:] - rays[:, :2])
+    cos_elevation = np.cos(rays[:, 3])
+
+    # outliers first: all that follows is a mean of what is left
+    accepted, heading = _gate(errors, cos_elevation)
     dropped = tuple(index for index in range(len(rays)) if not accepted[index])
     rays = rays[accepted]
-    off = off[accepted]
-    level = level[accepted]
+    errors = errors[accepted]
+    elevation_errors = errors[:, 1]
+    cos_elevation = cos_elevation[accepted]
     if not len(rays):
         return OffsetFit(offset=None, heading_rad=0.0, heading_sigma_rad=math.pi, dropped=dropped)
 
-    turned = _wrapped(off[:, 0] - heading)
-    weight = np.maximum(level * level, 1e-6)
-    step = float(weight @ turned / weight.sum())
+    # heading: the median of the gate becomes a mean; an azimuth counts less the steeper the arm is
+    azimuth_residuals = _wrapped(errors[:, 0] - heading)
+    weights = np.maximum(cos_elevation * cos_elevation, 1e-6)
+    step = float(weights @ azimuth_residuals / weights.sum())
     heading = float(vector.wrap(heading + step))
-    turned = turned - step
-    spread = _spread(level * turned, HOLD_AZIMUTH_RAD)
-    heading_sigma = min(spread / math.sqrt(float(weight.sum())), math.pi)
+    azimuth_residuals = azimuth_residuals - step
+    azimuth_scatter = _scatter(cos_elevation * azimuth_residuals, HOLD_AZIMUTH_RAD)
+    heading_sigma = min(azimuth_scatter / math.sqrt(float(weights.sum())), math.pi)
 
-    constant, scatter = _pitch(off[:, 1])
-    sigma = _sigma(off[:, 1], constant, PERSON_RAD)
+    # pitch: a constant of the elevation
+    constant, elevation_scatter = _pitch(elevation_errors)
+    sigma = _sigma(elevation_errors, constant, PERSON_RAD)
     reference = _middle(rays[:, 2])
     azimuth_terms = np.zeros(6)
     elevation_terms = np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
+    azimuth_range = (0.0, 0.0)
+    elevation_range = (0.0, 0.0)
+
+    # a polynomial for each axis for which it pays, if the anchors do not surround the person
+    azimuths = _wrapped(rays[:, 0] + heading - reference)
     polynomials = 0
-    ranges = ((0.0, 0.0), (0.0, 0.0))
-    if len(rays) >= POLYNOMIAL_FROM:
-        where = np.stack([_wrapped(rays[:, 0] + heading - reference), rays[:, 1]], axis=1)
-        if np.abs(where[:, 0]).max() <= REACH_RAD:
-            ranges = (_range(where[:, 0]), _range(where[:, 1]))
-            bent = _bent(where, off[:, 1], np.ones(len(rays)), scatter, PERSON_RAD)
-            if bent is not None:
-                elevation_terms, left = bent
-                sigma = _sigma(left, 0.0, 0.0)  # leave-one-out errors include the doubt
-                polynomials += 1
-            bent = _bent(where, turned, level, spread, HOLD_AZIMUTH_RAD)
-            if bent is not None:
-                azimuth_terms, _ = bent
-                polynomials += 1
+    if len(rays) >= POLYNOMIAL_FROM and np.abs(azimuths).max() <= REACH_RAD:
+        directions = np.stack([azimuths, rays[:, 1]], axis=1)
+        azimuth_range = _range(directions[:, 0])
+        elevation_range = _range(directions[:, 1])
+        fitted = _polynomial(directions, elevation_errors, np.ones(len(rays)), elevation_scatter, PERSON_RAD)
+        if fitted is not None:
+            elevation_terms, left_out_errors = fitted
+            sigma = _sigma(left_out_errors, 0.0, 0.0)  # leave-one-out errors include the doubt
+            polynomials += 1
+        fitted = _polynomial(directions, azimuth_residuals, cos_elevation, azimuth_scatter, HOLD_AZIMUTH_RAD)
+        if fitted is not None:
+            azimuth_terms, _ = fitted
+            polynomials += 1
+
     offset = PointingOffset(
         rung="polynomial" if polynomials else "pitch",
         azimuth=_terms(azimuth_terms),
         elevation=_terms(elevation_terms),
         reference_rad=reference,
-        azimuth_range_rad=ranges[0],
-        elevation_range_rad=ranges[1],
+        azimuth_range_rad=azimuth_range,
+        elevation_range_rad=elevation_range,
         sigma_rad=sigma,
         anchors=len(rays),
         fitted_ns=fitted_ns,
@@ -156,95 +170,136 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
     return OffsetFit(offset=offset, heading_rad=heading, heading_sigma_rad=heading_sigma, dropped=dropped)
 
 
-def _gate(off: Array, level: Array) -> tuple[NDArray[np.bool_], float]:
-    """Return which sightings are not outliers, and the median azimuth error."""
-    accepted = np.abs(off[:, 1]) <= NOT_POINTING_RAD
+def _gate(errors: Array, cos_elevation: Array) -> tuple[NDArray[np.bool_], float]:
+    """Return which sightings are not outliers, and the median azimuth error.
+
+    `errors`: n x 2, azimuth and elevation, rad. `cos_elevation`: n.
+    """
+    azimuth_errors = errors[:, 0]
+    elevation_errors = errors[:, 1]
+    accepted = np.abs(elevation_errors) <= NOT_POINTING_RAD
     if not accepted.any():
         return accepted, 0.0
-    between = np.abs(_wrapped(off[:, None, 0] - off[None, accepted, 0]))
-    own = np.flatnonzero(accepted)
-    heading = float(off[own[np.argmin(between[accepted].sum(axis=1))], 0])  # a median on the circle
+
+    # a median on the circle: the accepted error with the smallest sum of distances to the others
+    distances = np.abs(_wrapped(azimuth_errors[:, None] - azimuth_errors[None, accepted]))
+    candidates = np.flatnonzero(accepted)
+    central = candidates[np.argmin(distances[accepted].sum(axis=1))]
+    heading = float(azimuth_errors[central])
     count = int(accepted.sum())
-    if count >= 3:
-        away = np.stack(
-            [level * _wrapped(off[:, 0] - heading), off[:, 1] - np.median(off[accepted, 1])], axis=1
-        )
-        deviation = 1.4826 * np.median(np.abs(away[accepted]), axis=0)
-        sigmas = np.abs(away / np.maximum(deviation, [HOLD_AZIMUTH_RAD, HOLD_RAD])).max(axis=1)
-        worst = [index for index in np.argsort(-sigmas) if accepted[index]][: count // 3]
-        accepted[[index for index in worst if sigmas[index] > GATE_SIGMAS]] = False
+    if count < 3:
+        return accepted, heading
+
+    # distances from the medians, in robust standard deviations (1.4826 times the median absolute deviation)
+    azimuth_deviations = cos_elevation * _wrapped(azimuth_errors - heading)
+    elevation_deviations = elevation_errors - np.median(elevation_errors[accepted])
+    deviations = np.stack([azimuth_deviations, elevation_deviations], axis=1)
+    robust_sigma = 1.4826 * np.median(np.abs(deviations[accepted]), axis=0)
+    sigmas = np.abs(deviations / np.maximum(robust_sigma, [HOLD_AZIMUTH_RAD, HOLD_RAD])).max(axis=1)
+
+    # at most a third is dropped, so that a bad hold does no harm and most of them cannot outvote the rest
+    by_distance = [index for index in np.argsort(-sigmas) if accepted[index]]
+    outliers = [index for index in by_distance[: count // 3] if sigmas[index] > GATE_SIGMAS]
+    accepted[outliers] = False
     return accepted, heading
 
 
-def _pitch(off: Array) -> tuple[float, float]:
+def _pitch(errors: Array) -> tuple[float, float]:
     """Return the most probable constant of the elevation, and the scatter about it."""
-    scatter = _spread(off - off.mean(), HOLD_RAD)
-    sharpness = len(off) / scatter**2 + 1.0 / PERSON_RAD**2
-    return float(off.sum() / scatter**2 / sharpness), scatter
+    scatter = _scatter(errors - errors.mean(), HOLD_RAD)
+    precision = len(errors) / scatter**2 + 1.0 / PERSON_RAD**2
+    constant = errors.sum() / scatter**2 / precision
+    return float(constant), scatter
 
 
-def _sigma(off: Array, constant: float, person_rad: float) -> float:
+def _sigma(errors: Array, constant: float, person_rad: float) -> float:
     """Return half of the interval in which the error of a new pointing lies with 95 %.
 
     The scatter is unknown: each of `SCATTERS_RAD` counts by the likelihood of the anchors.
     """
-    count = len(off)
+    count = len(errors)
+    mean = float(errors.mean())
     variance = SCATTERS_RAD**2
-    person = person_rad**2
-    shrunk = count * person / (count * person + variance)
-    score = -count * np.log(SCATTERS_RAD) + 0.5 * np.log(1.0 - shrunk)
-    score -= 0.5 * (float(off @ off) - shrunk * count * float(off.mean()) ** 2) / variance
-    weights = np.exp(score - score.max())
-    weights /= weights.sum()
-    away = shrunk * float(off.mean()) - constant
-    sigmas = np.sqrt(variance + shrunk * variance / count)
+    person_variance = person_rad**2
 
-    def beyond(limit: float) -> float:
-        inside = ndtr((limit - away) / sigmas) - ndtr((-limit - away) / sigmas)
+    # posterior weight of each scatter; the person's constant is integrated out
+    shrinkage = count * person_variance / (count * person_variance + variance)
+    log_likelihood = -count * np.log(SCATTERS_RAD) + 0.5 * np.log(1.0 - shrinkage)
+    log_likelihood -= 0.5 * (float(errors @ errors) - shrinkage * count * mean**2) / variance
+    weights = np.exp(log_likelihood - log_likelihood.max())
+    weights /= weights.sum()
+
+    # the error of a new pointing is a mixture of normal distributions, one for each scatter
+    means = shrinkage * mean - constant
+    sigmas = np.sqrt(variance + shrinkage * variance / count)
+
+    def excess(limit: float) -> float:
+        inside = ndtr((limit - means) / sigmas) - ndtr((-limit - means) / sigmas)
         return float(weights @ inside) - INSIDE
 
-    return 0.5 * brentq(beyond, 0.0, 10.0 * float(sigmas.max() + np.abs(away).max()), xtol=1e-6)
+    upper_limit = 10.0 * float(sigmas.max() + np.abs(means).max())
+    return 0.5 * brentq(excess, 0.0, upper_limit, xtol=1e-6)
 
 
-def _spread(left: Array, believed: float) -> float:
-    """Return the sigma of residuals about a mean, combined with the prior `believed`."""
-    return math.sqrt((HOLD_COUNT * believed**2 + float(left @ left)) / (HOLD_COUNT + len(left) - 1))
+def _scatter(residuals: Array, prior: float) -> float:
+    """Return the sigma of residuals about a mean, combined with the `prior` sigma."""
+    squares = HOLD_COUNT * prior**2 + float(residuals @ residuals)
+    return math.sqrt(squares / (HOLD_COUNT + len(residuals) - 1))
 
 
-def _bent(
-    where: Array, off: Array, weight: Array, sigma: float, constant: float
+def _polynomial(
+    directions: Array, errors: Array, weights: Array, sigma: float, constant_prior: float
 ) -> tuple[Array, Array] | None:
     """Return a polynomial's six terms and the leave-one-out errors of the anchors.
 
     None if the errors do not fall enough, or if it bends too far beyond the anchors at any stiffness.
+
+    Args:
+        directions: azimuth and elevation of each anchor, n x 2, rad.
+        errors: n, rad.
+        weights: n, of the errors.
+        sigma: scatter of the weighted errors, rad.
+        constant_prior: prior standard deviation of the constant term, rad.
     """
-    columns = weight[:, None] * _columns(where)
-    flat, _ = _ridge(columns[:, :1], weight * off, sigma, np.array([constant]))
-    edges = [np.linspace(*_range(where[:, axis]), 7) for axis in (0, 1)]
+    columns = weights[:, None] * _columns(directions)
+    weighted_errors = weights * errors
+    constant_errors, _ = _ridge(columns[:, :1], weighted_errors, sigma, np.array([constant_prior]))
+    max_squares = MAX_ERROR_RATIO * float(constant_errors @ constant_errors)
+    edges = [np.linspace(*_range(directions[:, axis]), 7) for axis in (0, 1)]
     grid = _columns(np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2))
+
+    # a stiffer polynomial bends less: the prior of its slopes is halved until its corners stay close
     slope = SLOPE
     for _ in range(_HALVINGS):
-        left, terms = _ridge(columns, weight * off, sigma, np.array([constant, *[slope] * 5]))
-        if float(left @ left) > MAX_ERROR_RATIO * float(flat @ flat):
+        prior = np.array([constant_prior, *[slope] * 5])
+        left_out_errors, terms = _ridge(columns, weighted_errors, sigma, prior)
+        if float(left_out_errors @ left_out_errors) > max_squares:
             return None
-        held = _columns(where) @ terms
-        middle = held.mean()
-        if np.abs(grid @ terms - middle).max() <= max(STRETCH * np.abs(held - middle).max(), BENT_RAD):
-            return terms, left
+        at_anchors = _columns(directions) @ terms
+        middle = at_anchors.mean()
+        max_bend = max(STRETCH * np.abs(at_anchors - middle).max(), BENT_RAD)
+        if np.abs(grid @ terms - middle).max() <= max_bend:
+            return terms, left_out_errors
         slope /= 2.0
     return None
 
 
-def _ridge(columns: Array, off: Array, sigma: float, prior: Array) -> tuple[Array, Array]:
-    """Return the leave-one-out errors of the rows, and the terms fitted from all of them."""
-    gain = np.linalg.solve(columns.T @ columns + np.diag((sigma / prior) ** 2), columns.T)
-    terms = gain @ off
-    return (off - columns @ terms) / (1.0 - np.einsum("ij,ji->i", columns, gain)), terms
+def _ridge(columns: Array, errors: Array, sigma: float, prior: Array) -> tuple[Array, Array]:
+    """Return the leave-one-out errors of the rows, and the terms fitted from all of them.
+
+    `prior`: standard deviation of each term. The errors follow from the hat matrix without another fit.
+    """
+    penalty = np.diag((sigma / prior) ** 2)
+    gain = np.linalg.solve(columns.T @ columns + penalty, columns.T)
+    terms = gain @ errors
+    leverage = np.einsum("ij,ji->i", columns, gain)
+    return (errors - columns @ terms) / (1.0 - leverage), terms
 
 
-def _columns(where: Array) -> Array:
-    a = where[:, 0]
-    e = where[:, 1]
+def _columns(directions: Array) -> Array:
+    """Return the columns 1, a, e, a², ae, e² of a polynomial of total degree 2."""
+    a = directions[:, 0]
+    e = directions[:, 1]
     return np.stack([np.ones_like(a), a, e, a * a, a * e, e * e], axis=1)
 
 

@@ -4,7 +4,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from pointit.schemas.base import KeyNameError, Message, Query, Reply
 
@@ -129,3 +129,11 @@ class Presence(_Keyed):
     """A token that exists exactly as long as its owner."""
 
     about: str
+
+
+class PresenceHandler(Protocol):
+    """Takes a name of a presence, and whether it is present now."""
+
+    def __call__(self, name: str, /, *, present: bool) -> object:
+        """Process the change."""
+        ...

@@ -162,19 +162,19 @@ class Foxglove(Service[FoxgloveConfig]):
             for line in lines:
                 self._server.say(line)
 
-    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_person(self, user: str, present: bool) -> None:
         if present:
             self._read_fast_topics()
             return
         self._scene.leave(user)
         self._schedule_frame()
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, present: bool) -> None:
         if present:
             self._read_fast_topics()
         self._send_log(self._event_log.presence(instance, self.clock.now_ns(), present=present))
 
-    def _on_viewer(self, topic: str, begins: bool) -> None:  # noqa: FBT001 - a callback
+    def _on_viewer(self, topic: str, begins: bool) -> None:
         """Send a channel's retained values to a viewer that has just subscribed."""
         self._read_fast_topics()
         if not begins:

@@ -128,7 +128,7 @@ class Ros2(Service[Ros2Config]):
         elif change.previous is not None:
             self._state.end(change.name, change.previous)
 
-    def _on_person(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001
+    def _on_person(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:
         if present:
             self._state.person(user).is_here = True  # their frame is known from now on
             outbox.join(user)
@@ -138,8 +138,8 @@ class Ros2(Service[Ros2Config]):
             inbox.leave(user)
             self._state.forget(user)
 
-    def _on_service(self, outbox: Outbox, ros_users: RosUsers, instance: str, present: bool) -> None:  # noqa: FBT001
-        ros_users.on_presence(instance, present)
+    def _on_service(self, outbox: Outbox, ros_users: RosUsers, instance: str, present: bool) -> None:
+        ros_users.on_presence(instance, present=present)
         if not present:
             outbox.end(instance)
 

@@ -353,17 +353,17 @@ class Web(Service[WebConfig]):
             self._lights.hear(name, message.color)
             self._scan_server.lights({name: bytes(message.color)})
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, present: bool) -> None:
         self._model.set_service(instance, present, self._now_s())
         if not present:
             self._phones.end_names_except(self._model.cache.names(ANNOUNCED))
-        self._visits.remember(SERVICE_ALIVE, instance, present)
-        self._history.set_service(instance, present)
+        self._visits.remember(SERVICE_ALIVE, instance, present=present)
+        self._history.set_service(instance, present=present)
         self._pages.notify_pages()
         self._changed()
 
-    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._visits.remember(USER_ALIVE, user, present)
+    def _on_person(self, user: str, present: bool) -> None:
+        self._visits.remember(USER_ALIVE, user, present=present)
         if present:
             self._people.on_join(user)
         else:

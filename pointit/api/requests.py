@@ -130,7 +130,7 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
         """Set the speed of all belts, or of `belts`, m/s. 0 stops them, below 0 they run backwards."""
         return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=listed(belts))
 
-    def set_feeding(self, feeding: bool) -> D:  # noqa: FBT001 - its only argument
+    def set_feeding(self, feeding: bool) -> D:
         """Start or stop the feeders."""
         return self._do(topics.SET_FEEDING, feeding=feeding)
 

@@ -89,6 +89,6 @@ class PageOpener:
         self._watching.close()
         self._window.close()
 
-    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _look(self, name: str, *, present: bool) -> None:
         if name == self._instance and present:
             self._window.open()

@@ -465,7 +465,7 @@ def _tell_trial(on_progress: ProgressCallback, last: int, status: StudyStatus) -
     on_progress(status.participant, last - status.left)
 
 
-def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:  # noqa: FBT001
+def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:
     trials = {name: len(plan_of(study, name).trials) for name in people}
     done = 0
     try:

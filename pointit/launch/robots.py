@@ -241,7 +241,7 @@ class RobotWatcher:
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
         """Forget the robot of a service that has ended."""
-        self.site.set_service(instance, is_present)
+        self.site.set_service(instance, present=is_present)
 
     def summary(self) -> Mapping[str, Any]:
         """Return the scores by robot."""

@@ -45,6 +45,7 @@ from pointit.schemas import (
     ServedRequest,
 )
 from pointit.schemas.system import split_instance
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import (
     ACT_RESULTS,
     CLOCK,
@@ -241,8 +242,8 @@ class Collector:
         if found is not None:
             self._take(found)
 
-    def _watcher(self, presence: Presence) -> Callable[[str, bool], None]:
-        def on_change(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _watcher(self, presence: Presence) -> PresenceHandler:
+        def on_change(name: str, *, present: bool) -> None:
             self._take(Entry(self._clock.now_ns(), presence.at(name), presence, name, present))
 
         return on_change

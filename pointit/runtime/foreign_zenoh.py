@@ -98,7 +98,7 @@ class RawSample:
 class RawPublisher(Declaration):
     """Writes one key."""
 
-    def __init__(self, session: zenoh.Session, key: str, cache_size: int, reliable: bool) -> None:  # noqa: FBT001
+    def __init__(self, session: zenoh.Session, key: str, cache_size: int, reliable: bool) -> None:
         missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S) if reliable else None
         self._writer = declare_publisher(session, key, cache=cache_size, missed=missed)
         super().__init__(self._writer.undeclare)

@@ -46,7 +46,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Return the virtual time, s."""
         return self.virtual.passed_s
 
-    def pause(self, is_paused: bool) -> None:  # noqa: FBT001 - a state, said by its only argument
+    def pause(self, is_paused: bool) -> None:
         """Run all due work without advancing the time. Later work waits until another thread calls."""
         self.virtual.is_paused = is_paused
 

@@ -234,7 +234,7 @@ class SiteState:
             self._on_change(Change(topic, name, None, message))
         return message
 
-    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def set_service(self, instance: str, *, present: bool) -> None:
         """Update the presence of `instance`."""
         was_present = instance in self._services
         is_known = was_present or instance in self._former_services
@@ -269,7 +269,7 @@ class SiteState:
                 _remember(self._orphans, (topic, name), None)
                 self._hide(topic, name)
 
-    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def set_person(self, user: str, *, present: bool) -> None:
         """Update the presence of `user`."""
         was_present = user in self._people
         is_known = was_present or user in self._former_people
@@ -289,7 +289,7 @@ class SiteState:
                 self._hide(topic, user)
         self._on_person(user, False)
 
-    def set_carrier(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def set_carrier(self, name: str, *, present: bool) -> None:
         """Update the presence of the carrier `name`."""
         if present:
             self._orphans.pop((THING_STATES, name), None)

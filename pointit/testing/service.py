@@ -137,7 +137,7 @@ class ServiceTrial(Trial):
     def _name(self, row: Any) -> str:
         return (self.user or "anna") if row.placeholder else ""
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == self._launch.instance:
             self.present = present
 

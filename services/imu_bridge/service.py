@@ -218,7 +218,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return None
         return self._wrist.epoch.count
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         service, _, user = instance.partition(".")
         if user != self.user or service == self.NAME or service not in topics.IMU.writers:
             return

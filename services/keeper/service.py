@@ -77,10 +77,10 @@ class Keeper(Service[KeeperConfig]):
                 except ConfigError as error:
                     self._on_write_error(error)
 
-    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_user(self, user: str, *, present: bool) -> None:
         self._retained.set_user(user, self.clock.now_ns(), present=present)
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         self._retained.set_instance(instance, self.clock.now_ns(), present=present)
 
     def _on_state(self, topic: AnyTopic, message: Message, name: str) -> None:

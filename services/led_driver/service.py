@@ -176,14 +176,14 @@ class LedDriver(Service[LedDriverConfig]):
         self._lights.lamps.queue.on_localization(user, localization, self.clock.now_ns())
         self._arbitrate()
 
-    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_person(self, user: str, *, present: bool) -> None:
         if not present:
             self._lights.lamps.queue.leave(user)
             self._arbitrate()
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         if instance.startswith(LOCALIZER):
-            self._on_person(instance.removeprefix(LOCALIZER), present)
+            self._on_person(instance.removeprefix(LOCALIZER), present=present)
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         try:

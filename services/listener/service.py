@@ -45,7 +45,7 @@ class Listener(Service[Config]):
         if self._recogniser_clock.compare(self._memory, self.clock.now_ns()):
             self.bus.warn("recogniser-clock", self._recogniser_clock.problem)
 
-    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, user: str, *, present: bool) -> None:
         if not present:
             self._room.on_absence(user)
 

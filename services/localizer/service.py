@@ -131,7 +131,7 @@ class Localizer(Service[LocalizerConfig]):
     def _on_leases(self, leases: LampLeases, _name: str) -> None:
         self._emit(self._pose_manager.procedures.on_leases(leases, self.clock.now_ns()))
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == ARBITER and not present:
             self._pose_manager.procedures.on_leases_gone(self.clock.now_ns())
 

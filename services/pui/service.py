@@ -281,7 +281,7 @@ class Pui(Service[PuiConfig]):
         )
         self.bus.warn("misses", hint, user)
 
-    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, user: str, *, present: bool) -> None:
         # their state stays: it is published once, and some of their services may still run
         person = self._persons.get(user)
         if person is not None and not present and self._share.serves(user):

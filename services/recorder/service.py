@@ -140,7 +140,7 @@ class Recorder(Service[RecorderConfig]):
         self._should_record(name)
         self._sink.add(Arrival(self.clock.now_ns(), topic, name, message))
 
-    def _on_presence(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, presence: Presence, name: str, *, present: bool) -> None:
         if self._should_record(name) and presence is SERVICE_ALIVE:
             (self._others.add if present else self._others.discard)(name)
             if self._others:

@@ -170,11 +170,11 @@ class Robot(Service[RobotConfig]):
             self.bus.warn("frame", problem)
             self._messages.frame = self._frame
 
-    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, user: str, *, present: bool) -> None:
         self._pilot.on_presence(user, present=present)
         self._step(self.clock.now_ns())
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         if instance.startswith(SUPERVISOR) and not present:  # nobody knows whether they still point
             idle_interaction = Interaction(stamp_ns=self.clock.now_ns(), state="idle")
             self._on_interaction(idle_interaction, instance.removeprefix(SUPERVISOR))

@@ -323,7 +323,7 @@ class Arbiter:
         outputs = [output for act in ended for output in self._conclude(act, now_ns)]
         return outputs + self._follow_targets(now_ns, known)
 
-    def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+    def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:
         """Note that a carrier runs, or has ended."""
         acts = self._acts.on_presence(carrier, present=present)
         outputs = [output for act in acts for output in self._conclude(act, now_ns)]
@@ -414,7 +414,7 @@ class Arbiter:
         """Deselect all objects of `user`."""
         return self._publish(user, self._ledger.clear(user, now_ns), now_ns)
 
-    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:
         """Deselect `object_id`, regardless of its owner, or take it over.
 
         `user` is the caller: an operator, or the person for whom one takes it.

@@ -306,7 +306,7 @@ class PointingEngine:
         self._hovers.on_map(environment)
         return []
 
-    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:
         """Record the presence of `user`."""
         self._ownership.presences.set_present(user, now_ns, present=present)
         return []

@@ -270,7 +270,7 @@ class ShardRole:
     def close(self) -> None:
         """Do nothing: there is no journal."""
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == "selector":
             self.engine.has_arbiter = present
             self._warn()

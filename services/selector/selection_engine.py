@@ -76,7 +76,7 @@ class ShardEngine(PointingEngine):
         self._ownership.acts.on_states(carrier, states)
         return []
 
-    def on_carrier(self, carrier: str, present: bool, _now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+    def on_carrier(self, carrier: str, present: bool, _now_ns: int) -> list[Output]:
         """Note that a carrier runs, or has ended."""
         self._ownership.acts.on_presence(carrier, present=present)
         return []

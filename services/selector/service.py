@@ -114,7 +114,7 @@ class Selector(Service[SelectorConfig]):
     def _on_states(self, states: ThingStates, carrier: str) -> None:
         self._put(self._engine.on_states(carrier, states, self.clock.now_ns()))
 
-    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_carrier(self, carrier: str, *, present: bool) -> None:
         self._put(self._engine.on_carrier(carrier, present, self.clock.now_ns()))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
@@ -127,7 +127,7 @@ class Selector(Service[SelectorConfig]):
     def _on_step(self, step: Step, user: str) -> None:
         self._put(self._engine.on_step(user, step))
 
-    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, user: str, *, present: bool) -> None:
         self._put(self._engine.set_present(user, present, self.clock.now_ns()))
 
     def _on_shard(self, user: str) -> None:

@@ -128,7 +128,7 @@ class Supervisor(Service[SupervisorConfig]):
                 self.bus.clear("last-word")
                 self.bus.clear(UNWRITABLE)
 
-    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, instance: str, *, present: bool) -> None:
         if instance == topics.CLEAR_SELECTION.server and not present:
             self._do(self._cycle.manner(None, self.clock.now_ns()))
         if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":

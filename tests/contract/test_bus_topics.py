@@ -320,7 +320,7 @@ class TestPresence:
         await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in watchers))
 
     async def test_a_raising_watcher_is_logged(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
-        def fail(_name: str, _present: bool) -> None:  # noqa: FBT001
+        def fail(_name: str, **_: bool) -> None:
             raise RuntimeError("broken watcher")
 
         roll = Roll()

@@ -85,7 +85,7 @@ class BumbleClient(Client):
     def is_connected(self) -> bool:
         return self._connection is not None
 
-    async def connect(self, pair: bool, **_options: Any) -> None:  # noqa: FBT001 - bleak's signature
+    async def connect(self, pair: bool, **_options: Any) -> None:
         del pair
         try:
             connection = await self.central.connect(self._target, timeout=self._timeout)
@@ -136,7 +136,7 @@ class BumbleClient(Client):
         self,
         characteristic: BleakGATTCharacteristic,
         data: SizedBuffer,
-        response: bool,  # noqa: FBT001 - bleak's signature
+        response: bool,
     ) -> None:
         self._require_connection()
         await characteristic.obj.write_value(bytes(data), with_response=response)

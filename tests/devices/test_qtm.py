@@ -188,7 +188,7 @@ REMEDY = "use the little-endian port of QTM's RT output, 22223 by default"
 )
 async def test_a_server_that_is_no_qtm_is_named_with_the_remedy(
     data: bytes,
-    ends: bool,  # noqa: FBT001 - a parameter of the test
+    ends: bool,
     sentences: tuple[str, ...],
 ) -> None:
     async with answering(data, ends=ends) as port, running(port, system="qtm") as (watcher, _):

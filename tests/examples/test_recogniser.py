@@ -29,7 +29,7 @@ class Decoder:
         assert rate_hz == 16_000
         assert {"that", "rover", "heat", "[unk]"} <= set(json.loads(words))
 
-    def SetWords(self, on: bool) -> None:  # noqa: N802, FBT001 - Vosk's
+    def SetWords(self, on: bool) -> None:  # noqa: N802 - Vosk's
         assert on
 
     def AcceptWaveform(self, block: bytes) -> bool:  # noqa: N802 - Vosk's

@@ -129,7 +129,7 @@ class View:
     def _on_deployment(self, deployment: Deployment, name: str) -> None:
         self._deployments[name] = deployment
 
-    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_presence(self, instance: str, *, present: bool) -> None:
         (self._present.add if present else self._present.discard)(instance)
         self._ever.add(instance)
 

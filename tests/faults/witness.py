@@ -48,7 +48,7 @@ class Witness(Onlooker):
         self.bus.subscribe(CURSOR, self._on_cursor)
         self.bus.subscribe(HEALTH, self._on_report)
         self.bus.subscribe(DEPLOYMENT, self._on_deployment)
-        self.bus.watch(SERVICE_ALIVE, lambda instance, _here: self.ever.add(instance))
+        self.bus.watch(SERVICE_ALIVE, lambda instance, **_: self.ever.add(instance))
 
     def _on_report(self, health: Health, instance: str) -> None:
         report = DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())

@@ -10,7 +10,7 @@ import signal
 import socket
 import tempfile
 import time
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.link.link import Link
 from pointit.runtime.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.forked import ForkedProcess
@@ -66,8 +67,8 @@ async def settled(*buses: Bus) -> None:
         declared.close()
 
 
-def _adder(names: set[str]) -> Callable[[str, bool], None]:
-    return lambda name, _present: names.add(name)
+def _adder(names: set[str]) -> PresenceHandler:
+    return lambda name, **_: names.add(name)
 
 
 @asynccontextmanager

@@ -196,8 +196,10 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: change(self.present, name, here=here))
-        self.bus.watch(topics.USER_ALIVE, lambda name, here: change(self.people, name, here=here))
+        self.bus.watch(
+            topics.SERVICE_ALIVE, lambda name, *, present: change(self.present, name, here=present)
+        )
+        self.bus.watch(topics.USER_ALIVE, lambda name, *, present: change(self.people, name, here=present))
         self.bus.subscribe(topics.HEALTH, self._on_health)
         self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
         self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))

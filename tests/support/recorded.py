@@ -57,7 +57,7 @@ async def _session(scenario: str, duration_s: float, users: tuple[str, ...]) -> 
     def on_message(row: Topic[Any], message: Message, name: str) -> None:
         entries.append(entry(clock.now_ns(), row, name, message))
 
-    def on_presence(row: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def on_presence(row: Presence, name: str, *, present: bool) -> None:
         entries.append(entry(clock.now_ns(), row, name, present))
 
     for presence in PRESENCES:

@@ -57,5 +57,5 @@ class Roll:
     def __init__(self) -> None:
         self.told: list[tuple[str, bool]] = []
 
-    def __call__(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+    def __call__(self, name: str, *, present: bool) -> None:
         self.told.append((name, present))

@@ -70,7 +70,7 @@ class RosUsers:
             if each.kind == "publisher" and not each.is_ours and not each.is_bridge
         )
 
-    def on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def on_presence(self, instance: str, *, present: bool) -> None:
         """Update the presence of a PointIt service."""
         user = self._instances.get(instance)
         if user is None:

@@ -45,7 +45,7 @@ class EventHistory:
         """Store an event that the cache has."""
         self._received.append(_identity(event))
 
-    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def set_service(self, instance: str, *, present: bool) -> None:
         """Query a selector that has started."""
         if present and instance.partition(".")[0] == SELECTOR:
             self._is_wanted.set()

@@ -93,7 +93,7 @@ class SiteObservation:
         """Return the services that are present."""
         return frozenset(self._since_s)
 
-    def set_present(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
+    def set_present(self, instance: str, present: bool, now_s: float) -> None:
         """Update the presence of `instance`."""
         if present:
             self._since_s.setdefault(instance, now_s)
@@ -351,15 +351,15 @@ class SiteModel:
         self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
         self.cache.began_ns = min(self._began_ns.values(), default=0)
 
-    def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
+    def set_service(self, instance: str, present: bool, now_s: float) -> None:
         """Update the presence of `instance`."""
         self._now_s = now_s
         self._observation.set_present(instance, present, now_s)
-        self.state.set_service(instance, present)
+        self.state.set_service(instance, present=present)
 
-    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def set_person(self, user: str, *, present: bool) -> None:
         """Update the presence of `user`."""
-        self.state.set_person(user, present)
+        self.state.set_person(user, present=present)
 
     def tick(self, now_s: float) -> None:
         """Remove silent trackers and deployments that are gone for too long."""

@@ -173,7 +173,7 @@ class Visits:
     clock: Clock
     version: str
 
-    def remember(self, row: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - as on the bus
+    def remember(self, row: Presence, name: str, *, present: bool) -> None:
         """Keep a change of presence."""
         self.recent.add(self.clock.now_ns(), row, name, present, b"1" if present else b"")
 

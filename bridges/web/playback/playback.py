@@ -115,7 +115,7 @@ class Playback:
             if body or self._past.ended_ns - entry.time_ns > GRACE_NS:  # else the recording ends with its run
                 model.set_service(name, bool(body), at_s)
         elif row is USER_ALIVE:
-            model.set_person(name, bool(body))
+            model.set_person(name, present=bool(body))
 
     def _tick(self) -> None:
         """Remove what is no longer valid, once a recorded second."""

@@ -352,7 +352,7 @@ class Recent:
             if not isinstance(each.row, Topic) or each.row.delivery is not Delivery.EVENT:
                 self._lanes.add(at_ns, each.row, each.name, each.entry().body)
 
-    def add(self, at_ns: int, row: Row, name: str, body: Message | bool, payload: bytes) -> None:  # noqa: FBT001
+    def add(self, at_ns: int, row: Row, name: str, body: Message | bool, payload: bytes) -> None:
         """Add a message or a change of presence that came at `at_ns`, site time.
 
         `payload` is the message as on the bus; of a presence, it is not empty if that has begun.

@@ -130,7 +130,7 @@ class MemoryClient(Client):
         """Return True while it is connected."""
         return self.device.link is self
 
-    async def connect(self, pair: bool, **_options: Any) -> None:  # noqa: FBT001 - bleak's signature
+    async def connect(self, pair: bool, **_options: Any) -> None:
         """Connect."""
         del pair
         if not self.device.is_there or self.device.link is not None:
@@ -157,7 +157,7 @@ class MemoryClient(Client):
         self,
         characteristic: BleakGATTCharacteristic,
         data: SizedBuffer,
-        response: bool,  # noqa: FBT001
+        response: bool,
     ) -> None:
         """Write, and deliver the answers in the next turn of the loop."""
         del response

@@ -24,7 +24,7 @@ class Finite(click.FloatRange):
         return number
 
 
-def _show_all(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's
+def _show_all(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
         ctx.meta[ALL_OPTIONS] = True
         click.echo(ctx.get_help())

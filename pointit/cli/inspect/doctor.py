@@ -102,7 +102,10 @@ class SiteObserver:
         """Observe until there is enough data; `seen` holds it afterwards."""
         self._began_s = time.monotonic()
         follow_site(self._site, bus, time.monotonic, (CLOCK, DEPLOYMENT, HEALTH, MAP))
-        bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
+        bus.watch(
+            SHARD_ALIVE,
+            lambda name, *, present: (self._shards.add if present else self._shards.discard)(name),
+        )
         await asyncio.sleep(MIN_S)
         while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
             self._changed.clear()

@@ -398,7 +398,7 @@ class Tracer:
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, instance: str, present: bool) -> None:
         if not present:
             self._reports.pop(instance, None)
 

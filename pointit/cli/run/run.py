@@ -263,7 +263,7 @@ def _check_people(choices: Choices, people: int) -> None:
             raise ConfigError(f"{option} is given for {len(given)} people, but there are {people} (--users)")
 
 
-def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's
+def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
     for name in scenario_names():

@@ -360,13 +360,13 @@ class Monitor:
         if not self.person or user in ("", self.person):
             self._add_event(text)
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
+    def _on_service(self, instance: str, present: bool) -> None:
         if instance == RECORDER:
             self.is_recorded = present
         for watcher in self.watchers:
             watcher.on_service(instance, is_present=present)
 
-    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_user(self, user: str, present: bool) -> None:
         if not present:
             self._try_again(user)
 

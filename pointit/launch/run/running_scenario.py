@@ -104,7 +104,7 @@ class ServiceGroup:
         missing = {launch.instance for launch in self.launches}
         settled = asyncio.Event()
 
-        def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        def look(name: str, *, present: bool) -> None:
             if present:
                 missing.discard(name)
             if not missing:
@@ -535,7 +535,7 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
     """Wait for a service, also as a process, but no longer than its `WAIT_S`."""
     is_present = asyncio.Event()
 
-    def on_presence(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def on_presence(name: str, *, present: bool) -> None:
         if present and name == beside.instance:
             is_present.set()
 

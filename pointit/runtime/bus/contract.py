@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 from pointit.schemas.base import Message, Query, Reply
 from pointit.schemas.problems import Problem
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import ANY, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -220,8 +221,8 @@ class Bus(Protocol):
         """Be present under `name` until closed, or until this process dies."""
         ...
 
-    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
-        """Call `handler(name, present)` for each present name now, and on every change."""
+    def watch(self, presence: Presence, handler: PresenceHandler) -> Closable:
+        """Call `handler(name, present=…)` for each present name now, and on every change."""
         ...
 
     @property
@@ -251,8 +252,11 @@ async def list_present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
     """
     names: set[str] = set()
 
-    def tell(name: str, is_present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-        (names.add if is_present else names.discard)(name)
+    def tell(name: str, *, present: bool) -> None:
+        if present:
+            names.add(name)
+        else:
+            names.discard(name)
 
     watching = bus.watch(presence, tell)
     try:

@@ -7,6 +7,7 @@ import asyncio
 import logging
 import weakref
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import (
@@ -26,6 +27,7 @@ from pointit.runtime.bus.mailbox import Dispatcher, Mailbox, TapMailbox
 from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.problems import Problem
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 
@@ -238,7 +240,7 @@ class RetainedStateServer(Declaration):
 class PresenceWatcher(Declaration):
     """Reports each change of presence to a handler once."""
 
-    def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
+    def __init__(self, bus: Participant, presence: Presence, handler: PresenceHandler) -> None:
         self.presence = presence
         self._handler = handler
         self._known: set[str] = set()
@@ -247,13 +249,16 @@ class PresenceWatcher(Declaration):
         self._watchers.append(self)
         super().__init__(self._undeclare, bus.declarations)
 
-    def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+    def notify(self, name: str, *, present: bool) -> None:
         """Report that `name` is present or gone. Called in the loop, never within `announce` or `close`."""
         if not self._open or present == (name in self._known):
             return
-        (self._known.add if present else self._known.discard)(name)
+        if present:
+            self._known.add(name)
+        else:
+            self._known.discard(name)
         try:
-            self._handler(name, present)
+            self._handler(name, present=present)
         except Exception:  # an error of one handler must not stop the others
             log.exception("watcher of %s failed", self.presence.key)
 
@@ -394,22 +399,22 @@ class MemoryBus(Participant):
         counts = self.exchange.present.setdefault(presence.key, {})
         counts[name] = counts.get(name, 0) + 1
         if counts[name] == 1:
-            self._tell(presence, name, True)
+            self._tell(presence, name, present=True)
 
         def undo() -> None:
             counts[name] -= 1
             if not counts[name]:
                 del counts[name]
-                self._tell(presence, name, False)
+                self._tell(presence, name, present=False)
 
         return Declaration(undo, self.declarations)
 
-    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
-        """Call `handler(name, present)` now and on every change."""
+    def watch(self, presence: Presence, handler: PresenceHandler) -> Closable:
+        """Call `handler(name, present=…)` now and on every change."""
         self._check_open()
         watcher = PresenceWatcher(self, presence, handler)
         for name in self.exchange.present.get(presence.key, {}):
-            self._loop.call_soon(watcher.notify, name, True)
+            self._loop.call_soon(partial(watcher.notify, name, present=True))
         return watcher
 
     @property
@@ -454,9 +459,9 @@ class MemoryBus(Participant):
             raise RefusedError(shutting_down(request))
         return reply.result()
 
-    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
+    def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
         for watcher in self.exchange.watchers.get(presence.key, ()):
-            self._loop.call_soon(watcher.notify, name, present)
+            self._loop.call_soon(partial(watcher.notify, name, present=present))
 
     def _check_open(self) -> None:
         if self._closed.done():

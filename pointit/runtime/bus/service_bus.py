@@ -40,6 +40,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.problems import MAX_CODE, MAX_SUBJECT, Problem, Severity
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -164,12 +165,12 @@ class ServiceBus:
         """Be present under `name` until closed."""
         return Declaration(self._bus.announce(presence, name).close, self._tokens)
 
-    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
-        """Call `handler(name, present)` now and on every change."""
+    def watch(self, presence: Presence, handler: PresenceHandler) -> Closable:
+        """Call `handler(name, present=…)` now and on every change."""
 
-        def counted(name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        def counted(name: str, *, present: bool) -> None:
             try:
-                handler(name, present)
+                handler(name, present=present)
             except Exception:
                 self._errors += 1
                 raise

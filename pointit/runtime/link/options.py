@@ -45,7 +45,7 @@ def link_options() -> list[click.Parameter]:
 class _OfCredentials(click.Option):
     """An option that credentials answer unless it is given."""
 
-    def get_default(self, ctx: click.Context, call: bool = True) -> Any:  # noqa: FBT001, FBT002 - click's own
+    def get_default(self, ctx: click.Context, call: bool = True) -> Any:  # noqa: FBT002 - click's own
         credentials = ctx.meta.get(VARIABLE)
         if credentials is None or not call:
             return super().get_default(ctx, call=call)

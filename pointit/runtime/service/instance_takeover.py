@@ -80,8 +80,8 @@ class _Looking:
         self.holders: dict[str, str] = {}
         """Owning process by name."""
 
-    def on_presence(self, name: str, is_present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-        if not is_present:
+    def on_presence(self, name: str, *, present: bool) -> None:
+        if not present:
             self.left.discard(name)
             self._judge()
 

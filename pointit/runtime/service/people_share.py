@@ -146,7 +146,7 @@ class PeopleShare:
     def _received_users(self) -> set[str]:
         return {user for split in self._splits for user in split.active_names(FORGET_S)}
 
-    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_user(self, user: str, *, present: bool) -> None:
         if present and _is_person(user):
             self._present.add(user)
             self._here.add(user)
@@ -175,7 +175,7 @@ class PeopleShare:
             self._share()
         return user not in self._remote_users
 
-    def _on_shard(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_shard(self, name: str, *, present: bool) -> None:
         service, user = split_instance(name)
         if service != self._service or not _is_person(user):
             return

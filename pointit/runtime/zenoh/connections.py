@@ -96,7 +96,7 @@ class Connections:
         with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), is_router, up)
 
-    def _count(self, zid: str, is_router: bool, up: bool) -> None:  # noqa: FBT001
+    def _count(self, zid: str, is_router: bool, up: bool) -> None:
         if not self._is_open:
             return
         if up:

@@ -13,6 +13,7 @@ from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.bus.memory_bus import Participant, PresenceWatcher
 from pointit.runtime.zenoh.declarations import name_from_key
 from pointit.schemas import SchemaError
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import ANY, Presence
 
 MAX_TOKEN_CHARACTERS = 5000
@@ -126,7 +127,7 @@ class ZenohWatcher(PresenceWatcher):
         bus: Participant,
         session: zenoh.Session,
         presence: Presence,
-        handler: Callable[[str, bool], None],
+        handler: PresenceHandler,
     ) -> None:
         super().__init__(bus, presence, handler)
         self._here = bus.exchange.present.setdefault(presence.key, {})
@@ -137,7 +138,7 @@ class ZenohWatcher(PresenceWatcher):
     def notify_departure(self, name: str) -> None:
         """Report that `name` is gone if only this process still announced it."""
         if name in self._withheld:
-            self._change(name, False)
+            self._change(name, present=False)
 
     def _undeclare(self) -> None:
         super()._undeclare()
@@ -146,11 +147,11 @@ class ZenohWatcher(PresenceWatcher):
     def _on_tokens(self, changes: Mapping[str, bool]) -> None:
         for token, present in changes.items():
             with contextlib.suppress(SchemaError):  # not a valid name of PointIt
-                self._change(name_from_key(self.presence, token), present)
+                self._change(name_from_key(self.presence, token), present=present)
 
-    def _change(self, name: str, present: bool) -> None:  # noqa: FBT001
+    def _change(self, name: str, *, present: bool) -> None:
         if not present and name in self._here:
             self._withheld.add(name)
             return
         self._withheld.discard(name)
-        self.notify(name, present)
+        self.notify(name, present=present)

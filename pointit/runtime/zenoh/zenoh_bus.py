@@ -63,7 +63,7 @@ from pointit.runtime.zenoh.subscribers import (
 )
 from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
 from pointit.schemas.problems import MAX_SUBJECT, ROUTER_LOST, Problem
-from pointit.schemas.table_types import NAME
+from pointit.schemas.table_types import NAME, PresenceHandler
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import (
     ACCOUNTS,
@@ -374,13 +374,13 @@ class ZenohBus(MemoryBus):
             return here
         return self._both(here, self.session.liveliness().declare_token(presence.at(name)))
 
-    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
-        """Call `handler(name, present)` now and on every change."""
+    def watch(self, presence: Presence, handler: PresenceHandler) -> Closable:
+        """Call `handler(name, present=…)` now and on every change."""
         self._check_open()
         watcher = ZenohWatcher(self, self.session, presence, handler)
         if self._is_observer:
             for name in self.exchange.present.get(presence.key, {}):
-                self._loop.call_soon(watcher.notify, name, True)
+                self._loop.call_soon(functools.partial(watcher.notify, name, present=True))
         return watcher
 
     async def list_present(self, presence: Presence) -> set[str]:
@@ -389,9 +389,9 @@ class ZenohBus(MemoryBus):
         names = {presence.name_in(str(token.ok.key_expr)) for token in tokens if token.ok is not None}
         return {name for name in names if NAME.match(name)} | await super().list_present(presence)
 
-    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
+    def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
         if self._is_observer:
-            super()._tell(presence, name, present)
+            super()._tell(presence, name, present=present)
         elif not present:  # Zenoh reports all other names
             for watcher in self.exchange.watchers.get(presence.key, ()):
                 if isinstance(watcher, ZenohWatcher):

@@ -67,7 +67,7 @@ async def test_who_points_learns_what_came_of_programs_and_webhooks(
         async with onlooker(endpoint) as seen:
             await seen.hears("reactions")
             present: set[str] = set()
-            seen.bus.watch(CARRIER_ALIVE, lambda name, _present: present.add(name))
+            seen.bus.watch(CARRIER_ALIVE, lambda name, **_: present.add(name))
             selected: list[str] = []
             seen.bus.subscribe(
                 SELECTION,

@@ -201,7 +201,7 @@ async def test_the_operator_sees_who_was_refused_what_and_by_the_router_alone(tm
     with RouterProgram("--site-folder", str(folder.path)), Member(folder, "anna") as anna:
         operator = await ZenohBus.open(link_of(folder, "operator"), patience_s=30)
         operator.subscribe(HEALTH, lambda health, instance: seen.update({instance: health}))
-        operator.watch(SERVICE_ALIVE, lambda instance, _here: present.add(instance))
+        operator.watch(SERVICE_ALIVE, lambda instance, **_: present.add(instance))
         await until(lambda: "router" in seen and "router" in present, 10, "the router's account")
         assert (seen["router"].status, seen["router"].warnings) == ("ok", ())
 

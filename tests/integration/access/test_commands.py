@@ -190,7 +190,7 @@ async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
     bus = await ZenohBus.open(link)
     feeding = asyncio.create_task(feed(bus))
     seen: list[tuple[str, bool]] = []
-    bus.watch(SERVICE_ALIVE, lambda name, present: seen.append((name, present)))
+    bus.watch(SERVICE_ALIVE, lambda name, *, present: seen.append((name, present)))
     path = tmp_path / "session.mcap"
     folder = f"{site.identity_folder(identity)}"
     try:

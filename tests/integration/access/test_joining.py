@@ -84,7 +84,7 @@ async def test_a_person_works_with_the_services(buses: dict[str, ZenohBus]) -> N
     services.serve(topics.SET_BRIGHTNESS, dim)
     services.subscribe(topics.BUTTON, lambda _message, name: seen.append(f"button {name}"))
     dashboard.subscribe(topics.PROFILE, lambda _message, name: seen.append(f"profile {name}"))
-    dashboard.watch(topics.USER_ALIVE, lambda name, here: seen.append(f"{name} {here}"))
+    dashboard.watch(topics.USER_ALIVE, lambda name, *, present: seen.append(f"{name} {present}"))
     button = anna.publisher(topics.BUTTON, "anna")
 
     def everything() -> bool:

@@ -317,7 +317,7 @@ async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFo
             for topic in viewer_topics():
                 viewer.subscribe(topic, lambda _message, _name: None)
             for presence in PRESENCES:
-                viewer.watch(presence, lambda _name, _is_present: None)
+                viewer.watch(presence, lambda _name, **_: None)
         viewers[0].subscribe(HEALTH, lambda health, _name: reports.append(health), "router")
         await is_checked()
         folder.add({"carla": "user"}, now())  # the router opens again, and all connections with it

@@ -26,6 +26,7 @@ from pointit.services.selector.service import Selector
 from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.support.commands import change
 
 
 class SecuredSite:
@@ -40,7 +41,7 @@ class SecuredSite:
         self.hovers: list[Any] = []
         looking = buses["operator"]
         shards = self.shards
-        looking.watch(topics.SHARD_ALIVE, lambda name, there: (shards.add if there else shards.discard)(name))
+        looking.watch(topics.SHARD_ALIVE, lambda name, *, present: change(shards, name, here=present))
         looking.subscribe(topics.HEALTH, lambda health, name: self.health.__setitem__(name, health))
         looking.subscribe(topics.CURSOR, lambda cursor, _user: self.cursors.append(cursor), "anna")
         looking.subscribe(topics.HOVER, lambda hover, _user: self.hovers.append(hover), "anna")
@@ -122,7 +123,7 @@ def news_of(bus: ZenohBus) -> list[object]:
     """Return a list that fills with whose reports are heard and who comes and goes."""
     found: list[object] = []
     bus.subscribe(topics.HEALTH, lambda _message, name: found.append(name))
-    bus.watch(topics.SERVICE_ALIVE, lambda name, present: found.append((name, present)))
+    bus.watch(topics.SERVICE_ALIVE, lambda name, *, present: found.append((name, present)))
     return found
 
 
@@ -149,7 +150,7 @@ async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, Zen
     other.subscribe(topics.BUTTON, lambda _message, name: marks.append(name))
     announced = mine.announce(topics.SERVICE_ALIVE, "web.2")
     late: list[tuple[str, bool]] = []
-    mine.watch(topics.SERVICE_ALIVE, lambda name, present: late.append((name, present)))
+    mine.watch(topics.SERVICE_ALIVE, lambda name, *, present: late.append((name, present)))
     report = mine.publisher(topics.HEALTH, "web.2")
     mark = mine.publisher(topics.BUTTON, "end")
     everything = {("web.2", True), "web.2"}
@@ -192,7 +193,7 @@ async def test_bridge_reports_and_is_present_under_the_services_identity_and_und
         },
     )
     health: dict[str, Health] = {}
-    present: set[str] = set()
+    running_names: set[str] = set()
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(routed(folder))
         buses: dict[str, ZenohBus] = {}
@@ -202,13 +203,15 @@ async def test_bridge_reports_and_is_present_under_the_services_identity_and_und
         operator = buses["operator"]
         operator.subscribe(topics.HEALTH, lambda message, name: health.__setitem__(name, message))
         operator.watch(
-            topics.SERVICE_ALIVE, lambda name, there: (present.add if there else present.discard)(name)
+            topics.SERVICE_ALIVE, lambda name, *, present: change(running_names, name, here=present)
         )
         launch = Launch(service=service, config=configs[service.NAME])
         running = asyncio.create_task(run_service(launch, buses[identity], WallClock()))
         refused = f"{identity} may not "
         try:
-            await until(lambda: {service.NAME} <= health.keys() & present, what="its health and presence")
+            await until(
+                lambda: {service.NAME} <= health.keys() & running_names, what="its health and presence"
+            )
             await until(lambda: not any(refused in each for each in health[service.NAME].warnings))
         finally:
             running.cancel()

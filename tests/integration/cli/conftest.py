@@ -14,7 +14,7 @@ from tests.support.commands import change
 @pytest_asyncio.fixture
 async def site(endpoint: str) -> AsyncIterator[Site]:
     site = Site(bus=await ZenohBus.open(Link(listen=(endpoint,))), endpoint=endpoint)
-    site.bus.watch(SERVICE_ALIVE, lambda name, here: change(site.present, name, here=here))
+    site.bus.watch(SERVICE_ALIVE, lambda name, *, present: change(site.present, name, here=present))
     try:
         yield site
     finally:

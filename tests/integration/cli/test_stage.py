@@ -80,8 +80,8 @@ class Seen:
     rooms: list[str] = field(default_factory=list[str])
 
     def look(self) -> None:
-        self.bus.watch(SERVICE_ALIVE, lambda name, here: change(self.services, name, here=here))
-        self.bus.watch(USER_ALIVE, lambda name, here: change(self.people, name, here=here))
+        self.bus.watch(SERVICE_ALIVE, lambda name, *, present: change(self.services, name, here=present))
+        self.bus.watch(USER_ALIVE, lambda name, *, present: change(self.people, name, here=present))
         self.bus.subscribe(DEPLOYMENT, self._on_deployment)
         self.bus.subscribe(MAP, self._on_map)
         for topic in STATES:
@@ -213,7 +213,7 @@ async def test_a_wish_that_cannot_be_changes_nothing() -> None:
     async with going(plan_of("scenario_2")) as run, late_joiner(run.bus) as beside:
         await until(lambda: beside.runs("scenario_2"), PATIENCE_S, "a run")
         there: set[str] = set()
-        run.bus.watch(USER_ALIVE, lambda name, here: change(there, name, here=here))
+        run.bus.watch(USER_ALIVE, lambda name, *, present: change(there, name, here=present))
         beside.bus.announce(USER_ALIVE, "user2")  # somebody has joined under that name
         reporting = asyncio.create_task(_report(beside.bus, "user2"))
         await until(lambda: "user2" in there, what="user2")

@@ -123,7 +123,7 @@ async def test_programs_react_beside_a_running_site_until_they_are_ended(site: S
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
     events = site.bus.publisher(SELECTION_EVENTS)
     carriers: list[str] = []
-    site.bus.watch(CARRIER_ALIVE, lambda name, present: carriers.append(name if present else "ended"))
+    site.bus.watch(CARRIER_ALIVE, lambda name, *, present: carriers.append(name if present else "ended"))
     results: list[ActResult] = []
     site.bus.subscribe(ACT_RESULTS, lambda result, _name: results.append(result))
     async with site.command("things", "react", str(file), "screws=sleep 55") as process:

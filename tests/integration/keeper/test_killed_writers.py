@@ -5,7 +5,7 @@ import functools
 import os
 import signal
 import subprocess
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import (
     INTERACTION,
     KEEPER_ALIVE,
@@ -61,8 +62,8 @@ class Site:
         bus.watch(KEEPER_ALIVE, self._note(self.keepers))
 
     @staticmethod
-    def _note(names: set[str]) -> Callable[[str, bool], None]:
-        return lambda name, there: (names.add if there else names.discard)(name)
+    def _note(names: set[str]) -> PresenceHandler:
+        return lambda name, *, present: (names.add if present else names.discard)(name)
 
     async def kill(self, instance: str) -> None:
         os.kill(self._processes._children[instance].pid, signal.SIGKILL)

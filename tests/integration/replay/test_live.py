@@ -141,7 +141,7 @@ def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_pa
             subscribe(onlooker, topic, came.setdefault(topic.key, set()))
         announced = came.setdefault(topics.SERVICE_ALIVE.key, set())
         onlooker.announce(topics.SERVICE_ALIVE, "web")
-        onlooker.watch(topics.SERVICE_ALIVE, lambda name, _present: announced.add(name))
+        onlooker.watch(topics.SERVICE_ALIVE, lambda name, **_: announced.add(name))
         with Recording.open(path) as recording:
             await play_live(plan_replay(recording, "edge"), bus, Ignored(), 1.0)
         await bus.close()

@@ -33,7 +33,7 @@ async def test_an_address_of_another_machine() -> None:
 
 
 @pytest.mark.parametrize("is_listening", [False, True])
-async def test_a_silent_address_does_not_prevent_trying_the_next(is_listening: bool) -> None:  # noqa: FBT001
+async def test_a_silent_address_does_not_prevent_trying_the_next(is_listening: bool) -> None:
     with socket.socket() as mute:
         mute.bind(("127.0.0.1", 0))
         if is_listening:  # and says nothing

@@ -84,7 +84,7 @@ async def test_a_key_with_an_invalid_name_is_dropped(bus: ZenohBus, stranger: ze
     seen: list[str] = []
     subscription = bus.subscribe(IMU, lambda _message, name: seen.append(name))
     told: list[str] = []
-    bus.watch(USER_ALIVE, lambda name, _present: told.append(name))
+    bus.watch(USER_ALIVE, lambda name, **_: told.append(name))
     good = encode(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
     for count, name in enumerate(("ä", "a b", "x" * 65, "-"), start=1):
         stranger.put(f"{SITE}users/{name}/imu", good)

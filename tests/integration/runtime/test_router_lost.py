@@ -101,7 +101,7 @@ async def test_latest_requests_and_presence_work_again(two: Two) -> None:
     samples: list[int] = []
     told: list[tuple[str, bool]] = []
     two.b.subscribe(topics.IMU, lambda message, _name: samples.append(message.seq))
-    two.b.watch(topics.USER_ALIVE, lambda name, present: told.append((name, present)))
+    two.b.watch(topics.USER_ALIVE, lambda name, *, present: told.append((name, present)))
     two.a.serve(topics.SET_BRIGHTNESS, done)
     two.a.announce(topics.USER_ALIVE, "anna")
     writer = two.a.publisher(topics.IMU, "anna")

@@ -81,7 +81,7 @@ async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> 
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     told: list[tuple[str, bool]] = []
-    bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
+    bus.watch(SERVICE_ALIVE, lambda name, *, present: told.append((name, present)))
     with process(*pointing(endpoint)) as child:
         await until(lambda: told == [("pointing.anna", True)], 15)
         assert await asyncio.to_thread(ended, child, number) == 0
@@ -93,7 +93,7 @@ async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answer
     async with router_process() as router:
         bus = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=30)
         told: list[tuple[str, bool]] = []
-        bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
+        bus.watch(SERVICE_ALIVE, lambda name, *, present: told.append((name, present)))
         with process(*pointing(router.endpoint)) as child:
             await until(lambda: bool(told), 15)
             await bus.close()
@@ -125,7 +125,7 @@ async def main():
     bus.publisher(PROFILE, "a").put(UserProfile(stamp_ns=1))
     bus.serve(SET_BRIGHTNESS, done)
     bus.announce(USER_ALIVE, "a")
-    bus.watch(USER_ALIVE, lambda name, present: None)
+    bus.watch(USER_ALIVE, lambda name, **_: None)
     await asyncio.sleep(0.3)
     {end}
 

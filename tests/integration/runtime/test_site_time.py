@@ -23,7 +23,7 @@ AHEAD_NS = 10_000 * 1_000_000_000
 @pytest.mark.parametrize(("patience_s", "follows"), [(30.0, True), (None, False)])
 async def test_a_service_keeps_the_sites_time_from_its_first_message(
     patience_s: float | None,
-    follows: bool,  # noqa: FBT001
+    follows: bool,
 ) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = await ZenohBus.open(Link(listen=(endpoint,)))

@@ -36,7 +36,7 @@ async def test_nothing_of_one_site_reaches_the_other(endpoint: str) -> None:
     for bus, found in seen.items():
         for topic in (IMU, BUTTON, PROFILE):
             bus.subscribe(topic, lambda _message, name, found=found, key=topic.key: found.append((key, name)))  # pyrefly: ignore[bad-argument-type]
-        bus.watch(USER_ALIVE, lambda name, present, found=found: found.append((name, present)))
+        bus.watch(USER_ALIVE, lambda name, *, present, found=found: found.append((name, present)))
     mine.serve(SET_BRIGHTNESS, done)
     await settled(mine, same)
     mine.announce(USER_ALIVE, "anna")

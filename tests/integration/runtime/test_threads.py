@@ -29,7 +29,7 @@ async def main():
     client = await ZenohBus.open(Link(connect=("{endpoint}",)))
     # the threads are all begun before the first of them receives anything, and not when the link is open
     come = asyncio.Event()
-    bus.watch(USER_ALIVE, lambda name, is_present: come.set())
+    bus.watch(USER_ALIVE, lambda name, **_: come.set())
     client.announce(USER_ALIVE, "anna")
     await come.wait()
     while len(set(found := names())) < len(found):

@@ -65,7 +65,7 @@ class Person:
     def _on_health(self, health: Health, _name: str) -> None:
         self.warnings = health.warnings
 
-    def _on_service(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_service(self, name: str, *, present: bool) -> None:
         (self.services.add if present else self.services.discard)(name)
 
 

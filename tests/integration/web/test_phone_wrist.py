@@ -144,7 +144,7 @@ async def test_a_phone_is_paired_and_moves_the_arm() -> None:
 
 
 async def test_a_phone_knows_that_names_are_spoken_until_their_selector_ends() -> None:
-    async def names_are(spoken: bool) -> None:  # noqa: FBT001 - the cue's value
+    async def names_are(spoken: bool) -> None:
         while (await heard(socket, "cue"))["has_names"] != spoken:
             pass
 

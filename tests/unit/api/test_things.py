@@ -258,7 +258,7 @@ async def test_the_return_of_a_function_that_carries_acts_is_their_result() -> N
     async with shop() as (site, bench):
         results: list[ActResult] = bench.collect(ACT_RESULTS)
         carriers: list[str] = []
-        bench.bus.watch(CARRIER_ALIVE, lambda name, present: carriers.append(name if present else "ended"))
+        bench.bus.watch(CARRIER_ALIVE, lambda name, *, present: carriers.append(name if present else "ended"))
 
         @site.carries("screws", limit_s=2.0)
         async def order(event: SelectionEvent) -> None:

@@ -13,6 +13,7 @@ from pointit.cli.inspect import trace as trace_command
 from pointit.cli.inspect.trace import Trace, Tracer
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap
 from pointit.schemas import ClockTick, Cursor, DecodeError, Health, ImuSample, KeyHealth, Message
+from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, SERVICE_ALIVE, STRIPS_FRAME
 from tests.support.bench import in_virtual_time
 
@@ -42,7 +43,7 @@ class Wire:
         self._taps: dict[str, Tap] = {}
         self._states: dict[str, Callable[[Any, str], None]] = {}
         self.names: dict[str, str] = {}
-        self._watches: dict[object, Callable[[str, bool], None]] = {}
+        self._watches: dict[object, PresenceHandler] = {}
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = "*") -> None:
         self._taps[topic.key] = handler
@@ -51,11 +52,11 @@ class Wire:
     def subscribe(self, topic: AnyTopic, handler: Callable[[Any, str], None]) -> None:
         self._states[topic.key] = handler
 
-    def watch(self, presence: object, handler: Callable[[str, bool], None]) -> None:
+    def watch(self, presence: object, handler: PresenceHandler) -> None:
         self._watches[presence] = handler
 
     def set_service(self, instance: str) -> None:
-        self._watches[SERVICE_ALIVE](instance, True)
+        self._watches[SERVICE_ALIVE](instance, present=True)
 
     def tell(self, topic: AnyTopic, message: Message) -> None:
         self._states[topic.key](message, "")

@@ -57,7 +57,7 @@ async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_
     there.close()
     bus.announce(SERVICE_ALIVE, "web")
     seen: list[str] = []
-    bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
+    bus.watch(SERVICE_ALIVE, lambda name, **_: seen.append(name))
     await until(lambda: "web" in seen, what="the page again")
     (uri,) = opened
     folder = leads_to(uri, LINK)

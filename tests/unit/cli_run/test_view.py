@@ -418,7 +418,7 @@ async def after(*told: UserPose | Localization) -> Monitor:
 
 
 @pytest.mark.parametrize("pose_first", [True, False])
-async def test_a_pose_is_kept_as_it_was_found_and_not_as_it_drifts(pose_first: bool) -> None:  # noqa: FBT001 - a parameter
+async def test_a_pose_is_kept_as_it_was_found_and_not_as_it_drifts(pose_first: bool) -> None:
     found = pose(9.9, 1.0, 0.2)
     end = solved(10.0)
     monitor = await after(*((found, end) if pose_first else (end, found)), pose(60.0, 1.0, 0.9))

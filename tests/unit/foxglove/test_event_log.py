@@ -50,11 +50,11 @@ def test_what_fails_and_what_is_lost_is_told_as_it_grows() -> None:
 def test_a_service_that_ended_begins_anew() -> None:
     chronicle = SiteLog()
     chronicle.hear(health("odd", errors=5), "pui", 5)
-    chronicle.site.set_service("pui", False)
+    chronicle.site.set_service("pui", present=False)
     assert said(chronicle.presence("pui", 6, present=False)) == [(LogLevel.Warning, "pui", "has ended")]
     assert chronicle.active_warnings(6) == []
     assert said(chronicle.presence("pui", 7, present=True)) == [(LogLevel.Info, "pui", "runs")]
-    chronicle.site.set_service("pui", True)
+    chronicle.site.set_service("pui", present=True)
     assert len(chronicle.hear(health("odd", errors=1), "pui", 8)) == 2
 
 
@@ -109,10 +109,10 @@ def test_a_state_that_returns_with_its_service_is_not_told_again(
     state: Localization | Interaction, service: str, line: str
 ) -> None:
     chronicle = SiteLog()
-    chronicle.site.set_service(service, True)
+    chronicle.site.set_service(service, present=True)
     told = chronicle.hear(state, "anna", 5)
-    chronicle.site.set_service(service, False)
-    chronicle.site.set_service(service, True)  # adds to the lines of the last message, if any
+    chronicle.site.set_service(service, present=False)
+    chronicle.site.set_service(service, present=True)  # adds to the lines of the last message, if any
     assert [each.text for each in told] == [line]
     assert len(chronicle.site.all(TOPIC_OF[type(state)])) == 1, "it is valid again"
 
@@ -149,8 +149,8 @@ def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
     assert told(user="anna", phase="stopped", reason="ben is 0.9 m away") == near
     assert told(user="anna", phase="stopped", reason="ben is 0.8 m away") == []
     assert told(user="anna") == []
-    chronicle.site.set_service("robot.cart", True)
-    chronicle.site.set_service("robot.cart", False)
-    chronicle.site.set_service("robot.cart", True)
+    chronicle.site.set_service("robot.cart", present=True)
+    chronicle.site.set_service("robot.cart", present=False)
+    chronicle.site.set_service("robot.cart", present=True)
     assert told() == [(LogLevel.Info, "cart", "nobody steers it")]
     assert told() == []

@@ -215,7 +215,7 @@ def test_the_axes_of_level_and_upright_planes() -> None:
 
 @pytest.mark.parametrize("size", [None, (100.0, 100.0)])
 @pytest.mark.parametrize(("angle_deg", "met"), [(5.2, True), (4.8, False), (-4.8, False), (-5.2, True)])
-def test_grazing_planes_are_refused(size: tuple[float, float] | None, angle_deg: float, met: bool) -> None:  # noqa: FBT001
+def test_grazing_planes_are_refused(size: tuple[float, float] | None, angle_deg: float, met: bool) -> None:
     floor = PlaneSolid((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), size)
     eyes = (0.0, 0.0, 1.64 if angle_deg > 0 else -1.64)  # from both sides
     down = vector.direction(0.3, -math.radians(angle_deg))

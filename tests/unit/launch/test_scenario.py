@@ -47,7 +47,7 @@ def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", scenario_names())
 @pytest.mark.parametrize("localize", [False, True])
-def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # noqa: FBT001 - a parameter
+def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:
     scenario = read_scenario(name)
     choices = Choices(localize=localize)
     site = site_launches(scenario, choices)

@@ -130,8 +130,8 @@ async def test_person_with_a_listener_alone_is_not_present() -> None:
         services: set[str] = set()
         people: set[str] = set()
         bus = here.bench.bus
-        bus.watch(SERVICE_ALIVE, lambda name, is_here: change(services, name, here=is_here))
-        bus.watch(USER_ALIVE, lambda name, is_here: change(people, name, here=is_here))
+        bus.watch(SERVICE_ALIVE, lambda name, *, present: change(services, name, here=present))
+        bus.watch(USER_ALIVE, lambda name, *, present: change(people, name, here=present))
         await here.bench.settle()
         assert (services, people) == ({f"listener.{USER}"}, set())
         here.bench.start(Pointing, user=USER)

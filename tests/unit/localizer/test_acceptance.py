@@ -178,7 +178,7 @@ def spoilt(seed: int, every: int, *, moving: bool) -> tuple[Person, Pointings]:
 
 
 @pytest.mark.parametrize("moving", [True, False], ids=["robot", "lamps"])
-def test_one_bad_sample_in_twenty_refuses_no_pose(moving: bool) -> None:  # noqa: FBT001
+def test_one_bad_sample_in_twenty_refuses_no_pose(moving: bool) -> None:
     """Before, none of these was accepted: plain rms residuals are 14° to 26°."""
     for seed in range(30):
         person, rays = spoilt(seed, 20, moving=moving)
@@ -188,7 +188,7 @@ def test_one_bad_sample_in_twenty_refuses_no_pose(moving: bool) -> None:  # noqa
 
 
 @pytest.mark.parametrize("moving", [True, False], ids=["robot", "lamps"])
-def test_one_bad_sample_in_four_is_refused(moving: bool) -> None:  # noqa: FBT001
+def test_one_bad_sample_in_four_is_refused(moving: bool) -> None:
     for seed in range(10):
         assert "the rays miss the targets by" in refused(spoilt(seed, 4, moving=moving)[1])
 

@@ -127,7 +127,7 @@ def test_confirmed_name_corrects_the_yaw_by_the_landing() -> None:
 
 
 @pytest.mark.parametrize("anchors", [None, True])
-def test_landings_teach_the_elevation_of_the_person(anchors: bool | None) -> None:  # noqa: FBT001 - a parameter
+def test_landings_teach_the_elevation_of_the_person(anchors: bool | None) -> None:
     person = Listener(anchors=anchors)
     biases_deg = list[float]()
     for _ in range(12):
@@ -253,7 +253,7 @@ def test_tremor_and_slow_turns_are_no_reaches(turned_deg: float) -> None:
 
 @in_virtual_time
 @pytest.mark.parametrize("is_on", [True, False, None])
-async def test_switch_decides_on_the_bus(is_on: bool | None) -> None:  # noqa: FBT001 - a parameter of the test
+async def test_switch_decides_on_the_bus(is_on: bool | None) -> None:
     config = LocalizerConfig(anchor_at_things=is_on, track_drift=True)
     async with memory_bench(VirtualClock()) as bench:
         anchors = bench.collect(at.ANCHOR, USER)

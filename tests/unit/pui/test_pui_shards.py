@@ -26,7 +26,7 @@ class Sharing(Room):
         for user in ("anna", "ben"):
             bench.bus.announce(USER_ALIVE, user)
 
-    def _on_shard(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def _on_shard(self, name: str, *, present: bool) -> None:
         (self.shards.add if present else self.shards.discard)(name)
 
     async def start(self, **config: Any) -> None:

@@ -139,7 +139,7 @@ def test_what_is_mounted_on_a_crate_is_seen() -> None:
 
 
 @pytest.mark.parametrize(("depth_m", "is_seen"), [(0.01, True), (0.04, True), (0.06, False), (0.3, False)])
-def test_what_the_map_puts_a_little_into_a_crate_is_seen(depth_m: float, is_seen: bool) -> None:  # noqa: FBT001
+def test_what_the_map_puts_a_little_into_a_crate_is_seen(depth_m: float, is_seen: bool) -> None:
     front = (2.6, 0.0, 0.4)
     into = vector.normalized(vector.subtract(front, EYES))
     place = vector.add(front, vector.scale(into, depth_m))

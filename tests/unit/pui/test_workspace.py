@@ -116,7 +116,7 @@ def test_uv_of_hits_on_each_kind_of_workspace() -> None:
 
 @pytest.mark.parametrize(("angle_deg", "met"), [(4.9, False), (5.1, True)])
 @pytest.mark.parametrize("kind", ["horizontal", "facing", "cylinder"])
-def test_a_ray_near_parallel_to_a_workspace_misses(kind: WorkspaceKind, angle_deg: float, met: bool) -> None:  # noqa: FBT001
+def test_a_ray_near_parallel_to_a_workspace_misses(kind: WorkspaceKind, angle_deg: float, met: bool) -> None:
     angle = math.radians(angle_deg)
     direction = vector.direction(0.0, -angle if kind == "horizontal" else angle - math.pi / 2)
     hit = laid(kind, (2.0, 0.0, 0.5)).intersect(EYES, direction, (0.0, 0.0, 0.0))

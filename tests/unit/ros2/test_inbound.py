@@ -133,7 +133,7 @@ def test_a_rotation_that_is_none_is_refused(q: Quaternion) -> None:
         *((NOW_NS - LATE_NS, True), (NOW_NS - LATE_NS - 1, False), (12 * NS_PER_S, False)),
     ],
 )
-def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:  # noqa: FBT001
+def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:
     first, *others = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
     assert said([first]).stamp_ns == (stamp_ns if is_kept else NOW_NS)
     assert is_kept == (not others)

@@ -140,7 +140,7 @@ async def test_what_goes_wrong_is_logged_in_ros(bench: Bench, backend: FakeBacke
 
     gone: list[str] = []
     here = bench.bus.announce(SERVICE_ALIVE, "pui")
-    bench.bus.watch(SERVICE_ALIVE, lambda name, present: None if present else gone.append(name))
+    bench.bus.watch(SERVICE_ALIVE, lambda name, *, present: None if present else gone.append(name))
     await until(lambda: told(1))
     here.close()
     await until(lambda: gone == ["pui"])
@@ -219,8 +219,8 @@ class Site:
         self.reports: list[Health] = bench.collect(topics.HEALTH)
         bench.bus.watch(topics.USER_ALIVE, self._on_person)
 
-    def _on_person(self, name: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
-        (self.people.add if here else self.people.discard)(name)
+    def _on_person(self, name: str, *, present: bool) -> None:
+        (self.people.add if present else self.people.discard)(name)
 
     def says(self, ros: str, kind: str, value: Any) -> None:
         self.backend.readers[ros](jazzy().encode(kind, value))

@@ -40,7 +40,7 @@ class Site:
         self.states: list[ThingStates] = bench.collect(THING_STATES)
         self.results: list[ActResult] = bench.collect(ACT_RESULTS)
         self.present: list[bool] = []
-        bench.bus.watch(CARRIER_ALIVE, lambda _name, present: self.present.append(present))
+        bench.bus.watch(CARRIER_ALIVE, lambda _name, *, present: self.present.append(present))
         self.carrier = Carrier(bench.bus, bench.clock, "home")
 
     async def act(

@@ -127,7 +127,7 @@ def test_counts_are_a_histogram_of_the_durations(values_s: list[float]) -> None:
 
 
 async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> None:
-    def fail(*_of: object) -> None:
+    def fail(*_of: object, **_present: bool) -> None:
         raise RuntimeError("broken")
 
     bench.view.subscribe(BUTTON, fail)
@@ -155,7 +155,7 @@ async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s
         rest = (
             bench.view.serve(CLEAR_SELECTION, unheard, "anna"),
             bench.view.announce(USER_ALIVE, "anna"),
-            bench.view.watch(USER_ALIVE, lambda _name, _present: None),
+            bench.view.watch(USER_ALIVE, lambda _name, **_: None),
             bench.view.tap(IMU, lambda _message, _name: None),
         )
         for seq, stamp_ns in enumerate((10, 1, 10, 10)):  # one too old, one that fails
@@ -251,7 +251,7 @@ async def test_closing_is_in_reverse_and_presence_last(bench: Bench, monkeypatch
         monkeypatch.setattr(bench.bus, method, give(order))
     bench.view.publisher(IMU, "anna")
     bench.view.announce(SERVICE_ALIVE, "pointing.anna")
-    bench.view.watch(USER_ALIVE, lambda _name, _present: None)
+    bench.view.watch(USER_ALIVE, lambda _name, **_: None)
     bench.view.account(HEALTH)
     with pytest.raises(LookupError):
         await bench.view.close()

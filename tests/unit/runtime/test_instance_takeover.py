@@ -89,7 +89,7 @@ class TestSuccession:
         self,
         bus: MemoryBus,
         uptime_s: float,
-        is_lost: bool,  # noqa: FBT001
+        is_lost: bool,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         at = TakeoverMonitor(bus, "pointing.anna", lambda: NOW_NS)

@@ -119,7 +119,7 @@ def test_what_is_present_is_known_although_two_changes_are_reported_in_reverse_o
 
 
 @pytest.mark.parametrize("is_present", [True, False])
-def test_a_change_reported_twice_does_not_hide_the_next(is_present: bool) -> None:  # noqa: FBT001
+def test_a_change_reported_twice_does_not_hide_the_next(is_present: bool) -> None:
     network = Network()
     told, _ = told_by(network)
     for present in (not is_present, is_present):

@@ -240,7 +240,7 @@ run_program(command, at_once={at_once})
 
 
 @pytest.mark.parametrize(("at_once", "said"), [(True, "said"), (False, "said, and more\n")])
-def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, said: str) -> None:  # noqa: FBT001
+def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, said: str) -> None:
     done = python("-c", LEAVING.format(at_once=at_once))
     assert (done.returncode, done.stdout, done.stderr) == (3, said, "")
 

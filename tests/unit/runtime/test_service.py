@@ -88,8 +88,11 @@ class Bench:
         self.health: list[Health] = []
         self.alive: dict[str, bool] = {}
         self.other.subscribe(topics.HEALTH, lambda message, _name: self.health.append(message))
-        self.other.watch(topics.SERVICE_ALIVE, self.alive.__setitem__)
-        self.other.watch(topics.USER_ALIVE, self.alive.__setitem__)
+        self.other.watch(topics.SERVICE_ALIVE, self._on_presence)
+        self.other.watch(topics.USER_ALIVE, self._on_presence)
+
+    def _on_presence(self, name: str, *, present: bool) -> None:
+        self.alive[name] = present
 
     def launch(self, user: str = "anna") -> Launch:
         return Launch(service=Worker, config=Config(), user=user)
@@ -127,7 +130,7 @@ async def test_it_is_present_and_reports_while_it_runs(bench: Bench) -> None:
 async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(bench: Bench) -> None:
     states: list[tuple[bool, bool]] = []
 
-    def told(_name: str, present: bool) -> None:  # noqa: FBT001
+    def told(_name: str, *, present: bool) -> None:
         served = bench.exchange.handler_for(topics.SET_BRIGHTNESS, "") is not None
         states.append((present, served))
 

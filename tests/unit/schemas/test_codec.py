@@ -174,7 +174,7 @@ def test_whole_numbers_stand_for_floats() -> None:
 @pytest.mark.parametrize(
     ("norm", "taken"), [(1.0009, True), (0.9991, True), (1.0011, False), (0.9989, False)]
 )
-def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool) -> None:  # noqa: FBT001 - a table
+def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool) -> None:
     fields: dict[str, Any] = {"stamp_ns": 1, "origin_m": (0.0, 0.0, 0.0), "direction": (0.0, norm, 0.0)}
     if taken:
         assert decode(models.PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)

@@ -202,7 +202,7 @@ def test_a_press_confirms_the_name_that_was_heard_in_time(
 @pytest.mark.parametrize("waits_s", [2.6, 30.0])
 def test_a_late_press_has_the_name_spoken_again_and_the_next_one_confirms(
     waits_s: float,
-    is_stepping: bool,  # noqa: FBT001 - a parameter of the test
+    is_stepping: bool,
 ) -> None:
     room = Listener()
     room.point(0.0, 1.0)

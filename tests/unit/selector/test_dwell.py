@@ -7,14 +7,21 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pointit.services.selector.methods.dwell import Dwell
+from pointit.services.selector.methods.dwell import Dwell, Method
 
 MS = 1_000_000
-STEP, WINDOW, GAP = 100, 8, 250
-"""Timestep, ms; timesteps of a window; longest gap, ms."""
+STEP = 100
+"""Timestep, ms."""
+WINDOW = 8
+"""Timesteps of a window."""
+GAP = 250
+"""Longest gap, ms."""
 
 Cursors = list[tuple[int, str | None]]
 """Times, ms, and the objects that are hovered."""
+
+DwellMethod = tuple[Method, float]
+"""Method, and its share of a window."""
 
 methods = st.sampled_from([("hold", 1.0), *(("fraction", share) for share in (0.25, 0.5, 0.8, 1.0))])
 releases = st.sampled_from([1, 5])
@@ -82,7 +89,7 @@ def as_the_docstring_says(stream: Cursors, share: float, release: int) -> tuple[
 @settings(max_examples=400)
 @given(methods, releases, cursors)
 @example(("hold", 1.0), 5, [*every(10, 700), (710, None), (890, None), (1000, "a"), (1190, "a")])
-def test_any_cursors_toggle_as_the_docstring_says(method, release: int, stream: Cursors) -> None:  # noqa: ANN001
+def test_any_cursors_toggle_as_the_docstring_says(method: DwellMethod, release: int, stream: Cursors) -> None:
     dwell = Dwell(method[0], fraction=method[1], release_s=release / 10)
     found = toggles(dwell, stream)
     assert (found, set(dwell.latched)) == as_the_docstring_says(stream, method[1], release)
@@ -105,7 +112,7 @@ def test_hold_by_example(stream: Cursors, toggled_ms: list[int]) -> None:
 
 
 @given(methods, st.lists(st.sampled_from(["a", "b", None]), max_size=60))
-def test_progress_grows_to_the_toggle_and_stays_a_share(method, names: list[str | None]) -> None:  # noqa: ANN001
+def test_progress_grows_to_the_toggle_and_stays_a_share(method: DwellMethod, names: list[str | None]) -> None:
     dwell = Dwell(method[0], fraction=method[1])
     for index, name in enumerate(names):
         before = dwell.progress(name)

@@ -15,7 +15,7 @@ from tests.unit.selector.served import Served, objects, served
 async def start_shard(bench: Bench, user: str = "anna") -> None:
     """Start a shard of a person, and wait until it serves them."""
     present: set[str] = set()
-    bench.bus.watch(topics.SHARD_ALIVE, lambda name, _present: present.add(name))
+    bench.bus.watch(topics.SHARD_ALIVE, lambda name, **_: present.add(name))
     bench.start(Selector, SelectorConfig(people=(user,)), name=user)
     await until(lambda: f"selector.{user}" in present, what="the shard")
     await bench.settle()

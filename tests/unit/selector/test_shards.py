@@ -51,12 +51,12 @@ def stay(places: dict[str, float | None], count: int, site: ShardedSite) -> None
     site.tick()
 
 
-def set_cut(user: str, is_cut: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+def set_cut(user: str, is_cut: bool, site: ShardedSite) -> None:
     site.links[user].is_cut = is_cut
     site.meet()
 
 
-def deliver(user: str, count: int, twice: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+def deliver(user: str, count: int, twice: bool, site: ShardedSite) -> None:
     site.deliver(user, up=count, down=count, twice=twice)
 
 
@@ -65,7 +65,7 @@ def wait(duration_s: float, site: ShardedSite) -> None:
     site.tick()
 
 
-def restart(is_at_once: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+def restart(is_at_once: bool, site: ShardedSite) -> None:
     if site.is_running:
         site.end_arbiter()
     if is_at_once:

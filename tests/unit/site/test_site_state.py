@@ -63,7 +63,7 @@ def receive(site: SiteState, topic: Topic[Any], name: str = "", message: Message
 
 def start(site: SiteState, *instances: str) -> None:
     for instance in instances:
-        site.set_service(instance, True)
+        site.set_service(instance, present=True)
 
 
 def hidden(changes: list[Change]) -> set[tuple[str, str]]:
@@ -79,7 +79,7 @@ def test_messages_end_with_their_last_writer(site: SiteState, changes: list[Chan
     for topic, name in ((CURSOR, "anna"), (CURSOR, "ben"), (MAP, ""), (SELECTION, ""), (HEALTH, "pui")):
         assert receive(site, topic, name)
 
-    site.set_service("pui", False)
+    site.set_service("pui", present=False)
 
     assert hidden(changes) == {(CURSOR.key, "anna"), (CURSOR.key, "ben"), (HEALTH.key, "pui")}
     assert site.former_services == {"pui"}
@@ -91,10 +91,10 @@ def test_messages_stay_while_another_writer_is_present(site: SiteState, changes:
     for topic, name in ((LAMP_COLOR, "l1"), (INTERACTION, "anna"), (INTERACTION, "ben")):
         receive(site, topic, name)
 
-    site.set_service("supervisor.anna", False)
+    site.set_service("supervisor.anna", present=False)
     assert hidden(changes) == set(), "ros2 may write it"
 
-    site.set_service("ros2", False)
+    site.set_service("ros2", present=False)
     assert hidden(changes) == {(INTERACTION.key, "anna")}
 
 
@@ -111,17 +111,17 @@ def test_personal_topics_are_listed() -> None:
 
 
 def test_states_return_with_their_person_late_messages_do_not(site: SiteState, changes: list[Change]) -> None:
-    site.set_person("anna", True)
+    site.set_person("anna", present=True)
     receive(site, POSE, "anna", A_POSE)
     receive(site, CURSOR, "anna")
 
-    site.set_person("anna", False)
+    site.set_person("anna", present=False)
     receive(site, CURSOR, "anna")  # held up on its way
     assert not site.all(POSE)
     assert not site.all(CURSOR)
 
     changes.clear()
-    site.set_person("anna", True)
+    site.set_person("anna", present=True)
     assert changes == [Change(POSE, "anna", A_POSE)]
 
     receive(site, CURSOR, "anna")
@@ -132,12 +132,12 @@ def test_late_messages_of_ended_service_are_not_shown(site: SiteState) -> None:
     start(site, "pui", "selector")
     receive(site, CURSOR, "anna")
     receive(site, SELECTION, "", Selection(stamp_ns=1))
-    site.set_service("pui", False)
+    site.set_service("pui", present=False)
     receive(site, CURSOR, "anna")
     receive(site, HEALTH, "pui", Health(stamp_ns=1, service="pui", instance="pui", pid=1))
     assert not site.all(CURSOR)
     assert not site.all(HEALTH)
-    site.set_service("selector", False)
+    site.set_service("selector", present=False)
     receive(site, SELECTION, "", Selection(stamp_ns=2))  # the next one's, whose presence is not known yet
     assert not site.all(SELECTION)
     start(site, "selector")
@@ -151,7 +151,7 @@ def test_states_return_with_their_writer(site: SiteState, changes: list[Change])
     receive(site, SELECTION, "", selection)
     receive(site, CONFIGURATION, "selector", configuration)
 
-    site.set_service("selector", False)
+    site.set_service("selector", present=False)
     assert not site.all(SELECTION)
     assert not site.all(CONFIGURATION)
 
@@ -167,7 +167,7 @@ def test_states_return_with_their_writer(site: SiteState, changes: list[Change])
 def test_report_waits_for_presence_of_its_service(site: SiteState) -> None:
     report = Configuration(stamp_ns=1, service="pui", instance="pui")
     start(site, "pui")
-    site.set_service("pui", False)
+    site.set_service("pui", present=False)
 
     receive(site, CONFIGURATION, "pui", report)
     assert site.get(CONFIGURATION, "pui") is None
@@ -198,10 +198,10 @@ def test_memory_is_bounded_when_names_never_end(monkeypatch: pytest.MonkeyPatch)
     assert is_stored == [True] * 10 + [False] * 10
 
     for user in users:
-        site.set_person(user, False)
+        site.set_person(user, present=False)
     assert not site.all(POSE)
     assert receive(site, POSE, "user0", A_POSE), "forgotten that they have left"
-    site.set_person("user9", True)
+    site.set_person("user9", present=True)
     assert site.get(POSE, "user9") == A_POSE
 
 
@@ -264,10 +264,10 @@ def test_undo_is_not_pending(site: SiteState) -> None:
 
 def test_thing_states_end_and_return_with_their_carrier(site: SiteState, changes: list[Change]) -> None:
     receive(site, THING_STATES, "home", ThingStates(stamp_ns=1))
-    site.set_carrier("home", True)
-    site.set_carrier("home", False)
+    site.set_carrier("home", present=True)
+    site.set_carrier("home", present=False)
     assert hidden(changes) == {(THING_STATES.key, "home")}
     receive(site, THING_STATES, "home", ThingStates(stamp_ns=2))
     assert site.get(THING_STATES, "home") is None, "it is late, or its new process is not known yet"
-    site.set_carrier("home", True)
+    site.set_carrier("home", present=True)
     assert site.get(THING_STATES, "home") == ThingStates(stamp_ns=2)

@@ -28,7 +28,7 @@ GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
 def test_dwell_time_is_live_for_the_method_that_is_set_only(
     before: dict[str, Any],
     after: dict[str, Any],
-    is_live: bool,  # noqa: FBT001 - a parameter of the test
+    is_live: bool,
 ) -> None:
     site: Any = SimpleNamespace(tracker=MagicMock(return_value=None))
     assert StudySite(site, "P01", before, None).is_live(after) is is_live  # pyrefly: ignore[bad-argument-type]

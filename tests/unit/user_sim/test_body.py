@@ -268,7 +268,7 @@ def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
 
 
 @pytest.mark.parametrize("waits", [False, True])
-def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:  # noqa: FBT001
+def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:
     carol = Carol(GroundRobotUser).wait(3.0)
     if waits:
         carol.hear("refused", "rover is steered by anna").wait(8.0)

@@ -100,7 +100,7 @@ def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> N
         ("user@localhost", False),
     ],
 )
-def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bool) -> None:  # noqa: FBT001
+def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bool) -> None:
     doors.know_hosts(["192.168.1.20", "fd00::1"])
     assert doors.is_known_host(host) == known
 
@@ -119,7 +119,7 @@ def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bo
         ("http", "127.0.0.1:8090", "http://127.0.0.1:8090.evil.example", False),
     ],
 )
-def test_only_the_own_origin_is_own(doors: Access, scheme: str, host: str, origin: str, own: bool) -> None:  # noqa: FBT001
+def test_only_the_own_origin_is_own(doors: Access, scheme: str, host: str, origin: str, own: bool) -> None:
     assert doors.is_own_origin(asked(scheme=scheme, host=host, origin=origin)) == own
 
 

@@ -73,21 +73,21 @@ def test_services_are_shown_with_their_health_or_as_missing(metrics: TakenMetric
     report = health("pui", 7, status="degraded", warnings=("a", "b"))
     metrics.hear("pui", report)  # it is not present yet
     assert metrics.value("pointit_service_healthy", service="pui", name="") is None
-    metrics.state.set_service("pui", True)
+    metrics.state.set_service("pui", present=True)
     metrics.hear("pui", report)
     assert metrics.value("pointit_service_present", service="pui", name="") == 1
     assert metrics.value("pointit_service_healthy", service="pui", name="") == 0
     assert metrics.value("pointit_service_warnings", service="pui", name="") == 2
     assert metrics.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
     metrics.hear("run.x", Deployment(stamp_ns=2, name="scenario_4"))
-    metrics.state.set_service("pui", False)
+    metrics.state.set_service("pui", present=False)
     for name in ("present", "healthy"):
         assert metrics.value(f"pointit_service_{name}", service="pui", name="") is None
 
 
 def test_messages_are_the_rates_times_the_time_between_reports(metrics: TakenMetrics) -> None:
     labels = {"service": "pui", "topic": RAY.key, "direction": "in"}
-    metrics.state.set_service("pui", True)
+    metrics.state.set_service("pui", present=True)
     for seq, expected in ((1, 50.0), (2, 100.0), (4, 200.0)):  # the third report is lost
         metrics.hear("pui", health("pui", seq, keys=(key(RAY.key, rate_hz=50.0),)))
         assert metrics.value("pointit_messages_total", **labels) == expected
@@ -95,7 +95,7 @@ def test_messages_are_the_rates_times_the_time_between_reports(metrics: TakenMet
 
 def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: TakenMetrics) -> None:
     for user in ("anna", "ben"):
-        metrics.state.set_service(f"pointing.{user}", True)
+        metrics.state.set_service(f"pointing.{user}", present=True)
         metrics.hear(f"pointing.{user}", health(f"pointing.{user}", keys=(key(RAY.key, lost=2, dropped=3),)))
     of = {"service": "pointing", "topic": RAY.key}
     assert metrics.value("pointit_discarded_messages_total", **of, reason="lost") == 4
@@ -112,7 +112,7 @@ def durations(*values_s: float) -> Quantiles:
 
 def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: TakenMetrics) -> None:
     for user, values_s in (("anna", (0.004, 0.05, 9.0)), ("ben", (0.03,)), ("anna", (0.0501,))):
-        metrics.state.set_service(f"pointing.{user}", True)
+        metrics.state.set_service(f"pointing.{user}", present=True)
         metrics.hear(f"pointing.{user}", health(f"pointing.{user}", latency=durations(*values_s)))
     uncounted = (Quantiles(p50_s=0.001, p99_s=0.002, counts=counts) for counts in ((), (1, 2)))
     for seq, latency in enumerate((None, *uncounted), 2):  # nothing was measured, or in other buckets
@@ -129,7 +129,7 @@ def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metri
 
 
 def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics) -> None:
-    metrics.state.set_service("pui", True)
+    metrics.state.set_service("pui", present=True)
     for values_s, count, sum_s in (((0.5,), 1, 0.5), ((-3.0,), 2, 0.5), ((0.25,), 3, 0.75)):
         metrics.hear("pui", health("pui", latency=durations(*values_s)))
         assert metrics.value("pointit_latency_seconds_count", service="pui") == count
@@ -145,11 +145,11 @@ def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> 
     covariance = (xx, xy, 0.0, xy, xx, 0.0, 0.0, 0.0, 0.05**2)
     metrics.hear("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
     assert metrics.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
-    metrics.state.set_person("anna", True)
+    metrics.state.set_person("anna", present=True)
     assert metrics.value("pointit_people") == 1
     assert metrics.value("pointit_pose_position_sigma_meters", user="anna") == pytest.approx(0.3)
     assert metrics.value("pointit_pose_yaw_sigma_radians", user="anna") == pytest.approx(0.05)
-    metrics.state.set_person("anna", False)
+    metrics.state.set_person("anna", present=False)
     assert metrics.value("pointit_pose_position_sigma_meters", user="anna") is None
 
 
@@ -163,14 +163,14 @@ def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: Tak
 def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetrics) -> None:
     for _ in range(2):
         metrics.hear("", SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
-    metrics.state.set_person("anna", True)
+    metrics.state.set_person("anna", present=True)
     for instance, name, value in (
         ("imu-bridge.anna", "battery", 25.0),
         ("web", "viewers", 3.0),
         ("router", "refused", 7.0),
         ("router-hall", "refused", 2.0),  # of another machine
     ):
-        metrics.state.set_service(instance, True)
+        metrics.state.set_service(instance, present=True)
         metrics.hear(instance, health(instance, figures=(Figure(name=name, value=value),)))
     assert metrics.value("pointit_selection_events_total", result="selected") == 2
     assert metrics.value("pointit_battery_ratio", user="anna") == 0.25
@@ -187,8 +187,8 @@ def test_invented_names_do_not_make_series_without_end(
     for number in range(100):
         instance = f"made-up-{number}"
         user = f"u{number}"
-        metrics.state.set_service(instance, True)
-        metrics.state.set_person(user, True)
+        metrics.state.set_service(instance, present=True)
+        metrics.state.set_person(user, present=True)
         metrics.hear(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
         metrics.hear(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     families = {family.name: family for family in metrics.collect()}
@@ -212,12 +212,12 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
         for message in (pose, solving, solved):
             metrics.hear(user, message)
 
-    metrics.state.set_person("anna", True)
+    metrics.state.set_person("anna", present=True)
     arrive("anna")
     for number in range(10):  # messages of people whose presence has ended
         arrive(f"u{number}")
     arrive("ben")  # a pose may come before the presence
-    metrics.state.set_person("ben", True)
+    metrics.state.set_person("ben", present=True)
     for user in ("anna", "ben"):
         assert metrics.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
     arrive("anna")
@@ -225,7 +225,7 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
 
 
 def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) -> None:
-    metrics.state.set_service("pui", True)
+    metrics.state.set_service("pui", present=True)
     quantiles = durations(0.001, 0.002)
     metrics.hear("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
     content, media_type = exposition(metrics, OPEN_METRICS)

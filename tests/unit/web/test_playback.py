@@ -137,7 +137,7 @@ def kept(entries: list[Entry], window_s: float = 600.0) -> Recent:
             if each.row is topics.SERVICE_ALIVE:
                 model.set_service(each.name, each.body, at_s)
             else:
-                model.set_person(each.name, each.body)
+                model.set_person(each.name, present=each.body)
     return recent
 
 

@@ -339,7 +339,7 @@ def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str
 def test_an_imu_is_read_by_what_it_says_of_its_orientation(
     turned: Quaternion,
     variance: float,
-    is_read: bool,  # noqa: FBT001 - a row of the table
+    is_read: bool,
 ) -> None:
     value = imu("/imu_link", turned, variance, linear_acceleration_covariance=[NAN] * 9)
     (one,) = into("imu_in").convert(value, "anna", scene_of("anna"), now_ns=NOW_NS, wall_ns=NOW_NS)

@@ -85,9 +85,9 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
     return [
         Finding(
             about="bridge",
-            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain ({domain}): we "
-            "do not listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
-            "two another backend.domain_id and backend.node",
+            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain "
+            f"({domain}): we do not listen to it, but ROS nodes take the people and objects of both for the "
+            "same; give one of the two another backend.domain_id and backend.node",
         )
     ]
 

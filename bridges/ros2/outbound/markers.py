@@ -204,7 +204,9 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
     for number, box in enumerate((*room.boxes, *room.fixed_things)):
         turned = rotation.from_yaw(box.yaw_rad)
         yield markers.shape(
-            *("cube", "boxes", number),
+            shape="cube",
+            group="boxes",
+            number=number,
             size_m=box.size_m,
             rgb=SOLID,
             alpha=GLASS,
@@ -220,7 +222,9 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
         turned = _of_axes(u, v)
         size_m = (wide_m, high_m, THIN_M)
         yield markers.shape(
-            *("cube", "planes", number),
+            shape="cube",
+            group="planes",
+            number=number,
             size_m=size_m,
             rgb=SOLID,
             alpha=GLASS,
@@ -425,7 +429,9 @@ def _robot(
     if robot_state.position_sigma_m:
         spread_m = 2.0 * SIGMAS * robot_state.position_sigma_m
         yield markers.shape(
-            *("cylinder", f"{group}/place", 0),
+            shape="cylinder",
+            group=f"{group}/place",
+            number=0,
             size_m=(spread_m, spread_m, 0.01),
             rgb=rgb,
             at_m=at_m,

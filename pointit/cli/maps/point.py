@@ -256,14 +256,9 @@ async def command(
     Example: pointit map point anna door window -o lamps.yaml
     """
     check_name(user, "user")
-    if output is not None and output.exists():
-        raise ConfigError(f"{output}: exists already; choose another name or move it away")
+    _check_is_new(output)
     if into is not None:
-        things = parse_map_file(into.read_bytes(), into).things
-        if (absent := next((name for name in names if name not in things), None)) is not None:
-            raise ConfigError(f"{into} has no thing {absent!r}; {nearest(absent, things)}")
-        if (moving := next((name for name in names if things[name].at is not None), None)) is not None:
-            raise ConfigError(f"{into}: {moving} has `at`, which says where it is; leave it out of NAMES")
+        _check_things(names, into)
         if room is not None or output is not None or kind != "lamp":
             raise click.UsageError("--into writes things into a map: leave out --origin, --output and --as")
         work = place_things(names, into)
@@ -286,6 +281,23 @@ async def command(
     elif output is not None:
         write_new(output, text)
     return code
+
+
+def _check_is_new(output: Path | None) -> None:
+    """Raise ConfigError if there is a file already."""
+    if output is not None and output.exists():
+        raise ConfigError(f"{output}: exists already; choose another name or move it away")
+
+
+def _check_things(names: Sequence[str], path: Path) -> None:
+    """Raise ConfigError unless all names are things of the map at `path` that can be placed."""
+    things = parse_map_file(path.read_bytes(), path).things
+    for name in names:
+        if name not in things:
+            raise ConfigError(f"{path} has no thing {name!r}; {nearest(name, things)}")
+    for name in names:
+        if things[name].at is not None:
+            raise ConfigError(f"{path}: {name} has `at`, which says where it is; leave it out of NAMES")
 
 
 def _point(names: Sequence[str], kind: Kind) -> Work:

@@ -147,28 +147,33 @@ async def command(
             if problem is not None:
                 raise problem
             say(f"listening to {user}; Ctrl-C ends it")
-            if text is None and audio is None:
-                spoken = _nothing()
-            elif text is not None:
+            if text is not None:
                 spoken = _typed(text, clock)
+            elif audio is not None:
+                spoken = _recognise(audio, recogniser, interpreter, clock, synthesizer)
             else:
-                spoken = _recognise(audio or "", recogniser, interpreter, clock, synthesizer)
+                spoken = _nothing()
             publishing = asyncio.create_task(_publish(bus, user, spoken))
             await asyncio.wait({publishing, following}, return_when=asyncio.FIRST_COMPLETED)
             if following.done():
                 following.result()
             count = await publishing
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(END_TIMEOUT_S):
-                    await interpreter.finish(count)
-                    if synthesizer is not None:
-                        await synthesizer.close()
+            await _finish(interpreter, count, synthesizer)
         finally:
             tasks = [task for task in (following, publishing) if task is not None]
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
     return 0
+
+
+async def _finish(interpreter: "Interpreter", count: int, synthesizer: "SpeechSynthesizer | None") -> None:
+    """Wait until `count` utterances are followed and the last sentence is spoken, but not forever."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(END_TIMEOUT_S):
+            await interpreter.finish(count)
+            if synthesizer is not None:
+                await synthesizer.close()
 
 
 async def _publish(bus: Bus, user: str, spoken: AsyncIterator[Speech]) -> int:

@@ -9,7 +9,7 @@ from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.object_positions import OWN, Departures
-from pointit.services.selector.ownership import Ownership
+from pointit.services.selector.ownership import Change, Ownership
 from pointit.services.selector.selection_publisher import (
     ACTIONS,
     CHANGES,
@@ -212,11 +212,11 @@ class Arbiter:
         if self._tells_method and cause == "dwell" and self._is_twice(user, claim):
             refused = refused or f"{kind or 'object'} was changed by you just now: leave it, then point again"
         if refused:
-            record = self._ledger.refuse(
+            change = self._ledger.refuse(
                 object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence, reason=refused
             )
         else:
-            record = self._ledger.toggle(
+            change = self._ledger.toggle(
                 object_id,
                 kind,
                 user,
@@ -225,11 +225,11 @@ class Arbiter:
                 confidence=claim.confidence,
                 mode=self._positions.mode(object_id),
             )
-            if record.event != "refused":
-                self._reservations.free(object_id)
-                if cause == "dwell":
-                    self._dwelt[user] = object_id, at_ns
-        return self._publish(user, [record], at_ns)
+        if not change.is_refused:
+            self._reservations.free(object_id)
+            if cause == "dwell":
+                self._dwelt[user] = object_id, at_ns
+        return self._publish(user, [change], at_ns)
 
     def _is_decided(self, user: str, stamp_ns: int) -> bool:
         """Return True if the claim was decided before. Remember it."""
@@ -367,10 +367,9 @@ class Arbiter:
             tracked = self._positions.objects.get(thing)
             if tracked is None or tracked.mode != "switch" or is_on is self._ownership.is_selected(thing):
                 continue
-            record = self._ledger.follow(thing, tracked.kind, carrier, now_ns)
-            if thing not in changed:
-                record = record._replace(reason=REPORTED)
-            outputs += self._publish(carrier, [record], now_ns)
+            reason = "" if thing in changed else REPORTED
+            change = self._ledger.follow(thing, tracked.kind, carrier, now_ns, reason=reason)
+            outputs += self._publish(carrier, [change], now_ns)
         return outputs
 
     def depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
@@ -403,12 +402,12 @@ class Arbiter:
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
         """Undo `user`'s last step. Refused with a cue if there is none."""
-        records = self._ledger.undo(user, now_ns, self._positions.objects)
-        if not records:
+        changes = self._ledger.undo(user, now_ns, self._positions.objects)
+        if not changes:
             there = self._ownership.presences.there(now_ns)
             who = f"{user} is not there, but {', '.join(there)}: " if there and user not in there else ""
             return [self._publisher.cue(user, "refused", f"{who}there is nothing to take back", now_ns)]
-        return self._publish(user, records, now_ns)
+        return self._publish(user, changes, now_ns)
 
     def clear(self, user: str, now_ns: int) -> list[Output]:
         """Deselect all objects of `user`."""
@@ -420,12 +419,12 @@ class Arbiter:
         `user` is the caller: an operator, or the person for whom one takes it.
         """
         entry = self._ledger.entries.get(object_id)
-        records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
-        if entry is None or not records:
+        change = self._ledger.release(object_id, user, now_ns, take_over=take_over)
+        if entry is None or change is None:
             status = "is not selected" if entry is None else "is yours already"
             return [self._publisher.cue(user, "refused", f"object {object_id} {status}", now_ns)]
-        outputs = self._publish(user, records, now_ns)
-        if entry.user != user and records[0].event != "refused":
+        outputs = self._publish(user, [change], now_ns)
+        if entry.user != user and not change.is_refused:
             text = f"{entry.kind or 'object'} was {'taken over' if take_over else 'released'} by {user}"
             outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
@@ -447,10 +446,16 @@ class Arbiter:
         if reason := self._ownership.refusal(thing, now_ns):
             return [self._publisher.cue(user, "refused", reason, now_ns)]
         self._reservations.free(thing)
-        record = self._ledger.toggle(thing, tracked.kind, user, now_ns, cause="", mode=tracked.mode)
-        if query.is_restored and record.event != "refused":
-            record = record._replace(reason=RESTORED)
-        return self._publish(user, [record], now_ns)
+        change = self._ledger.toggle(
+            thing,
+            tracked.kind,
+            user,
+            now_ns,
+            cause="",
+            mode=tracked.mode,
+            reason=RESTORED if query.is_restored else "",
+        )
+        return self._publish(user, [change], now_ns)
 
     def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
         """Free and journal objects that have left. Return the selection if there are any."""
@@ -460,19 +465,21 @@ class Arbiter:
             self._publisher.write(record)
         return [Output("", self.selection(now_ns))] if left else []
 
-    def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        changes = Counter(record.object_id for record in records if record.event != "refused")
+    def _publish(self, user: str, changes: Sequence[Change], now_ns: int) -> list[Output]:
+        """Begin the acts of `changes`. Return the selection, earlier results, events and cues of `user`."""
         earlier_outputs: list[Output] = []
         events: list[Record] = []
-        for record in records:
-            if record.event == "refused" or changes[record.object_id] > 1:
-                events.append(record)  # more: a take-over, or its undo, which only changes the owner
+        for change in changes:
+            if not change.is_switched:  # refused, or taken over: nothing is to be carried out
+                events += change.records
                 continue
-            mode = self._positions.mode(record.object_id)
-            for act in self._acts.replace(record.object_id, mode):
-                earlier_outputs += self._conclude(act, now_ns, record.user)
-            events.append(self._acts.begin(record, mode))
-        outputs = [Output("", self.selection(now_ns))] if changes else []
+            mode = self._positions.mode(change.object_id)
+            for record in change.records:
+                for act in self._acts.replace(record.object_id, mode):
+                    earlier_outputs += self._conclude(act, now_ns, record.user)
+                events.append(self._acts.begin(record, mode))
+        has_changed = not all(change.is_refused for change in changes)
+        outputs = [Output("", self.selection(now_ns))] if has_changed else []
         outputs += earlier_outputs
         for record in events:
             outputs += self._publisher.event(record)

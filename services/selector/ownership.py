@@ -27,10 +27,26 @@ class Why(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True)
-class _Change:
+class Change:
+    """Change of one object by one action, or its refusal."""
+
     object_id: str
     before: Owned | None
+    """Owner before it, or None if the object was not selected."""
     after: Owned | None
+    """Owner after it. A refusal leaves the owner as it is."""
+    records: tuple[Record, ...]
+    """Records of it, in order. A take-over is first deselected, then selected."""
+
+    @property
+    def is_refused(self) -> bool:
+        """Return True if nothing has changed."""
+        return self.records[0].event == "refused"
+
+    @property
+    def is_switched(self) -> bool:
+        """Return True if the object was selected or deselected, False if at most its owner has changed."""
+        return (self.before is None) is not (self.after is None)
 
 
 class Ledger:
@@ -58,22 +74,27 @@ class Ledger:
         self._too_late = too_late
         self._undo_steps = undo_steps
         self._entries: dict[str, Owned] = {}
-        self._steps: dict[str, deque[list[_Change]]] = {}
+        self._steps: dict[str, deque[list[Change]]] = {}
         self._released: dict[str, tuple[Owned, int]] = {}
         """Entries of the objects deselected last, with the time, ns."""
 
     @property
     def entries(self) -> Mapping[str, Owned]:
-        """Return the selected objects by id, the oldest first."""
+        """Return the selected objects by id, in no order."""
         return self._entries
 
     def objects(self) -> tuple[SelectedObject, ...]:
-        """Return the selected objects, the oldest first."""
+        """Return the selected objects, the oldest first, also after an undo has brought some back."""
+        oldest_first = sorted(self._entries.items(), key=lambda item: item[1].since_ns)
         return tuple(
             SelectedObject(
-                id=name, user=one.user, since_ns=one.since_ns, kind=one.kind, confidence=one.confidence
+                id=object_id,
+                user=entry.user,
+                since_ns=entry.since_ns,
+                kind=entry.kind,
+                confidence=entry.confidence,
             )
-            for name, one in self._entries.items()
+            for object_id, entry in oldest_first
         )
 
     def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
@@ -102,77 +123,77 @@ class Ledger:
         cause: Cause = "dwell",
         confidence: float | None = None,
         mode: ThingMode = "claim",
-    ) -> Record:
+        reason: str = "",
+    ) -> Change:
         """Select or deselect `object_id` for `user`; what a button started is not undone.
 
         Refused if it belongs to another person who is present, unless its `mode` lets anybody change it.
+        `reason`: in the record of the change.
         """
         entry = self._entries.get(object_id)
         owner = self.blocking_owner(object_id, user, now_ns) if mode == "claim" else ""
         if entry is not None and owner:
-            reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
+            refusal = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
         else:
-            reason = self._too_late(object_id, now_ns)
-        if reason:
+            refusal = self._too_late(object_id, now_ns)
+        if refusal:
             return self.refuse(
-                object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
+                object_id, kind, user, now_ns, cause=cause, reason=refusal, confidence=confidence
             )
-        if entry is None:
-            after = Owned(user, kind, now_ns, confidence)
-            record = self._select(object_id, after, user, now_ns, cause=cause)
-            if mode != "button":
-                self._remember(user, [_Change(object_id, None, after)])
-            return record
-        self._remember(user, [_Change(object_id, entry, None)])
-        return self._deselect(object_id, user, now_ns, cause=cause, confidence=confidence)
+        if entry is not None:
+            change = self._change(
+                object_id, None, user, now_ns, cause=cause, confidence=confidence, reason=reason
+            )
+            self._remember(user, [change])
+            return change
+        after = Owned(user, kind, now_ns, confidence)
+        change = self._change(object_id, after, user, now_ns, cause=cause, reason=reason)
+        if mode != "button":
+            self._remember(user, [change])
+        return change
 
-    def follow(self, object_id: str, kind: str, user: str, now_ns: int) -> Record:
+    def follow(self, object_id: str, kind: str, user: str, now_ns: int, *, reason: str = "") -> Change:
         """Select or deselect an object as its target has it, which nobody can undo."""
-        if object_id in self._entries:
-            return self._deselect(object_id, user, now_ns, cause="")
-        return self._select(object_id, Owned(user, kind, now_ns), user, now_ns, cause="")
+        after = None if object_id in self._entries else Owned(user, kind, now_ns)
+        return self._change(object_id, after, user, now_ns, cause="", reason=reason)
 
     def end(self, object_id: str, now_ns: int) -> Record:
         """Deselect a selected object by itself, as a button that was shown for long enough."""
         return self._deselect(object_id, self._entries[object_id].user, now_ns, cause="")
 
-    def clear(self, user: str, now_ns: int) -> list[Record]:
+    def clear(self, user: str, now_ns: int) -> list[Change]:
         """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
         own = {object_id: entry for object_id, entry in self._entries.items() if entry.user == user}
-        reasons = {object_id: self._too_late(object_id, now_ns) for object_id in own}
-        step = [_Change(object_id, entry, None) for object_id, entry in own.items() if not reasons[object_id]]
-        if step:
-            self._remember(user, step)
-        return [
-            self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
-            if reasons[object_id]
-            else self._deselect(object_id, user, now_ns, cause="clear")
-            for object_id, entry in own.items()
-        ]
+        changes: list[Change] = []
+        for object_id, entry in own.items():
+            reason = self._too_late(object_id, now_ns)
+            if reason:
+                change = self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reason)
+            else:
+                change = self._change(object_id, None, user, now_ns, cause="clear")
+            changes.append(change)
+        self._remember(user, [change for change in changes if not change.is_refused])
+        return changes
 
-    def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> list[Record]:
-        """Deselect `object_id`, regardless of its owner, and with `take_over` select it for `user`.
+    def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> Change | None:
+        """Deselect `object_id`, regardless of its owner, or with `take_over` make `user` its owner.
 
-        Does nothing if it is not selected, or `user` would take it over from themselves. Refused if it is too
-        late, except for a take-over, which does not change its bay.
+        Returns None if it is not selected, or `user` would take it over from themselves. Refused if it is
+        too late, except for a take-over, which does not change its bay.
         """
         before = self._entries.get(object_id)
         if before is None or (take_over and before.user == user):
-            return []
+            return None
         reason = "" if take_over else self._too_late(object_id, now_ns)
         if reason:
-            return [self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
-        records = [self._deselect(object_id, user, now_ns, cause="release")]
-        changes = [_Change(object_id, before, None)]
-        if take_over:
-            after = Owned(user, before.kind, now_ns)
-            records.append(self._select(object_id, after, user, now_ns, cause="release"))
-            changes.append(_Change(object_id, None, after))
-        self._remember(user, changes)
-        return records
+            return self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)
+        after = Owned(user, before.kind, now_ns) if take_over else None
+        change = self._change(object_id, after, user, now_ns, cause="release")
+        self._remember(user, [change])
+        return change
 
-    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Record]:
-        """Undo the last step of `user`. Return no record if there is none.
+    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Change]:
+        """Undo the last step of `user`. Return no change if there is none.
 
         Objects that have left since, are decided, or belong to another person by now stay as they are. If
         nothing of the step can be undone, it is refused with the reason, and the step before is next.
@@ -182,13 +203,15 @@ class Ledger:
         if not steps:
             return []
         step = steps.pop()
-        done = [
-            self._take_back(change, user, now_ns)
-            for change in reversed(step)
-            if self._still(change, present)
-            and (_keeps_way(change, step) or not self._too_late(change.object_id, now_ns))
-        ]
-        return done or [self._lost_step(step[0], user, now_ns, present)]
+        undone: list[Change] = []
+        for change in step:
+            if not self._still(change, present):
+                continue
+            # a take-over is undone at any time, as it does not change the object's bay
+            if change.is_switched and self._too_late(change.object_id, now_ns):
+                continue
+            undone.append(self._change(change.object_id, change.before, user, now_ns, cause="undo"))
+        return undone or [self._lost_step(step[0], user, now_ns, present)]
 
     def drop(self, object_ids: Iterable[str], now_ns: int, reason: str = "") -> list[Record]:
         """Close the entries of `object_ids`, which left at `now_ns`."""
@@ -209,23 +232,20 @@ class Ledger:
         owned = dataclasses.replace(released, since_ns=now_ns)
         return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
 
-    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
-        """Return the record of an action that is refused for `reason`. Changes nothing."""
-        entry = self._entries.get(object_id) or Owned("", kind, 0)
-        return _record("refused", object_id, entry, user, now_ns, **why)
+    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Change:
+        """Return the refusal of an action for `reason`. Changes nothing."""
+        entry = self._entries.get(object_id)
+        owned = entry or Owned("", kind, 0)
+        record = _record("refused", object_id, owned, user, now_ns, **why)
+        return Change(object_id, before=entry, after=entry, records=(record,))
 
-    def _still(self, change: _Change, present: Container[str]) -> bool:
+    def _still(self, change: Change, present: Container[str]) -> bool:
         entry = self._entries.get(change.object_id)
         if change.after is None:
             return entry is None and change.object_id in present
         return entry is not None and entry.user == change.after.user
 
-    def _take_back(self, change: _Change, user: str, now_ns: int) -> Record:
-        if change.before is None:
-            return self._deselect(change.object_id, user, now_ns, cause="undo")
-        return self._select(change.object_id, change.before, user, now_ns, cause="undo")
-
-    def _lost_step(self, change: _Change, user: str, now_ns: int, present: Container[str]) -> Record:
+    def _lost_step(self, change: Change, user: str, now_ns: int, present: Container[str]) -> Change:
         entry = self._entries.get(change.object_id)
         owned = change.before or change.after
         kind = (owned.kind if owned is not None else "") or "object"
@@ -238,8 +258,23 @@ class Ledger:
             reason = f"{kind} {status}; what was done with it cannot be taken back"
         return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
-    def _remember(self, user: str, step: list[_Change]) -> None:
+    def _remember(self, user: str, step: list[Change]) -> None:
+        """Store a step for `undo`. Its changes are of different objects, so their order has no effect."""
+        if not step:
+            return
         self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
+
+    def _change(
+        self, object_id: str, after: Owned | None, user: str, now_ns: int, **why: Unpack[Why]
+    ) -> Change:
+        """Give `object_id` the owner `after`, or none. The caller has checked that this may be done."""
+        before = self._entries.get(object_id)
+        records: list[Record] = []
+        if before is not None:
+            records.append(self._deselect(object_id, user, now_ns, **why))
+        if after is not None:
+            records.append(self._select(object_id, after, user, now_ns, **why))
+        return Change(object_id, before=before, after=after, records=tuple(records))
 
     def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
         self._entries[object_id] = entry
@@ -257,11 +292,6 @@ class Ledger:
 
 def _record(event: Event, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
     return Record(now_ns, event, object_id, entry.kind, user, entry.user, entry.since_ns, **why)
-
-
-def _keeps_way(change: _Change, step: list[_Change]) -> bool:
-    """Return True if `change` is part of a take-over, which changes the owner alone."""
-    return sum(other.object_id == change.object_id for other in step) > 1
 
 
 class Ownership:
@@ -333,7 +363,10 @@ class UserPresence:
 
     def set_present(self, user: str, now_ns: int, *, present: bool) -> None:
         """Record that `user` is announced, or no longer."""
-        (self._present.add if present else self._present.discard)(user)
+        if present:
+            self._present.add(user)
+        else:
+            self._present.discard(user)
         self._active_ns[user] = now_ns
 
     def there(self, now_ns: int) -> list[str]:

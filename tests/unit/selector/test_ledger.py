@@ -3,7 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.selector.ownership import Ledger
+from pointit.schemas import SelectedObject
+from pointit.services.selector.ownership import Change, Ledger
+from pointit.services.selector.selection_publisher import Owned
 
 HERE = frozenset("abc")
 
@@ -30,21 +32,26 @@ def test_only_so_many_steps_are_remembered() -> None:
 def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]) -> None:
     kept = ledger(undo_steps=100)
     doers: list[str] = []
-    before: list[dict[str, tuple[str, int]]] = []
+    before: list[list[SelectedObject]] = []
     for stamp_ns, (object_id, user) in enumerate(toggles, start=1):
-        state = selected(kept)
-        if kept.toggle(object_id, "red", user, stamp_ns).event != "refused":
+        state = [*kept.objects()]
+        if not kept.toggle(object_id, "red", user, stamp_ns).is_refused:
             doers.append(user)
             before.append(state)
+
     while doers:  # in the order in which it was done, the latest first
-        assert all(record.event != "refused" for record in kept.undo(doers.pop(), 99, HERE))
-        assert selected(kept) == before.pop()
+        undone = kept.undo(doers.pop(), 99, HERE)
+
+        assert undone
+        assert not any(change.is_refused for change in undone)
+        assert [*kept.objects()] == before.pop()
 
 
 def test_what_was_not_done_is_taken_back_once_also_if_the_change_was_before_a_restart() -> None:
     kept = ledger()
     restarted = ledger()
-    on, off = (kept.toggle("a", "red", "anna", stamp_ns) for stamp_ns in (100, 200))
+    (on,) = kept.toggle("a", "red", "anna", 100).records
+    (off,) = kept.toggle("a", "red", "anna", 200).records
     for each in (kept, restarted):
         back = each.take_back(off, 250, "no power")
         assert back is not None
@@ -52,3 +59,77 @@ def test_what_was_not_done_is_taken_back_once_also_if_the_change_was_before_a_re
         assert each.take_back(off, 260, "no power") is None
         assert each.take_back(on, 300, "no power") is not None
         assert selected(each) == {}
+
+
+def events(changes: list[Change]) -> list[tuple[str, str]]:
+    return [(record.event, record.object_id) for change in changes for record in change.records]
+
+
+def test_objects_stay_oldest_first_when_a_clear_is_undone() -> None:
+    kept = ledger()
+    for stamp_ns, object_id in enumerate("bca", start=1):
+        kept.toggle(object_id, "red", "anna", stamp_ns)
+    before = kept.objects()
+    kept.clear("anna", 10)
+
+    undone = kept.undo("anna", 20, HERE)
+
+    assert kept.objects() == before
+    assert events(undone) == [("selected", "b"), ("selected", "c"), ("selected", "a")]
+
+
+def test_objects_stay_oldest_first_when_an_older_one_comes_back() -> None:
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 1)
+    kept.toggle("b", "red", "ben", 2)
+    kept.toggle("a", "red", "anna", 3)
+
+    kept.undo("anna", 4, HERE)
+
+    assert [one.id for one in kept.objects()] == ["a", "b"]
+
+
+def test_objects_are_oldest_first_after_a_restart() -> None:
+    """A journal lists them by their last event, which an undo makes newer than their time of selection."""
+    kept = ledger()
+
+    kept.restore({"b": Owned("ben", "red", 2), "a": Owned("anna", "red", 1)})
+
+    assert [one.id for one in kept.objects()] == ["a", "b"]
+
+
+def test_take_over_is_one_change_that_switches_nothing() -> None:
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 1)
+
+    taken = kept.release("a", "ben", 5, take_over=True)
+
+    assert taken is not None
+    assert not taken.is_switched
+    assert events([taken]) == [("deselected", "a"), ("selected", "a")]
+    assert [record.owner for record in taken.records] == ["anna", "ben"]
+    assert selected(kept) == {"a": ("ben", 5)}
+
+
+def test_undo_of_a_take_over_gives_it_back_when_its_bay_is_decided() -> None:
+    kept = Ledger(lambda _user, _now_ns: False, lambda _object_id, now_ns: "too late" if now_ns > 5 else "")
+    kept.toggle("a", "red", "anna", 1)
+    kept.release("a", "ben", 6, take_over=True)
+
+    (given_back,) = kept.undo("ben", 7, HERE)
+
+    assert not given_back.is_switched
+    assert selected(kept) == {"a": ("anna", 1)}
+    (refused,) = kept.undo("anna", 8, HERE)
+    assert refused.is_refused
+    assert refused.records[0].reason == "too late"
+
+
+def test_undo_of_a_take_over_gives_it_back_while_its_tracker_flickers() -> None:
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 1)
+    kept.release("a", "ben", 2, take_over=True)
+
+    kept.undo("ben", 3, present=frozenset())
+
+    assert selected(kept) == {"a": ("anna", 1)}

@@ -19,6 +19,10 @@ class StyleConfig(Config):
     kind_colors: dict[str, Rgb] = Field(default=KIND_COLORS, description="red, green, blue by kind of object")
     default_color: Rgb = Field(default=OTHER_COLOR, description="colour of objects of any other kind")
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
+    pending_level: Level = Field(
+        default=0.7,
+        description="brightness of selected objects whose carriers have not told yet that they are on",
+    )
     margin_m: float = Field(
         default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
     )

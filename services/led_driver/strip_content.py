@@ -72,7 +72,11 @@ class _State:
     """State of one object."""
 
     owner: str | None = None
+    """User who has selected it."""
+    claimant: str | None = None
+    """User who has selected it while its carriers have not told yet that it is on."""
     reserver: str | None = None
+    """User who is about to select it."""
     hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
 
 
@@ -84,6 +88,7 @@ class AppearanceTable:
         colors = np.array([style.default_color, *style.kind_colors.values()], dtype=np.float64)
         self._bright = np.rint(colors).astype(np.uint8)
         self._dim = np.rint(colors * style.idle_level).astype(np.uint8)
+        self._pending = np.rint(colors * style.pending_level).astype(np.uint8)
         self._gap = np.rint(colors * style.gap_level).astype(np.uint8)
         self._plain = np.zeros((len(colors), ROLES, 3), dtype=np.uint8)
         self._plain[:, BODY] = self._dim
@@ -121,18 +126,23 @@ class AppearanceTable:
         state: _State,
         profiles: Mapping[str, UserProfile],
     ) -> None:
-        selected = state.owner is not None
+        is_selected = state.owner is not None or state.claimant is not None
         palette = appearance.palette[index]
-        levels = (self._dim[kind], self._bright[kind])
-        palette[BODY] = levels[selected]
-        palette[FILL] = levels[not selected]
+        body, fill = self._body_and_fill(kind, state)
+        palette[BODY] = body
+        palette[FILL] = fill
         palette[GAP] = self._gap[kind]
+
+        # margins: the person who has the object first, then those who hover it
         colors = [profiles.get(user, NO_PROFILE).cursor_color for user in sorted(state.hovers)]
         if state.owner is not None:
             owner = profiles.get(state.owner, NO_PROFILE)
             palette[OWNER] = owner.cursor_color
             appearance.patterns[index] = PATTERNS.index(owner.pattern)
             colors = _with_owner(owner.cursor_color, colors, _color(self._gap[kind]))
+        elif state.claimant is not None:
+            claimant = profiles.get(state.claimant, NO_PROFILE)
+            colors = _with_owner(claimant.cursor_color, colors, _color(self._gap[kind]))
         elif state.reserver is not None:
             color = profiles.get(state.reserver, NO_PROFILE).cursor_color
             appearance.thin[index] = not colors
@@ -140,10 +150,17 @@ class AppearanceTable:
         colors = colors[:MARGIN_COLORS]
         palette[MARGIN : MARGIN + len(colors)] = colors
         appearance.margins[index] = len(colors)
-        appearance.progress[index] = max(
-            (hover.progress for hover in state.hovers.values() if _changes(hover, selected=selected)),
-            default=0.0,
-        )
+
+        changes = (hover for hover in state.hovers.values() if _changes(hover, selected=is_selected))
+        appearance.progress[index] = max((hover.progress for hover in changes), default=0.0)
+
+    def _body_and_fill(self, kind: int, state: _State) -> tuple[Bytes, Bytes]:
+        """Return the colour of the body, and the one in which it fills with progress."""
+        if state.owner is not None:
+            return self._bright[kind], self._dim[kind]
+        if state.claimant is not None:
+            return self._pending[kind], self._dim[kind]
+        return self._dim[kind], self._bright[kind]
 
 
 def _with_owner(color: Rgb, hoverers: list[Rgb], dark: Rgb) -> list[Rgb]:
@@ -172,13 +189,16 @@ def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[st
             states.setdefault(reserved.id, _State()).reserver = reserved.user
         for item in selection.objects:
             state = states.setdefault(item.id, _State())
-            state.reserver = item.user  # until it is done
-            state.owner = None if item.is_pending else item.user
+            if item.is_pending:
+                state.claimant = item.user
+            else:
+                state.owner = item.user
     for user, hover in hovers.items():
         if hover.object_id:
             state = states.setdefault(hover.object_id, _State())
             state.hovers[user] = hover
-            if hover.taken_by and state.owner is None and state.reserver is None:
+            is_free = state.owner is None and state.claimant is None and state.reserver is None
+            if hover.taken_by and is_free:
                 state.reserver = hover.taken_by
     return states
 

@@ -187,7 +187,7 @@ class PoseManager:
         """Correct a pose that drifts by the landing of a reach whose name the person confirms."""
         if event.user != self._user or event.event not in ("selected", "deselected"):
             return []
-        landing = self._landing_detector.take()
+        landing = self._landing_detector.pop_landing()
         position_m = self._things_m.get(event.object_id)
         is_confirmed = event.cause == "button" and self._has_names and not self.procedures.is_busy
         if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:

@@ -23,8 +23,10 @@ from pointit.services.localizer.estimation.unfiltered_rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output, anchor_message, covariance_of, followed
 from pointit.services.localizer.pose_publish_timer import PosePublishTimer
 
-MAX_LANDINGS, MAX_ERROR_RAD = 8, math.radians(25.0)
-"""Number of pointings over which a person's elevation is averaged, and the error that is no pointing."""
+MAX_ELEVATIONS = 8
+"""Number of measurements over which a person's elevation bias is averaged."""
+MAX_ERROR_RAD = math.radians(25.0)
+"""Error above which a landing was not at the target, rad."""
 
 FIGURES = (
     ("drift", "°/min"),
@@ -115,7 +117,8 @@ class PoseTracker:
         self._is_outside = False
         self._has_lost_yaw = False
         self._bias = PoseBias()
-        self._landings = 1  # in the bias, limited: the pose counts as one
+        self._elevations = 1
+        """Number of measurements in the bias: that of the pose, and of landings. At most `MAX_ELEVATIONS`."""
 
     @property
     def base(self) -> UserPose | None:
@@ -282,8 +285,8 @@ class PoseTracker:
         error_rad = vector.elevation(mean.direction) - target_rad - base.elevation_bias_rad
         if abs(error_rad) > MAX_ERROR_RAD or now_ns - mean.stamp_ns > self._settings.max_late_s * NS_PER_S:
             return []
-        self._landings = min(self._landings + 1, MAX_LANDINGS)
-        bias_rad = base.elevation_bias_rad + error_rad / self._landings
+        self._elevations = min(self._elevations + 1, MAX_ELEVATIONS)
+        bias_rad = base.elevation_bias_rad + error_rad / self._elevations
         self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
         self._bias.set(self._base)
         return [self._message(now_ns, now_ns)]
@@ -349,7 +352,7 @@ class PoseTracker:
     def _set(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
         self._bias.set(pose)
-        self._landings = 1
+        self._elevations = 1
         self._filter = None
         self._is_estimated = self._is_outside = self._has_lost_yaw = False
         self._follows = follow

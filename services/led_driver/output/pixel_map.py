@@ -129,6 +129,29 @@ class PixelMap:
         return source.take(self._gather, mode="clip").tobytes()  # all are valid: skips the check
 
 
+@dataclass(frozen=True, slots=True)
+class _Output:
+    """Division of an output into universes."""
+
+    block_pixels: int
+    """Number of pixels of a universe, or `WHOLE`."""
+    first_block: int
+    """Number of the first universe."""
+
+
+@dataclass(frozen=True, slots=True)
+class _MappedSegment:
+    """One segment on the pixels of an output."""
+
+    start: int
+    """First pixel of the output, negative if it lies before it."""
+    end: int
+    """Pixel behind the last one, where the next segment continues."""
+    numbers: Indices
+    """Pixels of the strip, in the order of the output."""
+    problems: list[str]
+
+
 def map_pixels(
     segments: Sequence[Segment], strips: Sequence[Strip], *, block_pixels: int = WHOLE, first_block: int = 0
 ) -> tuple[PixelMap, list[str]]:
@@ -140,70 +163,104 @@ def map_pixels(
         block_pixels: number of pixels of a universe. What does not fit continues in the next one.
         first_block: number of the output's first universe.
     """
-    problems: list[str] = []
+    output = _Output(block_pixels, first_block)
     by_id = {strip.id: strip for strip in strips}
     segments = segments or [Segment(strip=name) for name in by_id]
     colors = len(segments[0].order) if segments else len(_COLORS)
+
+    # the bytes of the strips in use, one strip behind the other, and a dark byte behind them
     used = [by_id[name] for name in dict.fromkeys(segment.strip for segment in segments) if name in by_id]
     ends = np.cumsum([0, *(3 * strip.pixels for strip in used)])
+    dark = int(ends[-1])
     first_byte = {strip.id: int(start) for strip, start in zip(used, ends, strict=False)}
+
+    # each segment continues at the end of the one before, unless it has an offset
+    problems: list[str] = []
     targets: list[Indices] = []
     sources: list[Indices] = []
     end = 0
     for segment in segments:
-        if (strip := by_id.get(segment.strip)) is None:
+        strip = by_id.get(segment.strip)
+        if strip is None:
             problems.append(f"the map has no strip {segment.strip}: correct `segments`")
             continue
-        pixels = strip.pixels - segment.first if segment.pixels is None else segment.pixels
-        if segment.first + pixels > strip.pixels or pixels <= 0:
-            problems.append(
-                f"strip {strip.id} has {strip.pixels} pixels, a segment wants {segment.first} to "
-                f"{segment.first + max(pixels, 1) - 1}: correct `segments`"
-            )
-            pixels = max(0, strip.pixels - segment.first)
-        if segment.universe is not None and block_pixels == WHOLE:
-            problems.append(f"the output has no universes: remove `universe: {segment.universe}`")
-            segment = segment.model_copy(update={"universe": None})  # noqa: PLW2901
-        start = _start(segment, end, block_pixels, first_block)
-        if start < 0:
-            problems.append(f"universe {segment.universe} lies before the output's first, {first_block}")
+        mapped = _map_segment(segment, strip, output, previous_end=end)
+        problems += mapped.problems
+        if mapped.start < 0:
             continue
-        end = start + pixels
-        numbers = np.arange(segment.first, segment.first + pixels, dtype=np.intp)
-        bytes_of_pixel = [_COLORS.find(color) for color in segment.order]
-        first_of_pixel = first_byte[strip.id] + 3 * (numbers[::-1] if segment.reversed else numbers)
-        source = first_of_pixel[:, None] + np.array(bytes_of_pixel, dtype=np.intp)
-        source[:, [each < 0 for each in bytes_of_pixel]] = ends[-1]  # white
-        targets.append(np.arange(start, end, dtype=np.intp))
-        sources.append(source)
+        end = mapped.end
+        targets.append(np.arange(mapped.start, mapped.end, dtype=np.intp))
+        sources.append(_byte_sources(mapped.numbers, segment.order, first_byte[strip.id], dark))
+
+    # only universes in use are sent
     target = np.concatenate(targets) if targets else np.zeros(0, dtype=np.intp)
     if len(np.unique(target)) < len(target):
         problems.append("two segments share pixels of the output, which show the later one: correct `offset`")
-    places, blocks = _divide(target, colors, block_pixels, first_block)
-    gather = np.full((sum(block.size for block in blocks) // colors, colors), ends[-1], dtype=np.intp)
+    places, blocks = _divide(target, colors, output)
+    size = sum(block.size for block in blocks) // colors
+    gather = np.full((size, colors), dark, dtype=np.intp)
     if sources:
         gather[places] = np.concatenate(sources)
     return PixelMap(used, gather.ravel(), colors, blocks), problems
 
 
-def _start(segment: Segment, end: int, block_pixels: int, first_block: int) -> int:
-    """Return the first pixel of the output for `segment`, negative if it lies before the output."""
-    if segment.universe is not None:
-        return (segment.universe - first_block) * block_pixels + (segment.offset or 0)
-    return end if segment.offset is None else segment.offset
+def _map_segment(segment: Segment, strip: Strip, output: _Output, *, previous_end: int) -> _MappedSegment:
+    """Return the pixels of one segment. `previous_end`: end of the segment before, 0 for the first one."""
+    problems: list[str] = []
+    available = strip.pixels - segment.first
+    count = available if segment.pixels is None else segment.pixels
+    if count > available or count <= 0:
+        last = segment.first + max(count, 1) - 1
+        problems.append(
+            f"strip {strip.id} has {strip.pixels} pixels, a segment wants {segment.first} to {last}: "
+            "correct `segments`"
+        )
+        count = max(0, available)
+
+    universe = segment.universe
+    if universe is not None and output.block_pixels == WHOLE:
+        problems.append(f"the output has no universes: remove `universe: {universe}`")
+        universe = None
+
+    if universe is not None:
+        start = (universe - output.first_block) * output.block_pixels + (segment.offset or 0)
+    elif segment.offset is not None:
+        start = segment.offset
+    else:
+        start = previous_end
+    if start < 0:
+        problems.append(f"universe {universe} lies before the output's first, {output.first_block}")
+
+    numbers = np.arange(segment.first, segment.first + count, dtype=np.intp)
+    if segment.reversed:
+        numbers = numbers[::-1]
+    return _MappedSegment(start=start, end=start + count, numbers=numbers, problems=problems)
 
 
-def _divide(
-    target: Indices, colors: int, block_pixels: int, first_block: int
-) -> tuple[Indices, tuple[PixelBlock, ...]]:
+def _byte_sources(numbers: Indices, order: str, first_byte: int, dark: int) -> Indices:
+    """Return the index of the source of each byte, pixels x colours.
+
+    Args:
+        numbers: pixels of the strip.
+        order: order of the colours on the wire; what is not red, green or blue has the source `dark`.
+        first_byte: index of the strip's first byte.
+        dark: index of a dark byte.
+    """
+    bytes_of_pixel = np.array([_COLORS.find(color) for color in order], dtype=np.intp)
+    source: Indices = first_byte + 3 * numbers[:, None] + bytes_of_pixel
+    source[:, bytes_of_pixel < 0] = dark
+    return source
+
+
+def _divide(target: Indices, colors: int, output: _Output) -> tuple[Indices, tuple[PixelBlock, ...]]:
     """Return the places of the pixels `target` where only blocks in use are kept, and these."""
-    numbers, block_of = np.unique(target // block_pixels, return_inverse=True)
+    numbers, block_of = np.unique(target // output.block_pixels, return_inverse=True)
     pixels = np.zeros(len(numbers), dtype=np.intp)
-    within = target % block_pixels
+    within = target % output.block_pixels
     np.maximum.at(pixels, block_of, within + 1)
     starts = np.cumsum(pixels) - pixels
     blocks = tuple(
-        PixelBlock(first_block + int(number), int(start) * colors, int(count) * colors)
+        PixelBlock(output.first_block + int(number), int(start) * colors, int(count) * colors)
         for number, start, count in zip(numbers, starts, pixels, strict=True)
     )
     return starts[block_of] + within, blocks

@@ -25,6 +25,7 @@ GREEN = (0, 100, 0)
 BLUE = (0, 0, 90)
 BLACK = (0, 0, 0)
 DIM = (50, 0, 0)  # a quarter of RED
+PENDING = (150, 0, 0)  # three quarters
 GAP = (20, 0, 0)  # a tenth
 
 # 10 pixels a metre: pixel k of the line has its centre at 0.05 + 0.1 k
@@ -54,6 +55,7 @@ class Stage:
             kind_colors={"red": RED},
             default_color=(8, 8, 8),
             idle_level=0.25,
+            pending_level=0.75,
             gap_level=0.1,
             margin_m=margin_m,
             tail_s=tail_s,

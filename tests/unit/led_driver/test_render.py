@@ -13,7 +13,20 @@ from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.render import Layout
-from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
+from tests.unit.led_driver.stage import (
+    BACK,
+    BLACK,
+    BLUE,
+    DIM,
+    FORTH,
+    GAP,
+    GREEN,
+    PENDING,
+    RED,
+    WHITE,
+    Stage,
+    item,
+)
 
 
 @given(st.floats(-0.5, 2.5), st.floats(0.001, 1.0), st.sampled_from(["forth", "back"]), st.integers(1, 300))
@@ -94,10 +107,33 @@ def test_margins_tell_hovered_selected_and_both_apart() -> None:
 
 def test_a_reservation_is_a_thin_outer_mark_in_the_others_colour() -> None:
     assert margins(wide().select(reserver="ben")) == [BLUE, DIM, DIM, BLUE]
-    assert margins(wide().select("ben", pending=True)) == [BLUE, DIM, DIM, BLUE], "until it is done"
     assert margins(wide().select(reserver="ben").hover("anna")) == [BLUE, GREEN, GREEN, BLUE]
     assert margins(wide().hover("anna", taken_by="ben")) == [BLUE, GREEN, GREEN, BLUE]
     assert margins(wide().select(reserver="anna").hover("anna")) == [GREEN] * 4
+
+
+def test_pending_object_has_its_own_brightness_and_no_pattern() -> None:
+    stage = wide().profile("ben", BLUE, pattern="hollow").select("ben", pending=True)
+
+    assert margins(stage) == [BLUE] * 4  # unlike a reservation
+    assert stage.shown()[7:12] == [PENDING] * 5  # between that of a free object and of a selected one
+
+
+def test_pending_object_shows_its_claimant_outside_when_hovered() -> None:
+    by_another = wide().select("ben", pending=True).hover("anna")
+    by_its_claimant = wide().select("ben", pending=True).hover("ben")
+
+    assert margins(by_another) == [BLUE, GREEN, GREEN, BLUE]
+    assert margins(by_its_claimant) == [BLUE, WHITE, WHITE, BLUE]
+
+
+def test_pending_object_fills_when_its_claimant_deselects_it() -> None:
+    def body(action: str) -> list[tuple[int, int, int]]:
+        stage = Stage().profile("ben", BLUE).put(item(0.6)).select("ben", pending=True)
+        return stage.hover("ben", 1.0, action=action).shown()[4:8]
+
+    assert body("deselect") == [DIM] * 4
+    assert body("select") == [PENDING] * 4  # nothing would change
 
 
 PATTERNS = ["solid", "dashed", "dotted", "striped", "hollow", "tailed"]

@@ -236,7 +236,7 @@ def test_landings_go_on_after_the_clock_was_set(step_s: float) -> None:
     arm.now_ns += round(step_s * NS_PER_S)
     for ray in arm.reach(40.0, 1.0):
         detector.add(ray)
-    landing = detector.take()
+    landing = detector.pop_landing()
     assert landing is not None
     assert math.degrees(vector.azimuth(landing.direction)) == pytest.approx(40.0, abs=1.0)
 
@@ -248,7 +248,7 @@ def test_tremor_and_slow_turns_are_no_reaches(turned_deg: float) -> None:
     for azimuth_deg in (-60.0 + turned_deg, -60.0, -60.0 + turned_deg):
         for ray in arm.reach(azimuth_deg, 0.5):
             detector.add(ray)
-    assert detector.take() is None
+    assert detector.pop_landing() is None
 
 
 @in_virtual_time

@@ -64,6 +64,12 @@ def from_azimuth_elevation(azimuth_rad: float, elevation_rad: float, roll_rad: f
     )
 
 
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Return the angle of the rotation from `a` to `b`, 0 to pi. Both signs of a quaternion are the same."""
+    x, y, z, w = multiply(inverse(a), b)
+    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
+
+
 def normalized(q: Quaternion) -> Quaternion:
     """Return `q` with norm 1.
 

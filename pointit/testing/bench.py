@@ -57,6 +57,10 @@ def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P,
     return run
 
 
+class WaitError(AssertionError):
+    """A condition has not come true in time."""
+
+
 async def until(
     condition: Callable[[], bool],
     timeout_s: float = TIMEOUT_S,
@@ -72,14 +76,14 @@ async def until(
         is_over: ends the wait when it returns True. It replaces `timeout_s`.
 
     Raises:
-        AssertionError: If the condition does not come true in time. The message contains `description`.
+        WaitError: If the condition does not come true in time. The message contains `description`.
     """
     end_s = asyncio.get_running_loop().time() + timeout_s
     wait_s = SHORTEST_WAIT_S
     while not condition():
         if asyncio.get_running_loop().time() > end_s if is_over is None else is_over():
             sentence = description if isinstance(description, str) else description()
-            raise AssertionError(f"waited {timeout_s:g} s in vain{': ' + sentence if sentence else ''}")
+            raise WaitError(f"waited {timeout_s:g} s in vain{': ' + sentence if sentence else ''}")
         await asyncio.sleep(wait_s)
         wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
 

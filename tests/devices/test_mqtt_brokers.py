@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from pointit.cli.things import mqtt_events
-from pointit.cli.things.mqtt_events import broker_of
+from pointit.bridges.mqtt_things import mqtt_things
+from pointit.cli.things.run_things import broker_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt import broker as broker_errors
 from pointit.runtime.mqtt.broker import client_options, connected, describe_error, keep_connected
@@ -202,7 +202,7 @@ async def test_a_search_names_a_broker_that_encrypts(tmp_path: Path) -> None:
 async def test_one_cause_is_one_line_of_the_log_however_often_it_is_met(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(mqtt_events, "RETRY_S", 0.01)
+    monkeypatch.setattr(mqtt_things, "RETRY_S", 0.01)
     tries = 0
 
     async def counting(serve: Any, on_lost: Any, **options: Any) -> None:
@@ -213,7 +213,7 @@ async def test_one_cause_is_one_line_of_the_log_however_often_it_is_met(
 
         await keep_connected(try_once, on_lost, **options)
 
-    monkeypatch.setattr(mqtt_events, "keep_connected", counting)
+    monkeypatch.setattr(mqtt_things, "keep_connected", counting)
     caplog.set_level(logging.WARNING)
     async with memory_bench() as bench, published(free_port(), bench):
         await until(lambda: tries > 3, what="the broker to be tried again")

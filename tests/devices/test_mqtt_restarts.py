@@ -7,7 +7,7 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from pointit.cli.things import mqtt_events
+from pointit.bridges.mqtt_things import mqtt_things
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Selection, SetThing, ThingState, ThingStates
@@ -109,7 +109,7 @@ async def test_what_the_selector_has_restored_is_not_told_as_the_state_of_a_targ
 async def test_a_switch_that_another_target_keeps_off_is_named_and_shown_as_off(
     port: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(mqtt_events, "RESTORE_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(mqtt_things, "RESTORE_TIMEOUT_S", 0.1)
     async with after_a_run(port) as heard, selecting() as bench:
         off = ThingState(id="radio", state="off")
         bench.put(THING_STATES, ThingStates(stamp_ns=bench.clock.now_ns(), things=(off,)), "home")
@@ -136,7 +136,7 @@ async def test_a_command_of_home_assistant_has_precedence_over_what_was_on(port:
 async def test_what_is_pointed_at_without_a_broker_is_refused_with_the_reason_and_never_told_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mqtt_events, "RETRY_S", 0.1)
+    monkeypatch.setattr(mqtt_things, "RETRY_S", 0.1)
     port = free_port()
     async with selecting() as bench, published(port, bench) as watcher:
         states = bench.collect(THING_STATES)

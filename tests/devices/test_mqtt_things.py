@@ -6,7 +6,7 @@ import aiomqtt
 import pytest
 from ha_mqtt_discoverable.sensors import SwitchInfo
 
-from pointit.cli.things import mqtt_events
+from pointit.bridges.mqtt_things import mqtt_things
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Done, SelectedObject, Selection, SetThing
 from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING
@@ -68,7 +68,7 @@ async def until_retained(port: int, topic: str, payload: bytes) -> None:
 async def test_the_broker_retains_that_a_run_which_was_killed_is_offline(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mqtt_events, "RETRY_S", 600.0)  # as if it did not come back
+    monkeypatch.setattr(mqtt_things, "RETRY_S", 600.0)  # as if it did not come back
     async with (
         memory_bench() as bench,
         Relay(port).running() as relay,

@@ -7,7 +7,8 @@ from collections.abc import AsyncGenerator, Mapping
 from time import time_ns
 from typing import Any
 
-from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.bridges.mqtt_things.mqtt_things import MqttThings
+from pointit.cli.things.run_things import broker_of
 from pointit.schemas import Environment, SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.topics import SELECTION_EVENTS

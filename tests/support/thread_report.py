@@ -1,4 +1,7 @@
-"""A hook by which the report of a test that has failed says what each thread of its process does."""
+"""A hook by which the report of a test that waited in vain says what each thread of its process does.
+
+The stacks stand above the failure, so that the failed assertion is at the end. A plain assertion has none.
+"""
 
 import contextlib
 import faulthandler
@@ -6,44 +9,63 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import pytest
+from _pytest._code.code import ExceptionChainRepr, ReprEntryNative, ReprTraceback
 
+from pointit.runtime.errors import PointItError
+from pointit.testing.bench import WaitError
+
+WAITS: tuple[type[BaseException], ...] = (WaitError, TimeoutError, PointItError, pytest.fail.Exception)
+"""Failures for which stacks help: something did not come in time. The last is that of `pytest-timeout`."""
+RECEIVER = "rx-"
+"""Begin of the names of Zenoh's receiving threads, on which there is no Python."""
 SHOW = (
-    "[(t.switch(), gdb.execute('bt 25')) for t in gdb.selected_inferior().threads() if t.name[:3] == 'rx-']"
+    "[(t.switch(), gdb.execute('bt 25')) "
+    f"for t in gdb.selected_inferior().threads() if t.name.startswith('{RECEIVER}')]"
 )
-"""Command of gdb's Python: the stacks of Zenoh's receiving threads, on which there is no Python."""
+"""Command of gdb's Python: the stacks of these threads."""
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(
+    call: pytest.CallInfo[object],
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add Python's stacks, what threads wait for and, where gdb is, the stacks of Zenoh's receivers."""
     report = yield
-    if report.failed:
-        with tempfile.TemporaryFile("w+") as file:
-            faulthandler.dump_traceback(file)
-            for task in Path("/proc/self/task").glob("*"):
-                with contextlib.suppress(OSError):  # it has ended
-                    print(
-                        (task / "comm").read_text().strip(),
-                        (task / "wchan").read_text(),
-                        file=file,
-                        flush=True,
-                    )
-            if shutil.which("gdb") is not None:
-                command = [
-                    "gdb",
-                    "-p",
-                    str(os.getpid()),
-                    "-batch",
-                    "-iex",
-                    "set auto-load no",
-                    "-ex",
-                    f"python {SHOW}",
-                ]
-                subprocess.run(command, stdout=file, stderr=subprocess.DEVNULL, check=False)
-            file.seek(0)
-            report.sections.append(("threads of this process", file.read()))
+    if call.excinfo is None or not report.failed or not _is_wait(call.excinfo.value):
+        return report
+    if isinstance(report.longrepr, ExceptionChainRepr):
+        stacks = ReprEntryNative(["threads of this process:\n", *_stacks().splitlines(keepends=True)])
+        above = ReprTraceback([stacks], extraline=None, style="native")
+        report.longrepr = ExceptionChainRepr([(above, None, "The failure:"), *report.longrepr.chain])
     return report
+
+
+def _is_wait(error: BaseException) -> bool:
+    """Return True if `error` is one of `WAITS`, or a group with one."""
+    if isinstance(error, BaseExceptionGroup):
+        members: Sequence[BaseException] = error.exceptions
+        return any(_is_wait(member) for member in members)
+    return isinstance(error, WAITS)
+
+
+def _stacks() -> str:
+    """Return the stacks of the threads of this process, and what each waits for."""
+    names: list[str] = []
+    with tempfile.TemporaryFile("w+") as file:
+        faulthandler.dump_traceback(file)
+        for task in Path("/proc/self/task").glob("*"):
+            with contextlib.suppress(OSError):  # it has ended
+                name = (task / "comm").read_text().strip()
+                print(name, (task / "wchan").read_text(), file=file, flush=True)
+                names.append(name)
+        has_receivers = any(name.startswith(RECEIVER) for name in names)
+        if has_receivers and shutil.which("gdb") is not None:
+            command = ["gdb", "-p", str(os.getpid()), "-batch", "-iex", "set auto-load no"]
+            command += ["-ex", f"python {SHOW}"]
+            subprocess.run(command, stdout=file, stderr=subprocess.DEVNULL, check=False)
+        file.seek(0)
+        return file.read()

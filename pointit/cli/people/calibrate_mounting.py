@@ -1,10 +1,4 @@
-"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses.
-
-Measurement of the sensor's mounting by two poses: the arm level ahead, and straight up.
-
-Orientations are world_from_arm with the mounting before the measurement. The result is arm_from_true, which
-rotates vectors of the true arm frame (x to the finger, z up in the first pose) into the previous one.
-"""
+"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
 
 import asyncio
 import math
@@ -13,9 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import wait_for_enter
@@ -27,32 +18,23 @@ from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.people.anchor import LISTEN_S
 from pointit.cli.people.calibrate_user import erase_local, query_site, read_local
 from pointit.diagnosis.observation import silence_reason
-from pointit.geometry import rotation, vector
+from pointit.geometry import rotation
 from pointit.geometry.rotation import IDENTITY, Quaternion
-from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import NS_PER_S, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
-from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
+from pointit.services.imu_bridge.fitted_mounting import (
+    APART_RAD,
+    FittedMounting,
+    MountingError,
+    MountingHold,
+    RestPoseCollector,
+    solve_mounting,
+)
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
-
-Orientations = NDArray[np.float64]
-"""n x 4, x, y, z, w."""
-
-MOVEMENT_RAD = math.radians(5.0)
-"""Distance from the start of a rest beyond which a sample is a movement; holds wander by 1° (pointing.md
-§7)."""
-STILL_RAD = math.radians(3.0)
-"""Largest spread (rms) of a valid pose."""
-APART_RAD = math.radians(45.0)
-"""Smallest turn between the two poses, which should be 90°."""
-SQUARE_RAD = math.radians(25.0)
-"""Largest deviation of the two poses from a right angle; beyond it at least one was held wrongly."""
-
-_UP: Vec3 = (0.0, 0.0, 1.0)
 
 POSES = (
     ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
@@ -60,141 +42,6 @@ POSES = (
 )
 NOTICEABLE_RAD = math.radians(2.0)
 """Change of direction below which it is not reported."""
-
-
-class MountingError(ValueError):
-    """The poses do not determine a mounting; the message has the reason and the remedy."""
-
-
-@dataclass(frozen=True)
-class MountingHold:
-    """An arm that rested in a pose."""
-
-    mean_xyzw: Quaternion
-    spread_rad: float
-    """Rms of the angles between the samples and their mean."""
-    samples: int
-
-
-@dataclass(frozen=True)
-class FittedMounting:
-    """A solved mounting; errors are elevations of the arm minus those of the poses."""
-
-    arm_from_true: Quaternion
-    about_arm_rad: float
-    """Roll of the sensor about the arm; positive: clockwise, seen from elbow to finger."""
-    off_axis_rad: float
-    """Angle between the true arm and the previously assumed one."""
-    forward_before_rad: float
-    up_before_rad: float
-    forward_after_rad: float
-    up_after_rad: float
-    heading_change_rad: float
-    """Change of the azimuth of the arm, level ahead, by the new mounting."""
-
-
-class RestPoseCollector:
-    """Collects samples while the arm rests; a movement restarts it."""
-
-    def __init__(self, duration_s: float) -> None:
-        self._duration_s = duration_s
-        self._samples: list[Quaternion] = []
-        self._began_s = 0.0
-        self.rested_s = 0.0
-        """Duration of the present rest, s."""
-        self.moved_rad = 0.0
-        """Angle of the newest sample from the start of the rest."""
-
-    def add(self, orientation_xyzw: Quaternion, time_s: float) -> MountingHold | None:
-        """Add a sample. Return the pose once the arm has rested long enough, else None."""
-        self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
-        if not self._samples or self.moved_rad > MOVEMENT_RAD or time_s < self._began_s:
-            self._samples.clear()
-            self._began_s = time_s
-        self._samples.append(orientation_xyzw)
-        self.rested_s = time_s - self._began_s
-        if self.rested_s < self._duration_s:
-            return None
-        return mean_pose(np.array(self._samples))
-
-
-def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """Return the angle between `a` and `b`, 0 to pi."""
-    x, y, z, w = rotation.multiply(rotation.inverse(a), b)
-    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
-
-
-def mean_pose(orientations: Orientations) -> MountingHold:
-    """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
-    turns = Rotation.from_quat(orientations)
-    mean = turns.mean()
-    angles = (mean.inv() * turns).magnitude()
-    x, y, z, w = (float(value) for value in mean.as_quat())
-    return MountingHold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
-
-
-def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
-    """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
-
-    The arm's axis pointed up in the second pose and was level in the first; a contradiction is shared between
-    both. The roll about it makes the arm's z point up in the first pose.
-
-    Raises:
-        MountingError: If the arm did not rest, did not move in between, or one of the poses was another one.
-    """
-    for pose, name in ((forward, "ahead"), (up, "up")):
-        if pose.spread_rad > STILL_RAD:
-            limit_deg = math.degrees(STILL_RAD)
-            spread_deg = round_beyond(math.degrees(pose.spread_rad), limit_deg)
-            raise MountingError(
-                f"the arm did not rest while it was {name}: it wandered by {spread_deg}° rms, at most "
-                f"{limit_deg:.0f}° is allowed; hold it still and do it again"
-            )
-    turned_rad = angle_between(forward.mean_xyzw, up.mean_xyzw)
-    if turned_rad < APART_RAD:
-        raise MountingError(
-            f"the two poses are the same: between them the arm turned by {math.degrees(turned_rad):.0f}° "
-            "only; hold it level ahead first, then straight up"
-        )
-    level = rotation.rotate(rotation.inverse(forward.mean_xyzw), _UP)  # up in the first pose, arm's frame
-    axis = rotation.rotate(rotation.inverse(up.mean_xyzw), _UP)
-    slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
-    if abs(slope_rad) > SQUARE_RAD:
-        limit_deg = math.degrees(SQUARE_RAD)
-        slope_deg = round_beyond(abs(math.degrees(slope_rad)), limit_deg, 0)
-        raise MountingError(
-            f"up in the second pose is {slope_deg}° from level in the first, at most {limit_deg:.0f}° is "
-            "allowed: point level ahead, then straight up, with the arm stretched and the wrist straight, "
-            "and without the band slipping"
-        )
-    levelled = vector.normalized(vector.subtract(axis, vector.scale(level, vector.dot(axis, level))))
-    x = vector.normalized(vector.add(axis, levelled))
-    z = vector.normalized(vector.subtract(level, vector.scale(x, vector.dot(level, x))))
-    matrix = np.array([x, vector.cross(z, x), z]).T
-    qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(matrix).as_quat(canonical=True))
-    return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
-
-
-def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> FittedMounting:
-    ahead: Vec3 = (1.0, 0.0, 0.0)
-    axis = rotation.rotate(arm_from_true, ahead)
-
-    def seen(pose: Quaternion, direction: Vec3) -> Vec3:
-        return rotation.rotate(pose, direction)
-
-    before = seen(forward, ahead)
-    after = seen(forward, axis)
-    half_turn = math.pi / 2.0
-    return FittedMounting(
-        arm_from_true=arm_from_true,
-        about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
-        off_axis_rad=vector.angle_between(axis, ahead),
-        forward_before_rad=vector.elevation(before),
-        up_before_rad=vector.elevation(seen(up, ahead)) - half_turn,
-        forward_after_rad=vector.elevation(after),
-        up_after_rad=vector.elevation(seen(up, axis)) - half_turn,
-        heading_change_rad=vector.wrap(vector.azimuth(after) - vector.azimuth(before)),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,7 +193,7 @@ class _Wrist:
                     sample = await self._latest.wait_for_next()
                     turned_rad = math.pi
                     if apart_from is not None:
-                        turned_rad = angle_between(apart_from, sample.orientation_xyzw)
+                        turned_rad = rotation.angle_between(apart_from, sample.orientation_xyzw)
                     if turned_rad < APART_RAD:
                         tell(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
                         continue

@@ -8,19 +8,21 @@ from typing import Any
 
 import click
 
+from pointit.bridges.mqtt_things.mqtt_things import MqttThings
 from pointit.bridges.speaker.speech_synthesizer import require_synthesizer
 from pointit.cli.parts import RunAddition, RunPart
 from pointit.cli.summary import DisplayPart
-from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher, OnEvent, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.maps.checks.things import check_labels
 from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.mqtt.broker import discovery_prefix
+from pointit.runtime.mqtt.broker import discovery_prefix, require_client
+from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
 from pointit.schemas import Announced, Environment, Health, SelectionEvent, Step
 from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 from pointit.schemas.text import LANGUAGE
@@ -199,6 +201,20 @@ def mqtt_options(function: Any) -> Any:
         help="its discovery prefix  [default: variable MQTT_DISCOVERY_PREFIX, or homeassistant]",
     )
     return broker(authority(prefix(function)))
+
+
+def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
+    """Return the broker at `HOST`, `HOST:PORT` or `mqtt[s]://[USER@]HOST[:PORT]`.
+
+    Raises:
+        ConfigError: If it is none of these, or the extra is missing.
+    """
+    require_client("things by MQTT")
+    if not address:
+        raise ConfigError(f"--mqtt: {FORM}")
+    layers = Layers()
+    layers.add({"broker": address, "ca_file": ca_file}, "--mqtt")
+    return layers.build(BrokerConfig)
 
 
 def _options(function: Any) -> Any:

@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 import click
 
 from pointit.api.feed import is_reaction
+from pointit.bridges.mqtt_things.mqtt_things import USER, MqttThings
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import TIMEOUT_S, SiteAddress, site_command
-from pointit.cli.things.mqtt_events import USER, MqttThings, broker_of
-from pointit.cli.things.run_things import mqtt_options, summary_lines
+from pointit.cli.things.run_things import broker_of, mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock

@@ -14,9 +14,8 @@ import pytest_asyncio
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.cli.people.calibrate_mounting import angle_between
 from pointit.geometry import rotation
-from pointit.geometry.rotation import from_roll_pitch_yaw
+from pointit.geometry.rotation import angle_between, from_roll_pitch_yaw
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.things.mqtt_events import Announcements
+from pointit.bridges.mqtt_things.announcements import Announcements
 from pointit.schemas import SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
 

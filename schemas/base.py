@@ -52,8 +52,20 @@ Distance = Annotated[float, Field(ge=0.0, le=FARTHEST_ALONG)]
 Vec3 = tuple[Real, Real, Real]
 """x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")]
+NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}"
+"""Regular expression of a name that may stand in a key."""
+
+Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN}$")]
 """A name that may stand in a key: letters, digits, `_`, `-`, `.`; at most 64 of them."""
+
+KeyName = Annotated[str, Field(pattern=f"^{NAME_PATTERN}$"), WithJsonSchema({"type": "string"})]
+"""A name of a person, a lamp, a robot, a service or a carrier, which becomes a part of a key.
+
+A reader may declare a key with it, which fails if it is no `Name`. The pattern is newer than the schemas of
+messages, which never change, so they do not state it; the catalogue does."""
+
+KeyNameOrEmpty = Annotated[str, Field(pattern=f"^({NAME_PATTERN})?$"), WithJsonSchema({"type": "string"})]
+"""A `KeyName`, or empty for none."""
 
 MAX_ID = 256
 """Limit of characters of an id, so that a message that repeats a few of them has room for them."""

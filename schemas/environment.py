@@ -10,6 +10,8 @@ from pointit.schemas.base import (
     Count,
     Extent,
     Id,
+    KeyName,
+    KeyNameOrEmpty,
     Many,
     Message,
     Name,
@@ -296,7 +298,7 @@ class Departure(SchemaModel):
     object_id: Id
     stamp_ns: Ns
     bay: Annotated[Id, Field(description="empty for a belt's end")] = ""
-    user: Annotated[Id, Field(description="person for whom it was sent there, or empty")] = ""
+    user: Annotated[KeyNameOrEmpty, Field(description="person for whom it was sent there, or empty")] = ""
 
 
 class ConveyorState(Message):
@@ -326,11 +328,12 @@ class LampColor(Message):
 class LampLease(SchemaModel):
     """One person's place in the queue for lamps."""
 
-    user: Id
+    user: KeyName
     since_ns: Annotated[Ns, Field(description="`since_ns` of their localization, which is their place")]
-    lamps: Many[Id]
+    lamps: Many[KeyName]
     ahead: Annotated[
-        Many[Id], Field(description="people who come first; if empty, the lamps are theirs until they end")
+        Many[KeyName],
+        Field(description="people who come first; if empty, the lamps are theirs until they end"),
     ] = ()
 
 

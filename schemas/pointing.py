@@ -12,6 +12,8 @@ from pointit.schemas.base import (
     Extent,
     Fraction,
     Id,
+    KeyName,
+    KeyNameOrEmpty,
     Many,
     Message,
     Ns,
@@ -139,11 +141,11 @@ class Localization(Message):
         Many[Candidate], Field(description="of several robots, which may be meant; the likeliest first")
     ] = ()
     ahead: Annotated[
-        Many[Id],
+        Many[KeyName],
         Field(description="people at the lamps or ahead in the queue; the person waits, not sampling"),
     ] = ()
     lamps: Annotated[
-        Many[Id],
+        Many[KeyName],
         Field(description="lamps that nobody else can use meanwhile; `target_id` among them is to be lit"),
     ] = ()
 
@@ -174,7 +176,7 @@ class Anchor(Message):
 class LampMiss(SchemaModel):
     """Distance at which the ray passes a lamp."""
 
-    id: Id
+    id: KeyName
     miss_rad: Extent
 
 
@@ -228,7 +230,9 @@ class Hover(Message):
     action: Annotated[
         Literal["", "select", "deselect", "refuse"], Field(description="effect of dwelling there")
     ] = ""
-    taken_by: Annotated[Id, Field(description="other person who has selected or reserved it")] = ""
+    taken_by: Annotated[KeyNameOrEmpty, Field(description="other person who has selected or reserved it")] = (
+        ""
+    )
     is_selected: bool = False
     snapped_m: Annotated[
         Vec3 | None, Field(description="position that attracts the cursor, {W}; the true one is the cursor's")
@@ -261,7 +265,8 @@ class Interaction(Message):
     next_step: Annotated[str, Field(description="instruction to the person, in one sentence")] = ""
     reason: Annotated[str, Field(description="why the state was entered")] = ""
     ahead: Annotated[
-        Many[Id], Field(description="people to be localized before, in turn; also empty without a request")
+        Many[KeyName],
+        Field(description="people to be localized before, in turn; also empty without a request"),
     ] = ()
     is_unsure: Annotated[
         bool,
@@ -304,7 +309,7 @@ class Goal(Message):
     confirmed_by: Annotated[
         Literal["again", "press"], Field(description="by pointing there once more, or by their button")
     ]
-    robot: Annotated[Id, Field(description="that is to go there, or empty if any may")] = ""
+    robot: Annotated[KeyNameOrEmpty, Field(description="that is to go there, or empty if any may")] = ""
     via_m: Annotated[Many[Vec3], Field(description="way-points before `position_m`, in order, {W}")] = ()
 
 

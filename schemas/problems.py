@@ -10,6 +10,7 @@ from pointit.schemas.text import hide_secrets
 CLOCK = "clock"
 CLOCK_LIMIT = "clock-limit"
 DENIED = "denied"
+HANDLER = "handler"
 INVALID = "invalid"
 LATE = "late"
 IDLE_ARM = "nobody"
@@ -35,6 +36,7 @@ CODES = {
     DENIED: "identity `subject` lacks a right",
     REVOKED: "identity `subject` was revoked, or its certificate replaced, and still connects",
     INVALID: "messages on `topic`, the last of writer `subject`, could not be decoded",
+    HANDLER: "the service fails on messages on `topic`, the last of writer `subject`",
     LATE: "messages on `topic` came late, or after newer ones",
     IDLE_ARM: "nobody moves the arm yet",
     ROUTER_LOST: "the router at `subject` does not answer",

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Extent, Fraction, Id, Many, Message, Ns, Real, Vec3
+from pointit.schemas.base import Extent, Fraction, KeyNameOrEmpty, Many, Message, Ns, Real, Vec3
 from pointit.schemas.pointing import Candidate
 from pointit.schemas.table_types import Delivery, Topic
 
@@ -34,7 +34,7 @@ class RobotState(Message):
         Extent | None, Field(description="1 sigma of the position along the worst direction, if known")
     ] = None
     radius_m: Annotated[Extent, Field(description="of the sphere, or upright cylinder, that it fills")]
-    user: Annotated[Id, Field(description="person who steers it, or empty")] = ""
+    user: Annotated[KeyNameOrEmpty, Field(description="person who steers it, or empty")] = ""
     target_m: Annotated[Vec3 | None, Field(description="where it is sent, or None")] = None
     reason: Annotated[
         str, Field(description="why it does not move as asked, and the remedy; empty if it does")
@@ -52,13 +52,13 @@ class RobotPlan(Message):
     """The way that a robot is about to take."""
 
     line_m: Annotated[Many[Vec3], Field(description="rest of its way, {W}, or empty if it goes nowhere")] = ()
-    user: Annotated[Id, Field(description="person for whom, or empty")] = ""
+    user: Annotated[KeyNameOrEmpty, Field(description="person for whom, or empty")] = ""
 
 
 class Steering(Message):
     """A person's wish for a robot. The robot itself decides whom it obeys: see `RobotState.user`."""
 
-    robot: Annotated[Id, Field(description="that the person wants to steer, or empty")] = ""
+    robot: Annotated[KeyNameOrEmpty, Field(description="that the person wants to steer, or empty")] = ""
     mode: Annotated[
         Literal["none", "follow", "goals", "land"],
         Field(

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Id, Many, Message, Ns, SchemaModel
+from pointit.schemas.base import Fraction, Id, KeyName, KeyNameOrEmpty, Many, Message, Ns, SchemaModel
 from pointit.schemas.environment import ThingMode
 
 RESTORED = "was on before a restart"  # in the reason of an event, to which nothing reacts
@@ -36,7 +36,7 @@ class SelectedObject(SchemaModel):
     """One selected object."""
 
     id: Id
-    user: Id
+    user: KeyName
     since_ns: Ns
     kind: Id = ""
     confidence: Annotated[
@@ -49,7 +49,7 @@ class ReservedObject(SchemaModel):
     """An object that a person is about to select. To others it is not available."""
 
     id: Id
-    user: Id
+    user: KeyName
     until_ns: Annotated[Ns, Field(description="free again then, unless held on")]
 
 
@@ -93,7 +93,8 @@ class SelectionEvent(Message):
     object_id: Id
     kind: Id = ""
     user: Annotated[
-        Id, Field(description="acting person; of `left` and `dispatched`: for whom it went there, or empty")
+        KeyNameOrEmpty,
+        Field(description="acting person; of `left` and `dispatched`: for whom it went there, or empty"),
     ] = ""
     reason: str = ""
     bay: Annotated[Id, Field(description="of `dispatched`: where it went")] = ""
@@ -103,7 +104,8 @@ class SelectionEvent(Message):
     ] = ""
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
     carriers: Annotated[
-        Many[Id], Field(description="services that carry it out: an `ActOutcome` follows. Empty: it is done")
+        Many[KeyName],
+        Field(description="services that carry it out: an `ActOutcome` follows. Empty: it is done"),
     ] = ()
 
     @property
@@ -187,7 +189,7 @@ class ActOutcome(Message):
     event: Literal["selected", "deselected"]
     object_id: Id
     kind: Id = ""
-    user: Id = ""
+    user: KeyNameOrEmpty = ""
     event_ns: Ns
     result: ResultKind
     code: FailureCode = ""

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Count, Id, KeyNameError, Many, Message, SchemaModel
+from pointit.schemas.base import Count, Id, KeyName, KeyNameError, KeyNameOrEmpty, Many, Message, SchemaModel
 from pointit.schemas.problems import OTHER, Problem
 from pointit.schemas.table_types import check_name
 
@@ -104,11 +104,11 @@ class Health(Message):
 
     max_bytes: ClassVar[int] = 64 * 1024
 
-    service: Id
-    instance: Id
+    service: KeyName
+    instance: KeyName
     pid: Annotated[int, Field(ge=0)]
     host: Id = ""
-    user: Id = ""
+    user: KeyNameOrEmpty = ""
     uptime_s: Annotated[float, Field(ge=0)] = 0.0
     keys: Many[KeyHealth] = ()
     step: Annotated[Quantiles | None, Field(description="time spent in its handlers")] = None
@@ -130,9 +130,9 @@ class Configuration(Message):
 
     max_bytes: ClassVar[int] = 256 * 1024
 
-    service: Id
-    instance: Id
-    user: Id = ""
+    service: KeyName
+    instance: KeyName
+    user: KeyNameOrEmpty = ""
     parameters: Annotated[str, Field(description="JSON of all parameters but secrets")] = "{}"
     release: Annotated[Id, Field(description="version of PointIt")] = ""
 
@@ -142,8 +142,8 @@ class ServedRequest(Message):
 
     max_bytes: ClassVar[int] = 1024 * 1024
 
-    service: Id
-    instance: Id
+    service: KeyName
+    instance: KeyName
     request: Annotated[Id, Field(description="key of the request")]
     query: Annotated[str, Field(description="JSON")]
     reply: Annotated[str, Field(description="JSON, or empty if it was refused or too large")] = ""
@@ -153,10 +153,10 @@ class ServedRequest(Message):
 class ExpectedService(SchemaModel):
     """A service that should be running, and the command that starts it again."""
 
-    service: Id
-    user: Id = ""
+    service: KeyName
+    user: KeyNameOrEmpty = ""
     command: Many[str] = ()
-    name: Annotated[Id, Field(description="among several of its kind on the site, or empty")] = ""
+    name: Annotated[KeyNameOrEmpty, Field(description="among several of its kind on the site, or empty")] = ""
 
     @property
     def instance(self) -> str:

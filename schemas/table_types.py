@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, Protocol, TypeVar
 
-from pointit.schemas.base import KeyNameError, Message, Query, Reply
+from pointit.schemas.base import NAME_PATTERN, KeyNameError, Message, Query, Reply
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -18,7 +18,7 @@ ANY = "*"
 MAX_AGE_PERIODS = 10
 """Largest age of the newest message of a topic, in its nominal periods."""
 
-NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}\Z")
+NAME = re.compile(rf"{NAME_PATTERN}\Z")
 """Valid values of a placeholder."""
 
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")

@@ -27,6 +27,7 @@ from pointit.schemas.problems import (
     CLOCK_LIMIT,
     DENIED,
     EVENT_LOOP,
+    HANDLER,
     IDLE_ARM,
     INVALID,
     LATE,
@@ -355,6 +356,27 @@ def _invalid(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         yield cause
 
 
+def _failing(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain handlers that fail by the messages on which they do, and name the sender."""
+    del seen
+    failures = [each for each in symptoms if each.problem == HANDLER]
+    growing = {each.service for each in failures if each.code == "failing"}
+    by_sender: dict[tuple[str, str], list[Finding]] = defaultdict(list)
+    for each in failures:
+        if each.code == "warning":
+            by_sender[each.topic, each.subject].append(each)
+    for group in by_sender.values():
+        services = {each.service for each in group}
+        cause = _first_of(group, "failing")
+        if services & growing:
+            cause = replace(cause, finding=replace(cause.finding, severity="error"))
+
+        def is_counter(other: Finding, services: set[str] = services) -> bool:
+            return other.problem == HANDLER and other.code != "warning" and other.service in services
+
+        yield _also(cause, is_counter)
+
+
 def _late(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain what is late, or does not come, by the first of it on the way from the wrist."""
     late = [each for each in symptoms if may_pass(each)]
@@ -414,12 +436,13 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 EXPLANATIONS: tuple[Explanation, ...] = (
     _lost_router, _clock, _disk, _rights, partial(_processes, stopped_services), _blocked, _starved,
-    partial(_processes, gone_processes), _mass, _gone, _unwritten, _no_cursor, _duplicates, _invalid, _late,
-    _same_words,
+    partial(_processes, gone_processes), _mass, _gone, _unwritten, _no_cursor, _duplicates, _invalid,
+    _failing, _late, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
 OF_ONE_PERSON: tuple[Explanation, ...] = (
-    _clock, _disk, _rights, _blocked, _starved, _unwritten, _duplicates, _invalid, _late, _same_words,
+    _clock, _disk, _rights, _blocked, _starved, _unwritten, _duplicates, _invalid, _failing, _late,
+    _same_words,
 )  # fmt: skip
 """The same for what one person's services claim."""
 

@@ -8,7 +8,7 @@ from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding
 from pointit.geometry import floor_sigma
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health, UserPose
-from pointit.schemas.problems import IDLE_ARM, INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
+from pointit.schemas.problems import HANDLER, IDLE_ARM, INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line, round_beyond
@@ -131,9 +131,10 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
             ),
         ):
             yield from (replace(each, topic=pattern, problem=problem) for each in findings)
-    yield from _counter(
+    failures = _counter(
         instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
     )
+    yield from (replace(each, problem=HANDLER) for each in failures)
 
 
 def _is_simulated(user: str, seen: Observation) -> bool:

@@ -76,6 +76,11 @@ class RefusedError(RequestError):
     """The server refuses and gives the reason. Raised by servers, and again at the caller."""
 
 
+def describe(error: BaseException) -> str:
+    """Return the class and the message of `error`, in one line."""
+    return f"{type(error).__name__}: {error}".partition("\n")[0][:200].rstrip(": ")
+
+
 def first_cause(error: BaseException) -> BaseException:
     """Return the error to show to a person of those that `error` groups: a `PointItError` if there is one."""
     if isinstance(error, BaseExceptionGroup):

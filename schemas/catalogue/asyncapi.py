@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pointit.schemas.base import MAX_ID, Message, Query
+from pointit.schemas.base import MAX_ID, NAME_PATTERN, Message, Query
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Request, Topic
 
@@ -18,7 +18,8 @@ _ABOUT = (
     "with the message's name and version (`ImuSample.v1`) as its schema.\n\nA `get` on `KEY/@adv/**?_anyke` "
     "returns the last value of the state `KEY` from its writer; a `get` on `KEY`, that of one that is gone. "
     "A request is a `get` on its key with the query as payload. An error reply is one sentence, UTF-8: the "
-    f"reason of a refusal. Ids have at most {MAX_ID} characters."
+    f"reason of a refusal. Ids have at most {MAX_ID} characters. Names of people, lamps, robots, services "
+    f"and carriers in messages are parts of keys, too: they match `{NAME_PATTERN}`."
 )
 
 

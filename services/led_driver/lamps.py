@@ -217,10 +217,12 @@ class Lamps:
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._set: dict[str, Rgb] = {}
         """Colours of lamps that were set."""
+        self._ids: frozenset[str] = frozenset()
+        """Lamps of the map. Others that a message names are ignored: they have no key, and no light."""
         self._near: set[str] = set()
         """Lamps that were ever near a ray, and are in the map."""
         self._guards: dict[str, FlashGuard] = {}
-        """By lamp: all that were ever in a map or near a ray. Those without another colour are dark."""
+        """By lamp: all that were ever in a map. Those without another colour are dark."""
 
     @property
     def follow_people(self) -> bool:
@@ -229,6 +231,7 @@ class Lamps:
 
     def set_lamps(self, ids: Collection[str]) -> None:
         """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
+        self._ids = frozenset(ids)
         self._near.intersection_update(ids)
         self._set = {lamp_id: color for lamp_id, color in self._set.items() if lamp_id in ids}
         self._guard(ids)
@@ -237,9 +240,7 @@ class Lamps:
         """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
         if cursor.lamps:
-            new = [lamp.id for lamp in cursor.lamps if lamp.id not in self._near]
-            self._near.update(new)
-            self._guard(new)
+            self._near.update(lamp.id for lamp in cursor.lamps if lamp.id in self._ids)
 
     def set_color(self, lamp_id: str, color: Rgb | None) -> None:
         """Show `color` on a lamp. None: what it shows by itself.

@@ -96,6 +96,10 @@ class SubscriptionStats:
     """Placeholder's value in its key, if known."""
     errors: int = 0
     """Number of handler calls that raised."""
+    last_failure: str = ""
+    """Class and message of the last error that a handler raised."""
+    last_failure_name: str = ""
+    """Placeholder's value in the key of the message that it was called with, or `""`."""
 
 
 class Closable(Protocol):

@@ -25,7 +25,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas import NS_PER_S, Message, Quantiles, Query, Reply, ServedRequest
-from pointit.schemas.problems import INVALID, LATE, MAX_SUBJECT, Problem
+from pointit.schemas.problems import HANDLER, INVALID, LATE, MAX_SUBJECT, Problem
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import hide_secrets
@@ -104,6 +104,9 @@ class ReaderCounts:
         for counter in ("received", "dropped", "lost", "invalid", "errors"):
             sum_of_both = getattr(self.traffic, counter) + getattr(other.traffic, counter)
             setattr(self.traffic, counter, sum_of_both)
+        if other.traffic.errors:
+            self.traffic.last_failure = other.traffic.last_failure
+            self.traffic.last_failure_name = other.traffic.last_failure_name
         self.order.refused += other.order.refused
         self.lateness.refused += other.lateness.refused
         self.lateness.by_s = max(self.lateness.by_s, other.lateness.by_s)
@@ -123,6 +126,7 @@ class TopicMeter:
         self._old = _DropCounter()
         self._late = _DropCounter()
         self._invalid = _DropCounter()
+        self._failed = _DropCounter()
 
     def add(self, reader: ReaderCounts) -> None:
         """Include the counters of `reader`."""
@@ -143,7 +147,7 @@ class TopicMeter:
         return sum(getattr(reader.traffic, counter) for reader in self._readers)
 
     def problems(self, now_s: float, user: str) -> Iterator[Problem]:
-        """Yield one problem each for recent messages that were out of order, late or invalid.
+        """Yield one problem each for recent messages that were out of order, late, invalid or failed.
 
         `user`: the person whose service reads them, or `""`.
         """
@@ -167,6 +171,9 @@ class TopicMeter:
                 yield Problem(
                     code=INVALID, sentence=sentence, topic=key, subject=bad.last_error_name[:MAX_SUBJECT]
                 )
+        failed = self.total("errors")
+        if self._failed.holds(failed, now_s):
+            yield self._failure(failed, user)
         late = sum(reader.lateness.refused for reader in self._readers)
         if self._late.holds(late, now_s):
             by_s = max(reader.lateness.by_s for reader in self._readers)
@@ -176,6 +183,17 @@ class TopicMeter:
                 "loses much"
             )
             yield Problem(code=LATE, sentence=sentence, topic=key)
+
+    def _failure(self, count: int, user: str) -> Problem:
+        """Return the problem of `count` messages whose handler raised an error, with the last sender."""
+        last = next(reader.traffic for reader in self._readers if reader.traffic.errors)
+        sender = last.last_failure_name
+        origin = f", the last of {sender}" if sender else ""
+        sentence = (
+            f"{count} messages on {fill_key(self.topic.key, user)} could not be handled{origin} "
+            f"({last.last_failure}): end what writes them there, and report this with the log"
+        )
+        return Problem(code=HANDLER, sentence=sentence, topic=self.topic.key, subject=sender[:MAX_SUBJECT])
 
 
 class InstrumentedPublisher(Generic[M]):

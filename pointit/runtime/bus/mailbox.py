@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable
 from typing import Any, Protocol
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
+from pointit.runtime.errors import describe
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
@@ -221,8 +222,8 @@ class Mailbox:
         for name, message in batch:
             try:
                 self._handler(message, name)
-            except Exception as error:  # noqa: BLE001 - an error of one handler must not stop the others
-                self._count_error(error)
+            except Exception as error:  # noqa: BLE001 - a message of one must not stop those of others
+                self._count_error(error, name)
         if self._retained:
             self._drain_retained()
 
@@ -277,13 +278,17 @@ class Mailbox:
                 try:
                     self._handler(message, name)
                 except Exception as error:  # noqa: BLE001 - as above
-                    self._count_error(error)
+                    self._count_error(error, name)
 
-    def _count_error(self, error: Exception) -> None:
+    def _count_error(self, error: Exception, name: str) -> None:
+        """Count the `error` of the handler that was called with a message of `name`, and log it."""
         self.traffic.errors += 1
+        self.traffic.last_failure = describe(error)
+        self.traffic.last_failure_name = name
         if self._may_log(f"error {id(self)}"):
+            sender = f" for {name}" if name else ""
             count = self.traffic.errors
-            log.error("handler of %s failed (%d so far)", self.topic.key, count, exc_info=error)
+            log.error("handler of %s failed%s (%d so far)", self.topic.key, sender, count, exc_info=error)
 
     def count_invalid(self, reason: object, name: str = "") -> None:
         """Count an invalid item, for `name` if known, and log the reason. Any thread."""

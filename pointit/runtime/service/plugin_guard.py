@@ -20,7 +20,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.plugins import PluginGroup
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.errors import ConfigError, PointItError, describe
 from pointit.runtime.host.state_file import StateFile, state_directory
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas.problems import EVENT_LOOP
@@ -252,11 +252,6 @@ class PluginGuard:
         self._failures = 0
         self.problem = ""
         self._sink.clear("plug-in", self.label)
-
-
-def describe(error: BaseException) -> str:
-    """Return the class and the message of `error`, in one line."""
-    return f"{type(error).__name__}: {error}".partition("\n")[0][:200].rstrip(": ")
 
 
 async def _contained(run: Callable[[], Awaitable[None]]) -> None:

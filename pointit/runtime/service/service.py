@@ -13,7 +13,7 @@ from pointit.runtime.bus.contract import Bus, Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config, published_parameters
-from pointit.runtime.errors import BusClosedError, ConfigError, PointItError, first_cause
+from pointit.runtime.errors import BusClosedError, ConfigError, PointItError, describe, first_cause
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
@@ -23,7 +23,6 @@ from pointit.runtime.service.plugin_guard import (
     PluginGuard,
     PluginHealth,
     Surroundings,
-    describe,
     watch_for_stalls,
 )
 from pointit.schemas import Configuration, Environment, Health

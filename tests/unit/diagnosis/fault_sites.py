@@ -63,6 +63,8 @@ class Site:
     """Ages of the newest message by instance, topic and direction, where it is not fresh. None: never."""
     invalid: dict[tuple[str, Topic[Any]], int] = field(default_factory=dict[Any, int])
     """Growth of the number of invalid messages in each report, by instance and topic."""
+    errors: dict[str, int] = field(default_factory=dict[str, int])
+    """Growth of the number of failed handlers in each report, by instance."""
     warnings: dict[str, tuple[Problem, ...]] = field(default_factory=dict[str, tuple[Problem, ...]])
     figures: dict[str, tuple[Figure, ...]] = field(default_factory=dict[str, tuple[Figure, ...]])
     options: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -106,6 +108,7 @@ class Site:
             instance=instance,
             seq=number, user=person_of(instance), pid=process.pid, host=process.host, keys=tuple(keys),
             latency=late,
+            errors=self.errors.get(instance, 0) * (number + 1),
             uptime_s=max(process.uptime_s - (NOW_S - at_s), 0.0),
             figures=self.figures.get(instance, ()),
             problems=(*process.warnings, *self.warnings.get(instance, ())),

@@ -30,6 +30,7 @@ ACTS = {
     "clock": "synchronize both by NTP: `timedatectl set-ntp true`",
     "second process": "end all but one",
     "version": "a writer of another version? `pointit --version` on both machines",
+    "message": "end what writes them there",
     "slow link": "check the link to their writer",
     "ended": "start it, or correct `url`",
     "no broker": "start it, or correct its address",

@@ -15,6 +15,7 @@ from pointit.schemas.problems import (
     CLOCK_LIMIT,
     DENIED,
     EVENT_LOOP,
+    HANDLER,
     IDLE_ARM,
     INVALID,
     LATE,
@@ -160,6 +161,17 @@ def invalid(site: Site) -> None:
     for reader in ("pointing.user1", "localizer.user1"):
         site.invalid[reader, IMU] = 50
         site.warnings[reader] = (Problem(code=INVALID, sentence=sentence, topic=IMU.key, subject="user1"),)
+
+
+def failing_handler(site: Site) -> None:
+    sentence = (
+        "20 messages on users/*/cursor could not be handled, the last of anna (KeyNameError: led ''): "
+        "end what writes them there, and report this with the log"
+    )
+    site.errors["led-driver"] = 20
+    site.warnings["led-driver"] = (
+        Problem(code=HANDLER, sentence=sentence, topic=CURSOR.key, subject="anna"),
+    )
 
 
 def late_rays(site: Site) -> None:
@@ -334,6 +346,8 @@ SITUATIONS: tuple[Situation, ...] = (
     Situation("`pui` runs twice", processes, (Fault("second process", "pui", twice),), "twice", "pui"),
     Situation("a wrist's driver sends invalid messages", one_process, (Fault("version", "user1", invalid),),
               "failing", "pointing.user1", "were invalid"),
+    Situation("a service fails on one person's messages", one_process,
+              (Fault("message", "anna", failing_handler),), "failing", "led-driver", "the last of anna"),
     Situation("a slow link to a person", router_with_people, (Fault("slow link", "users/*/ray", late_rays),),
               "warning", "pui"),
     Situation("Home Assistant is off", one_process, (Fault("ended", HA, tells(HA, "connection", NO_HOME)),),

@@ -3,6 +3,7 @@
 from dataclasses import asdict
 
 import pytest
+from pydantic import ValidationError
 
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import Finding, start_command
@@ -58,21 +59,26 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
 @pytest.mark.parametrize(
     ("service", "user"),
     [
-        *(
-            ("$(curl evil)", ""),
-            ("pui;curl evil", "anna"),
-            ("nobody", ""),
-            ("pointing", "x;curl"),
-            ("pui", "-x"),
-        ),
-        *(("keeper", "anna"), ("pointing", ""), ("pointing", "a b")),
+        ("$(curl evil)", ""),
+        ("pui;curl evil", "anna"),
+        ("pointing", "x;curl"),
+        ("pui", "-x"),
+        ("pointing", "a b"),
     ],
 )
-def test_no_command_is_built_of_unknown_services_or_impossible_names(service: str, user: str) -> None:
+def test_impossible_names_are_refused_and_no_command_is_built_of_them(service: str, user: str) -> None:
+    assert start_command(service, user) == ""
+    with pytest.raises(ValidationError, match="string_pattern_mismatch"):
+        ExpectedService(service=service, user=user, command=("x",))
+
+
+@pytest.mark.parametrize(
+    ("service", "user"), [("nobody", ""), ("curl", "anna"), ("keeper", "anna"), ("pointing", "")]
+)
+def test_no_command_is_built_of_unknown_services(service: str, user: str) -> None:
     assert start_command(service, user) == ""
     told = deployment(ExpectedService(service=service, user=user, command=("x",)))
     for finding in found(health("pui"), deployments={"run.x": told}):
-        assert "curl" not in finding.service
         assert "pointit service" not in finding.remedy
 
 
@@ -94,5 +100,5 @@ def test_name_of_the_machine_is_one_plain_line() -> None:
 
 def test_person_in_a_remedy_is_the_one_of_the_key() -> None:
     figures = ({"name": "position σ", "value": 9.0, "unit": "m"},)  # noqa: RUF001 - the localizer's own
-    (finding,) = found(health("localizer.anna", user=f"x`; {EVIL}", figures=figures))
+    (finding,) = found(health("localizer.anna", user="eve", figures=figures))
     assert "pointit person press anna " in finding.remedy

@@ -45,7 +45,7 @@ ENDED = Localization(stamp_ns=NOW_NS, phase="solved")
 
 
 def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
-    shining = lights()
+    shining = lights(lamps="abc")
     assert not shining.lamps.follow_people
     shining.on_cursor("anna", cursor(a=0.0, b=15.0, c=99.0), NOW_NS)
     assert shining.lamps.follow_people
@@ -55,7 +55,7 @@ def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
 
 
 def test_of_several_people_the_nearest_ray_counts_and_lamps_no_longer_near_are_far() -> None:
-    shining = lights()
+    shining = lights(lamps="ab")
     shining.on_cursor("anna", cursor(a=15.0, b=0.0), NOW_NS)
     shining.on_cursor("ben", cursor(a=0.0), NOW_NS)
     assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
@@ -64,7 +64,7 @@ def test_of_several_people_the_nearest_ray_counts_and_lamps_no_longer_near_are_f
 
 
 def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
-    shining = lights()
+    shining = lights(lamps="a")
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
     shining.lamps.colors(NOW_NS)
     end_ns = shining.lamps.next_change_ns()
@@ -74,7 +74,7 @@ def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
 
 
 def test_a_new_map_leaves_no_lamp_lit() -> None:
-    shining = lights()
+    shining = lights(lamps="ab")
     shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
     assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
     shining.on_map(room("b"))
@@ -82,8 +82,13 @@ def test_a_new_map_leaves_no_lamp_lit() -> None:
     end_ns = shining.lamps.next_change_ns()
     assert end_ns is not None
     assert shining.lamps.colors(end_ns) == {"a": DARK, "b": DARK}
-    shining.on_cursor("anna", cursor(a=0.0), end_ns)
-    assert shining.lamps.colors(end_ns)["a"] == VIRIDIS.rgb(1.0)  # it is there after all
+
+
+def test_lamps_that_are_not_in_the_map_are_ignored() -> None:
+    shining = lights(lamps="b")
+    shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
+    shining.lamps.queue.on_localization("ben", localization("c", "c"), NOW_NS)
+    assert shining.lamps.colors(NOW_NS) == {"b": DARK}
 
 
 def test_while_anybody_localizes_only_their_targets_are_lit() -> None:

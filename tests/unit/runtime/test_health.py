@@ -18,6 +18,7 @@ from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.service.plugin_guard import PluginHealth
 from pointit.schemas import NS_PER_S, ButtonEvent, ClearSelection, Done, Health, ImuSample, KeyHealth
+from pointit.schemas.problems import HANDLER
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import BUTTON, CLEAR_SELECTION, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
@@ -81,6 +82,42 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
     assert later.seq == health.seq + 1
     assert later.uptime_s == pytest.approx(3.5)
     assert (health.service, health.instance, health.user) == ("pointing", "pointing.anna", "anna")
+
+
+async def test_handler_fails_for_one_sender_only_and_health_names_them(bench: Bench) -> None:
+    handled: list[str] = []
+
+    def handle(_message: ImuSample, name: str) -> None:
+        if name == "eve":
+            raise KeyError("lamp")
+        handled.append(name)
+
+    bench.view.subscribe(IMU, handle)
+    for name in ("anna", "eve", "ben"):
+        bench.bus.publisher(IMU, name).put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
+    await asyncio.sleep(0)
+    health = bench.view.report()
+    assert handled == ["anna", "ben"]
+    assert (health.errors, health.status) == (1, "degraded")
+    (problem,) = health.problems
+    assert (problem.code, problem.topic, problem.subject) == (HANDLER, IMU.key, "eve")
+    assert "the last of eve (KeyError: 'lamp')" in problem.sentence
+
+
+async def test_problem_of_a_failing_handler_ends_and_outlives_its_subscription(
+    bench: Bench, now_s: list[float]
+) -> None:
+    def handle(_message: ImuSample, _name: str) -> None:
+        raise ValueError("no")
+
+    subscription = bench.view.subscribe(IMU, handle)
+    bench.bus.publisher(IMU, "eve").put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
+    await asyncio.sleep(0)
+    subscription.close()
+    (problem,) = bench.view.report().problems
+    assert problem.subject == "eve"
+    now_s[0] += 6.0
+    assert not bench.view.report().problems
 
 
 async def test_age_of_tapped_messages_is_by_the_same_clock(bench: Bench, now_s: list[float]) -> None:

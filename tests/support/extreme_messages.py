@@ -1,0 +1,158 @@
+"""Messages at the limits of their types, made from the annotations of their fields. Made anew in each run.
+
+Each field takes each of its extremes once, while the others have plain values; then all take theirs at once.
+"""
+
+import itertools
+import math
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic.functional_validators import AfterValidator
+
+from pointit.schemas import SchemaModel
+from pointit.schemas.codec import encode
+from pointit.schemas.table_types import NAME
+
+P = TypeVar("P", bound=SchemaModel)
+
+TEXTS = (
+    "", "/", "*", "**", "$*", "a/../b", "..", "-", "\x00", "\n", "\r\n\x1b[2J", "{user}", "%s%n{0}",
+    "'\"<b>&", "__proto__", "nan", "9" * 64, "\u202e\u2066", "\U0001f4a5" * 64,
+)  # fmt: skip
+"""Texts that are no name, or mean something where they are shown or used as a key, path or pattern."""
+LONG = 256
+"""Characters of the longest text of a field without a limit, and of an id."""
+MANY = 40
+"""Number of items of a long list. A longer one does not differ, and takes longer to make."""
+TINY = 5e-324
+"""Smallest positive double."""
+
+
+def extreme_messages(kind: type[P], plain: Mapping[str, Any], texts: Sequence[str] = ()) -> Iterator[P]:
+    """Yield valid messages of `kind` that fit into its `max_bytes`.
+
+    Args:
+        kind: the message or query.
+        plain: values of fields that have no default, or that keep a message from being dropped as late.
+        texts: further values of texts, such as names that exist on the site.
+    """
+    values = _Values((*TEXTS, *texts))
+    fields = {name: values.of(field.annotation, field.metadata) for name, field in kind.model_fields.items()}
+    plain_fields = {
+        name: extremes[0] for name, extremes in fields.items() if kind.model_fields[name].is_required()
+    }
+    plain_fields.update(plain)
+    singles = ({name: value} for name, extremes in fields.items() for value in extremes)
+    longest = max((len(extremes) for extremes in fields.values()), default=0)
+    rows = (
+        {name: extremes[row % len(extremes)] for name, extremes in fields.items()} | dict(plain)
+        for row in range(longest)
+    )
+    for changed in itertools.chain(singles, rows):
+        message = _valid(kind, {**plain_fields, **changed})
+        if message is not None:
+            yield message
+
+
+def _valid(kind: type[P], fields: Mapping[str, Any]) -> P | None:
+    """Return the message, or None if it is invalid or too long to travel."""
+    try:
+        message = kind.model_validate(fields)
+    except ValidationError:
+        return None
+    return message if len(encode(message)) <= kind.max_bytes else None
+
+
+class _Values:
+    """Extremes of annotations, the plainest first."""
+
+    def __init__(self, texts: Sequence[str]) -> None:
+        self._texts = texts
+
+    def of(self, annotation: Any, metadata: Sequence[Any]) -> list[Any]:
+        """Return the extremes of a field. Some may be invalid."""
+        origin = typing.get_origin(annotation)
+        arguments = typing.get_args(annotation)
+        if origin is typing.Annotated:
+            return self.of(arguments[0], [*arguments[1:], *metadata])
+        if origin is typing.Literal:
+            return list(arguments)
+        if origin in (typing.Union, types.UnionType):
+            return [value for each in arguments for value in self.of(each, metadata)]
+        if origin is tuple:
+            return self._of_tuple(arguments, metadata)
+        if isinstance(annotation, type) and issubclass(annotation, SchemaModel):
+            return self._of_model(annotation)
+        return self._of_plain(annotation, _limits(metadata))
+
+    def _of_tuple(self, arguments: Sequence[Any], metadata: Sequence[Any]) -> list[Any]:
+        if arguments[-1] is not Ellipsis:
+            if any(isinstance(each, AfterValidator) for each in metadata):
+                return _axes(len(arguments))
+            columns = [self.of(each, []) for each in arguments]
+            longest = max(len(column) for column in columns)
+            rows = [tuple(column[row % len(column)] for column in columns) for row in range(longest)]
+            shifted = [
+                tuple(column[(row + place) % len(column)] for place, column in enumerate(columns))
+                for row in range(longest)
+            ]
+            return [*rows, *shifted]
+        items = self.of(arguments[0], [])
+        singles = [(item,) for item in items]
+        pairs = [(item, item) for item in items]  # lines of no length, ids that occur twice
+        return [(), *singles, *pairs, tuple(items[:MANY]), tuple(items[:1] * MANY)]
+
+    def _of_model(self, kind: type[SchemaModel]) -> list[Any]:
+        return [dict(vars(each)) for each in extreme_messages(kind, {}, self._texts[len(TEXTS) :])]
+
+    def _of_plain(self, annotation: Any, limits: Mapping[str, Any]) -> list[Any]:
+        if annotation is str:
+            length = limits.get("max_length", LONG)
+            long_texts = ["a" * length, "\U0001f4a5" * length]
+            return ["a", *long_texts, *(text[:length] for text in self._texts)]
+        if annotation is bool:
+            return [False, True]
+        if annotation is bytes:
+            return [b"", b"\x00", b"\xff" * 12, b"\x7f" * 13]
+        if annotation is types.NoneType:
+            return [None]
+        if annotation not in (int, float):
+            raise TypeError(f"no extremes of {annotation}: add them here")
+        low = limits.get("gt", limits.get("ge", -1e300 if annotation is float else -(2**63)))
+        high = limits.get("lt", limits.get("le", 1e300 if annotation is float else 2**64 - 1))
+        if annotation is int:
+            return [max(low, 0), low, low + 1, high, high - 1, 1]
+        inside = (math.nextafter(low, math.inf), math.nextafter(high, -math.inf))
+        return [max(low, 0.0), float(low), float(high), *inside, TINY, -0.0, 1.0]
+
+
+def _limits(metadata: Sequence[Any]) -> dict[str, Any]:
+    """Return the constraints of a field by their names."""
+    constraints: list[Any] = []
+    for each in metadata:
+        constraints += getattr(each, "metadata", [each])
+    return {
+        name: getattr(each, name)
+        for each in constraints
+        for name in ("ge", "gt", "le", "lt", "max_length")
+        if getattr(each, name, None) is not None
+    }
+
+
+def _axes(size: int) -> list[Any]:
+    """Return unit vectors of `size`: both directions of each axis, a diagonal, one of float32 precision."""
+    signs = [
+        tuple(sign if place == axis else 0.0 for place in range(size))
+        for axis in range(size)
+        for sign in (1.0, -1.0)
+    ]
+    return [*signs, (size**-0.5,) * size, (1.0009, *(0.0,) * (size - 1))]
+
+
+def is_name(text: str) -> bool:
+    """Return True if `text` can stand in a key."""
+    return NAME.match(text) is not None

@@ -46,7 +46,8 @@ class Passing:
         self._looked_ns = 0
         self._since_ns: int | None = None
         self._cued_ns: int | None = None
-        self._cues = self._missed_ns = 0
+        self._cues = 0
+        self._missed_ns = 0
         self.hint = ""
         """Last message to a person who has missed everything for `HINT_NS`, else `""`."""
 
@@ -64,16 +65,23 @@ class Passing:
         if self._since_ns is None or stamp_ns < self._since_ns:
             self._since_ns = stamp_ns
             self._looked_ns = stamp_ns - LOOK_NS
-        if not 0 <= stamp_ns - self._looked_ns < LOOK_NS:
-            self._looked_ns = stamp_ns
-            self._missed_ns += LOOK_NS
-            found = self._things.nearest(origin_m, direction)
-            is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
-            if found is None or not is_in_range(found[1].point_m):
-                self._passed = None
-            else:
-                self._passed = _passed(*found, origin_m, direction, is_long=is_long)
-                self.hint = self._passed.text if self._missed_ns > HINT_NS and is_long else self.hint
+        if 0 <= stamp_ns - self._looked_ns < LOOK_NS:
+            return self._passed
+
+        self._looked_ns = stamp_ns
+        self._missed_ns += LOOK_NS
+        self._passed = None
+        nearest = self._things.nearest(origin_m, direction)
+        if nearest is None:
+            return None
+        surface, hit = nearest
+        if not is_in_range(hit.point_m):
+            return None
+
+        is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
+        self._passed = _passed(surface, hit, origin_m, direction, is_long=is_long)
+        if is_long and self._missed_ns > HINT_NS:
+            self.hint = self._passed.text
         return self._passed
 
     def cue(self, stamp_ns: int) -> Feedback | None:
@@ -86,10 +94,15 @@ class Passing:
         self._cued_ns = stamp_ns
         self._cues += 1
         sign = SIGNS["target"]._asdict()
-        sign |= {"color": None, "target_id": passed.surface_id}
-        turn_rad = (passed.right_rad, passed.up_rad)
+        sign["color"] = None
+        sign["target_id"] = passed.surface_id
         return Feedback(
-            stamp_ns=stamp_ns, seq=self._cues, cue="target", text=passed.text, turn_rad=turn_rad, **sign
+            stamp_ns=stamp_ns,
+            seq=self._cues,
+            cue="target",
+            text=passed.text,
+            turn_rad=(passed.right_rad, passed.up_rad),
+            **sign,
         )
 
 
@@ -100,11 +113,14 @@ def is_in_range(point_m: Vec3) -> bool:
 
 
 def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_long: bool) -> Passed:
-    to = vector.subtract(hit.point_m, origin_m)
-    right_rad = vector.wrap(vector.azimuth(direction) - vector.azimuth(to))
-    up_rad = vector.elevation(to) - vector.elevation(direction)
+    to_thing = vector.subtract(hit.point_m, origin_m)
+    right_rad = vector.wrap(vector.azimuth(direction) - vector.azimuth(to_thing))
+    up_rad = vector.elevation(to_thing) - vector.elevation(direction)
+    text = ""
+    if is_long:
+        name = f"{surface.kind} {surface.id}"
+        text = words(name, right_rad, up_rad, vector.elevation(to_thing))
     kind, solid = PLACES[surface.kind]
-    name = f"{surface.kind} {surface.id}"
     return Passed(
         surface=kind,
         solid=solid,
@@ -113,7 +129,7 @@ def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_l
         position_m=hit.position_m,
         right_rad=right_rad,
         up_rad=up_rad,
-        text=words(name, right_rad, up_rad, vector.elevation(to)) if is_long else "",
+        text=text,
     )
 
 
@@ -127,11 +143,13 @@ def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> s
         elevation_rad: elevation of the thing: the higher, the less a turn of azimuth moves the ray.
     """
     sideways_rad = right_rad * math.cos(elevation_rad)
-    there, here = ("right", "left") if right_rad > 0.0 else ("left", "right")
+    turn, side = ("left", "right")
+    if right_rad > 0.0:
+        turn, side = ("right", "left")
     if abs(sideways_rad) > math.pi / 2.0:
-        return f"{name} is behind you: turn around by your {there}"
+        return f"{name} is behind you: turn around by your {turn}"
     if abs(sideways_rad) > abs(up_rad):
-        return f"you point {_about(sideways_rad)} to the {here} of {name}: turn {there}"
+        return f"you point {_about(sideways_rad)} to the {side} of {name}: turn {turn}"
     if up_rad > 0.0:
         return f"you point {_about(up_rad)} below {name}: raise your arm"
     return f"you point {_about(up_rad)} above {name}: lower your arm"
@@ -139,4 +157,5 @@ def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> s
 
 def _about(angle_rad: float) -> str:
     """Return the size of an angle as text, in steps that a trembling hand does not change."""
-    return f"{max(STEP_DEG, STEP_DEG * round(abs(math.degrees(angle_rad)) / STEP_DEG))}°"
+    steps = round(abs(math.degrees(angle_rad)) / STEP_DEG)
+    return f"{max(STEP_DEG, STEP_DEG * steps)}°"

@@ -72,6 +72,8 @@ class Pui(Service[PuiConfig]):
         self._maps = functools.cache(functools.partial(self.bus.publisher, topics.MAP))
         empty_environment = Environment(stamp_ns=0, name="")
         self._room = _Room(Surfaces(empty_environment, may_be_empty=True), None, Tracked(empty_environment))
+
+        # the map: read from a file by the default instance, taken from the site by a shard
         self._has_map = bool(config.map_to_read)
         """False in a shard while the site has no map at which its people can point."""
         self._map_came = asyncio.Event()
@@ -88,6 +90,8 @@ class Pui(Service[PuiConfig]):
                 self._environment = environment
         else:
             self.bus.subscribe(topics.MAP, self._on_map)
+
+        # requests before messages: whoever sees a cursor may ask at once
         self._share.serve(topics.SET_WORKSPACE, self._on_workspace)
         if not config.people:
             self.bus.serve(topics.SET_TOLERANCE, self._on_tolerance)
@@ -118,8 +122,10 @@ class Pui(Service[PuiConfig]):
         room = self._environment
         things = listing(self._environment, 0)
         while True:
+            # once things were listed it goes on with empty lists: silence would look like a dead tracker
             while object_publisher is not None or self._environment.fixed_things:
-                object_publisher = object_publisher or self.bus.publisher(topics.OBJECTS, TRACKER)
+                if object_publisher is None:
+                    object_publisher = self.bus.publisher(topics.OBJECTS, TRACKER)
                 if room is not self._environment:
                     room = self._environment
                     things = listing(self._environment, 0)
@@ -171,17 +177,16 @@ class Pui(Service[PuiConfig]):
                 )
             self._enter(self._make_room(environment, {}))
         except ValueError as error:
-            self._has_map, problem = (
-                False,
-                f"{error}; until then the site's pui serves {', '.join(self.config.people)}",
-            )
+            self._has_map = False
+            problem = f"{error}; until then the site's pui serves {', '.join(self.config.people)}"
         self.bus.warn("map", problem)
 
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)
         if person is None:
             room = self._room
-            person = self._persons[user] = PersonCursor(room.surfaces, lamps=room.lamps, start=self._start)
+            person = PersonCursor(room.surfaces, lamps=room.lamps, start=self._start)
+            self._persons[user] = person
         return person
 
     def _on_lost(self, user: str) -> None:
@@ -194,9 +199,13 @@ class Pui(Service[PuiConfig]):
         if self.config.people:
             return
         self._duplicate_finder.on_objects(tracker, objects)
+        sentence = ""
         duplicates = self._duplicate_finder.duplicates
-        more = f" ({len(duplicates) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
-        self.bus.warn("duplicate-objects", f"{duplicates[0].sentence}{more}" if duplicates else "")
+        if duplicates:
+            sentence = duplicates[0].sentence
+        if len(duplicates) > 1:
+            sentence += f" ({len(duplicates) - 1} more: `pointit track`)"
+        self.bus.warn("duplicate-objects", sentence)
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
         person = self._persons.get(user)
@@ -231,9 +240,12 @@ class Pui(Service[PuiConfig]):
         if name_or_path in shipped_maps():
             return name_or_path
         path = Path(name_or_path).resolve()
-        first = self.config.map_to_read
-        folder = Path.cwd() if first in ("", *shipped_maps()) else Path(first).resolve().parent
-        if path.suffix in (".yaml", ".yml") and path.is_relative_to(folder) and path.is_file():
+        first_map = self.config.map_to_read
+        folder = Path.cwd()
+        if first_map not in ("", *shipped_maps()):
+            folder = Path(first_map).resolve().parent
+        is_yaml = path.suffix in (".yaml", ".yml")
+        if is_yaml and path.is_relative_to(folder) and path.is_file():
             return name_or_path
         raise RefusedError(f"{name_or_path}: is not a YAML file in {folder}, the folder of this run's maps")
 
@@ -273,21 +285,25 @@ class Pui(Service[PuiConfig]):
             self._judge(user)
         else:
             self._put(cursor, user)
-            if (cue := person.cue()) is not None:
+            cue = person.cue()
+            if cue is not None:
                 self._cues(user).put(cue)
-        hint = person.passing.hint and (
-            f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again (hold "
-            f"the button); if that does not help, `pointit person calibrate mounting {user}`"
-        )
+        hint = ""
+        if person.passing.hint:
+            hint = (
+                f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again "
+                f"(hold the button); if that does not help, `pointit person calibrate mounting {user}`"
+            )
         self.bus.warn("misses", hint, user)
 
     def _on_presence(self, user: str, *, present: bool) -> None:
         # their state stays: it is published once, and some of their services may still run
         person = self._persons.get(user)
-        if person is not None and not present and self._share.serves(user):
-            self._put(person.clear(self.clock.now_ns()), user)
-            self.bus.clear("no-pose", user)
-            self.bus.clear("misses", user)
+        if present or person is None or not self._share.serves(user):
+            return
+        self._put(person.clear(self.clock.now_ns()), user)
+        self.bus.clear("no-pose", user)
+        self.bus.clear("misses", user)
 
     def _judge(self, user: str, *, warn: bool = True) -> None:
         """Warn in health if rays of `user` give no cursor for lack of a pose."""

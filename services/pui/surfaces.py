@@ -1,7 +1,8 @@
 """Pointable surfaces of a map: hit tests of rays, and occlusion by opaque things."""
 
+import itertools
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
@@ -27,7 +28,6 @@ ALL_KINDS: tuple[Kind, ...] = get_args(Kind)
 
 PRIORITY: Mapping[str, int] = {"lamp": 2, "strip": 2, "belt": 2, "points": 1}
 """Default priorities by kind, 0 for others. Thin things come first, since an area is seldom missed."""
-
 
 PLACES: dict[Kind, tuple[SurfaceKind, SolidName]] = {
     "strip": ("strip", ""),
@@ -79,23 +79,29 @@ def group_by_priority(
             missing, or a priority has no thing.
     """
     shapes = shapes_of(environment, kinds, clouds)
-    if not shapes and not may_be_empty and not environment.things:
-        has = ",".join(kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds))
+    is_allowed = may_be_empty or bool(environment.things)
+    if not shapes and not is_allowed:
+        available = [kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds)]
         raise ValueError(
             f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
-            f"use what it has (--set pui.surfaces=[{has}]) or another map (--set pui.map=NAME)"
+            f"use what it has (--set pui.surfaces=[{','.join(available)}]) or another map (--set "
+            "pui.map=NAME)"
         )
+
+    # a misspelt priority would have no effect, and nobody would know why
     unknown = priority.keys() - set(ALL_KINDS) - {shape.surface.id for shape in shapes}
     if unknown:
         raise ValueError(
             f"priority: {min(unknown)!r} is neither a kind nor the id of a thing that can be pointed at; "
             "correct or remove it"
         )
-    ranks = {**PRIORITY, **priority}
+    priority_by_kind = {**PRIORITY, **priority}
     groups: dict[int, list[Shape]] = {}
     for shape in shapes:
         kind, name = shape.surface
-        rank = priority[name] if name in priority else ranks.get(kind, 0)
+        rank = priority_by_kind.get(kind, 0)
+        if name in priority:
+            rank = priority[name]
         groups.setdefault(rank, []).append(shape)
     return groups
 
@@ -108,13 +114,7 @@ def shapes_of(environment: Environment, kinds: Collection[Kind], clouds: Clouds)
     Raises:
         ValueError: If the map names a cloud that is not among `clouds`.
     """
-    things = environment.fixed_things
-    belts = [(Polyline(belt.line_m), belt.width_m / 2.0) for belt in environment.belts if things]
-    shapes = [
-        Shape(Surface("box", thing.id), BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad))
-        for thing in things
-        if not any(line.nearest_to(np.array([thing.center_m]))[1] <= half_m for line, half_m in belts)
-    ]
+    shapes = _reacting_shapes(environment)
     if "strip" in kinds:
         shapes += [Shape(Surface("strip", strip.id), Polyline(strip.line_m)) for strip in environment.strips]
     if "belt" in kinds:
@@ -126,23 +126,44 @@ def shapes_of(environment: Environment, kinds: Collection[Kind], clouds: Clouds)
             if cloud.id not in clouds:
                 raise ValueError(f"the points of cloud {cloud.id!r} were not read")
             shapes.append(Shape(Surface("points", cloud.id), clouds[cloud.id]))
-    return shapes + [Shape(*pair) for pair in solids_of(environment, kinds)]
+    shapes += [Shape(surface, solid) for surface, solid in solids_of(environment, kinds)]
+    return shapes
+
+
+def _reacting_shapes(environment: Environment) -> list[Shape]:
+    """Return the boxes of the things that react, without those on a belt."""
+    things = environment.fixed_things
+    if not things:
+        return []
+    belts = [(Polyline(belt.line_m), belt.width_m / 2.0) for belt in environment.belts]
+    shapes: list[Shape] = []
+    for thing in things:
+        center_m = np.array([thing.center_m])
+        is_on_belt = any(line.nearest_to(center_m)[1] <= half_width_m for line, half_width_m in belts)
+        if not is_on_belt:
+            box = BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad)
+            shapes.append(Shape(Surface("box", thing.id), box))
+    return shapes
 
 
 def solids_of(environment: Environment, kinds: Collection[Kind]) -> list[tuple[Surface, Solid]]:
     """Return the solids of `kinds`."""
-    solids: dict[SolidKind, Iterable[tuple[str, Solid]]] = {
-        "box": ((box.id, BoxSolid(box.center_m, box.size_m, box.yaw_rad)) for box in environment.boxes),
-        "plane": (
-            (plane.id, PlaneSolid(plane.center_m, plane.normal, plane.size_m)) for plane in environment.planes
-        ),
-        "cylinder": (
-            (each.id, CylinderSolid(each.center_m, each.radius_m, each.height_m))
-            for each in environment.cylinders
-        ),
-        "sphere": ((ball.id, SphereSolid(ball.center_m, ball.radius_m)) for ball in environment.spheres),
-    }
-    return [(Surface(kind, name), solid) for kind in solids if kind in kinds for name, solid in solids[kind]]
+    solids: list[tuple[Surface, Solid]] = []
+    if "box" in kinds:
+        for box in environment.boxes:
+            solids.append((Surface("box", box.id), BoxSolid(box.center_m, box.size_m, box.yaw_rad)))
+    if "plane" in kinds:
+        for plane in environment.planes:
+            solid = PlaneSolid(plane.center_m, plane.normal, plane.size_m)
+            solids.append((Surface("plane", plane.id), solid))
+    if "cylinder" in kinds:
+        for cylinder in environment.cylinders:
+            solid = CylinderSolid(cylinder.center_m, cylinder.radius_m, cylinder.height_m)
+            solids.append((Surface("cylinder", cylinder.id), solid))
+    if "sphere" in kinds:
+        for sphere in environment.spheres:
+            solids.append((Surface("sphere", sphere.id), SphereSolid(sphere.center_m, sphere.radius_m)))
+    return solids
 
 
 class Caster(Protocol):
@@ -196,22 +217,24 @@ class Surfaces:
         self.tolerance_rad = tolerance_rad
         """Maximum angle at the eyes."""
         self._groups = [_caster_groups(shapes) for _, shapes in sorted(groups.items(), reverse=True)]
-        hiding = solids_of(environment, opaque)
-        self._screens = Occluders([solid for _, solid in hiding]) if hiding else None
+        opaque_solids = [solid for _, solid in solids_of(environment, opaque)]
+        self._occluders: Occluders | None = None
+        if opaque_solids:
+            self._occluders = Occluders(opaque_solids)
 
     def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return the surface and hit of a ray (in {W}, unit direction), or None beyond the tolerance."""
-        first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)
-        is_clear = math.isinf(first_m)
-        for parties in self._groups:
+        occluder_m = math.inf
+        if self._occluders is not None:
+            occluder_m = self._occluders.first(origin_m, direction)
+
+        # a hit of a higher priority ends the search, however near one of a lower priority is
+        for groups in self._groups:
             best: tuple[Surface, Hit] | None = None
-            for party in parties:
-                if is_clear:
-                    hit = party.caster.cast(origin_m, direction, self.tolerance_rad)
-                else:
-                    hit = self._seen(party.caster, origin_m, direction, first_m)
+            for group in groups:
+                hit = self._cast(group.caster, origin_m, direction, occluder_m)
                 if hit is not None and (best is None or _is_better(hit, best[1])):
-                    best = (party.surfaces[hit.target], hit)
+                    best = (group.surfaces[hit.target], hit)
             if best is not None:
                 return best
         return None
@@ -222,31 +245,46 @@ class Surfaces:
         None if it is within the tolerance, which the ray then misses because something hides it.
         """
         best: tuple[Surface, Hit] | None = None
-        for party in (party for parties in self._groups for party in parties):
-            hit = None
-            for tolerance in WIDENING_RAD:
-                hit = hit or party.caster.cast(origin_m, direction, tolerance)
+        all_groups = itertools.chain.from_iterable(self._groups)
+        for group in all_groups:
+            hit = _cast_widening(group.caster, origin_m, direction)
             if hit is not None and (best is None or hit.miss_rad < best[1].miss_rad):
-                best = (party.surfaces[hit.target], hit)
-        if best is None:
+                best = (group.surfaces[hit.target], hit)
+        if best is None or best[1].miss_rad <= self.tolerance_rad:
             return None
-        return best if best[1].miss_rad > self.tolerance_rad else None
+        return best
 
-    def _seen(self, caster: Caster, origin_m: Vec3, direction: Vec3, first_m: float) -> Hit | None:
-        """Return the closest hit, or if it is hidden, the closest that is nearer than the hiding thing."""
+    def _cast(self, caster: Caster, origin_m: Vec3, direction: Vec3, occluder_m: float) -> Hit | None:
+        """Return the closest hit that no opaque thing hides. The ray meets the first one at `occluder_m`."""
         hit = caster.cast(origin_m, direction, self.tolerance_rad)
-        screens = self._screens
-        if hit is None or screens is None or not screens.hides(hit, origin_m, direction, first_m):
+        occluders = self._occluders
+        if hit is None or occluders is None or math.isinf(occluder_m):
             return hit
-        return caster.cast(origin_m, direction, self.tolerance_rad, screens.reach(first_m))
+        if not occluders.hides(hit, origin_m, direction, occluder_m):
+            return hit
+        return caster.cast(origin_m, direction, self.tolerance_rad, occluders.reach(occluder_m))
+
+
+def _cast_widening(caster: Caster, origin_m: Vec3, direction: Vec3) -> Hit | None:
+    """Return the hit within the narrowest of `WIDENING_RAD` that has one."""
+    for tolerance_rad in WIDENING_RAD:
+        hit = caster.cast(origin_m, direction, tolerance_rad)
+        if hit is not None:
+            return hit
+    return None
 
 
 def _is_better(a: Hit, b: Hit) -> bool:
-    more = a.miss_rad - b.miss_rad
-    return more < -SAME or (more <= SAME and a.range_m < b.range_m)
+    """Return True if `a` is closer to the ray than `b`, or as close and nearer to the eyes."""
+    difference_rad = a.miss_rad - b.miss_rad
+    if difference_rad < -SAME:
+        return True
+    return difference_rad <= SAME and a.range_m < b.range_m
 
 
 def _caster_groups(shapes: list[Shape]) -> list[_CasterGroup]:
+    """Return a caster for each kind of geometry among `shapes`, all of one priority."""
+
     def targets(*kinds: Kind) -> tuple[list[Surface], list[Any]]:
         own = [shape for shape in shapes if shape.surface.kind in kinds]
         return [surface for surface, _ in own], [form for _, form in own]

@@ -3,6 +3,7 @@
 Two report one object by one id, or by two ids that stay at one place.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -49,15 +50,25 @@ def listing(environment: Environment, stamp_ns: int) -> TrackedObjects:
 
 
 def _tracked(thing: Thing, lines: dict[str, tuple[tuple[float, float, float], ...]]) -> TrackedObject:
-    on_strip = thing.strip in lines
-    length_m = Polyline(lines[thing.strip]).length_m if on_strip else 0.0
-    start_m, end_m = (min(max(at_m, 0.0), length_m) for at_m in thing.part_m)
+    if thing.strip not in lines:
+        return TrackedObject(
+            id=thing.id,
+            position_m=thing.center_m,
+            length_m=max(thing.size_m[:2]),
+            yaw_rad=thing.yaw_rad,
+            size_m=thing.size_m,
+            **thing.object_fields,
+        )
+
+    # a part may be stated beyond the ends of its strip
+    strip_m = Polyline(lines[thing.strip]).length_m
+    start_m, end_m = (min(max(at_m, 0.0), strip_m) for at_m in thing.part_m)
     return TrackedObject(
         id=thing.id,
         position_m=thing.center_m,
-        length_m=end_m - start_m if on_strip else max(thing.size_m[:2]),
-        surface="strip" if on_strip else "none",
-        surface_id=thing.strip if on_strip else "",
+        length_m=end_m - start_m,
+        surface="strip",
+        surface_id=thing.strip,
         surface_position_m=(start_m + end_m) / 2.0,
         yaw_rad=thing.yaw_rad,
         size_m=thing.size_m,
@@ -104,59 +115,93 @@ class DuplicateFinder:
             return
         if self._checked_ns is not None and abs(now_ns - self._checked_ns) < CHECK_S * NS_PER_S:
             return
+
         self._checked_ns = now_ns
-        fresh_ns = MAX_STAMP_DIFFERENCE_S * NS_PER_S
-        there = {
+        since_ns: dict[DuplicateObject, int] = {}
+        for duplicate in _near(self._comparable(now_ns), now_ns):
+            # the clock may have been set back, so a time in the future becomes now
+            since_ns[duplicate] = min(self._since_ns.get(duplicate, now_ns), now_ns)
+        self._since_ns = since_ns
+
+    def _comparable(self, now_ns: int) -> dict[str, TrackedObjects]:
+        """Return the newest objects of the trackers that have sent some about `now_ns`, by name in order."""
+        max_difference_ns = MAX_STAMP_DIFFERENCE_S * NS_PER_S
+        return {
             name: newest
             for name, newest in sorted(self._newest.items())
-            if newest.objects and abs(now_ns - newest.stamp_ns) <= fresh_ns
+            if newest.objects and abs(now_ns - newest.stamp_ns) <= max_difference_ns
         }
-        near = set(_near(there, now_ns))
-        self._since_ns = {duplicate: min(self._since_ns.get(duplicate, now_ns), now_ns) for duplicate in near}
 
     @property
     def duplicates(self) -> tuple[DuplicateObject, ...]:
         """Return the objects that two trackers report now, in order."""
         now_ns = self._checked_ns or 0
-        return tuple(
-            sorted(
-                duplicate
-                for duplicate, since_ns in self._since_ns.items()
-                if duplicate.object_id == duplicate.other_id or now_ns - since_ns >= STAYS_S * NS_PER_S
-            )
-        )
+        duplicates: list[DuplicateObject] = []
+        for duplicate, since_ns in self._since_ns.items():
+            # objects with two ids may meet for a moment, such as packages on crossing belts
+            has_one_id = duplicate.object_id == duplicate.other_id
+            if has_one_id or now_ns - since_ns >= STAYS_S * NS_PER_S:
+                duplicates.append(duplicate)
+        return tuple(sorted(duplicates))
 
 
 def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[DuplicateObject]:
     """Yield the pairs of objects of different trackers with one id, or at one place at `now_ns`."""
-    names = list(trackers)
-    for index, name in enumerate(names):
-        own, places, sigmas = _placed(trackers[name], now_ns)
-        ids = {item.id for item in own}
-        order = np.argsort(places[:, 0])
-        for other in names[index + 1 :]:
-            other_objects, other_places, other_sigmas = _placed(trackers[other], now_ns)
-            for item in other_objects:
-                if item.id in ids:
-                    yield DuplicateObject(name, item.id, other, item.id)
-            reach_m = GATE * math.hypot(float(sigmas.max()), float(other_sigmas.max()))
-            ends = np.searchsorted(places[order, 0], other_places[:, :1] + (-reach_m, reach_m))
-            for row, (begin, end) in enumerate(ends.tolist()):
-                columns = order[begin:end]
-                apart_m = np.linalg.norm(places[columns] - other_places[row], axis=1)
-                is_near = apart_m <= GATE * np.hypot(sigmas[columns], other_sigmas[row])
-                for column in map(int, columns[is_near]):
-                    if own[column].id != other_objects[row].id:
-                        yield DuplicateObject(name, own[column].id, other, other_objects[row].id)
+    placed = {name: _placed(message, now_ns) for name, message in trackers.items()}
+    for (name, own), (other_name, others) in itertools.combinations(placed.items(), 2):
+        own_ids = {item.id for item in own.objects}
+        for item in others.objects:
+            if item.id in own_ids:
+                yield DuplicateObject(name, item.id, other_name, item.id)
+        for own_row, other_row in _pairs_at_one_place(own, others):
+            own_id = own.objects[own_row].id
+            other_id = others.objects[other_row].id
+            if own_id != other_id:
+                yield DuplicateObject(name, own_id, other_name, other_id)
 
 
-def _placed(message: TrackedObjects, now_ns: int) -> tuple[tuple[TrackedObject, ...], Array, Array]:
-    """Return the objects, their positions at `now_ns` (n x 3), and the standard deviations of these (n)."""
-    late_s = (now_ns - message.stamp_ns) / NS_PER_S
-    places = np.array([item.position_m for item in message.objects], dtype=np.float64)
-    speeds = np.array([item.velocity_mps for item in message.objects], dtype=np.float64)
-    sigmas = [SIGMA_M if item.position_sigma_m is None else item.position_sigma_m for item in message.objects]
-    return message.objects, places + late_s * speeds, np.array(sigmas, dtype=np.float64)
+def _pairs_at_one_place(own: "_PlacedObjects", others: "_PlacedObjects") -> Iterator[tuple[int, int]]:
+    """Yield the rows of objects whose distance is within `GATE` standard deviations, row by row of `others`.
+
+    Only objects whose x is near are compared, so that many objects cost little.
+    """
+    by_x = np.argsort(own.positions_m[:, 0])
+    own_x_m = own.positions_m[by_x, 0]
+    reach_m = GATE * math.hypot(float(own.sigmas_m.max()), float(others.sigmas_m.max()))
+    ranges = np.searchsorted(own_x_m, others.positions_m[:, :1] + (-reach_m, reach_m))
+    for other_row, (begin, end) in enumerate(ranges.tolist()):
+        candidates = by_x[begin:end]
+        offsets_m = own.positions_m[candidates] - others.positions_m[other_row]
+        distances_m = np.linalg.norm(offsets_m, axis=1)
+        sigmas_m = np.hypot(own.sigmas_m[candidates], others.sigmas_m[other_row])
+        for own_row in candidates[distances_m <= GATE * sigmas_m]:
+            yield int(own_row), other_row
+
+
+@dataclass(frozen=True)
+class _PlacedObjects:
+    """The objects of a tracker at one time."""
+
+    objects: tuple[TrackedObject, ...]
+    positions_m: Array
+    """Position of each in {W}, n x 3, m."""
+    sigmas_m: Array
+    """Standard deviation of each position, n, m."""
+
+
+def _placed(message: TrackedObjects, now_ns: int) -> _PlacedObjects:
+    """Return the objects of `message`, moved to `now_ns` with their velocities."""
+    elapsed_s = (now_ns - message.stamp_ns) / NS_PER_S
+    positions_m = np.array([item.position_m for item in message.objects], dtype=np.float64)
+    velocities_mps = np.array([item.velocity_mps for item in message.objects], dtype=np.float64)
+    sigmas_m = [
+        SIGMA_M if item.position_sigma_m is None else item.position_sigma_m for item in message.objects
+    ]
+    return _PlacedObjects(
+        objects=message.objects,
+        positions_m=positions_m + elapsed_s * velocities_mps,
+        sigmas_m=np.array(sigmas_m, dtype=np.float64),
+    )
 
 
 class Tracked:
@@ -180,15 +225,14 @@ class Tracked:
         Raises:
             WorkspaceError: If it is not tracked, or has not been for a while.
         """
-        known = [
-            (message.stamp_ns, tracked)
-            for message in self._newest.values()
-            for tracked in message.objects
-            if tracked.id == object_id
-        ]
-        if not known:
+        candidates: list[tuple[int, TrackedObject]] = []
+        for message in self._newest.values():
+            candidates += [(message.stamp_ns, item) for item in message.objects if item.id == object_id]
+        if not candidates:
             raise WorkspaceError(f"no object {object_id!r} is known: use the id of one that is tracked now")
-        seen_ns, tracked = min(known, key=lambda pair: abs(stamp_ns - pair[0]))
+
+        # several trackers may report it: the newest about that time counts
+        seen_ns, tracked = min(candidates, key=lambda candidate: abs(stamp_ns - candidate[0]))
         late_ns = stamp_ns - seen_ns
         if late_ns < -MAX_OBJECT_AGE_NS:
             raise WorkspaceError(
@@ -202,11 +246,14 @@ class Tracked:
         return self._moved(tracked, late_ns / NS_PER_S)
 
     def _moved(self, tracked: TrackedObject, late_s: float) -> Vec3:
+        """Return the centre of `tracked` after `late_s`, {W}."""
         line = self._lines.get((tracked.surface, tracked.surface_id))
-        if line is not None:  # along its bends, at the same offset from the line
-            polyline = Polyline(line)
-            there = polyline.point_at(tracked.surface_position_m + tracked.surface_speed_mps * late_s)
-            shift = vector.subtract(there, polyline.point_at(tracked.surface_position_m))
-        else:
-            shift = vector.scale(tracked.velocity_mps, late_s)
-        return vector.add(tracked.position_m, shift)
+        if line is None:
+            step_m = vector.scale(tracked.velocity_mps, late_s)
+            return vector.add(tracked.position_m, step_m)
+
+        # along the bends of its line, at the same offset from the line
+        polyline = Polyline(line)
+        moved_m = polyline.point_at(tracked.surface_position_m + tracked.surface_speed_mps * late_s)
+        step_m = vector.subtract(moved_m, polyline.point_at(tracked.surface_position_m))
+        return vector.add(tracked.position_m, step_m)

@@ -56,28 +56,32 @@ class Workspace:
         self.solid: Solid = SOLIDS[kind]
         self._steering_rad = (0.0, 0.0)
         self._plane: PlaneSolid | None = None
-        away = vector.subtract(through_m, eyes_m)
-        aside = vector.subtract(through_m, feet_m)
-        level: Vec3 = (away[0], away[1], 0.0)
+        from_eyes = vector.subtract(through_m, eyes_m)
+        from_axis = vector.subtract(through_m, feet_m)
+
+        # distance of the surface from the eyes, or from the person's axis
         if kind == "sphere":
-            self._radius_m = vector.norm(away)
+            self._radius_m = vector.norm(from_eyes)
         elif kind == "horizontal":
-            self._radius_m = abs(away[2])
+            self._radius_m = abs(from_eyes[2])
+        elif kind == "facing":
+            self._radius_m = math.hypot(from_eyes[0], from_eyes[1])
         else:
-            flat = away if kind == "facing" else aside
-            self._radius_m = math.hypot(flat[0], flat[1])
+            self._radius_m = math.hypot(from_axis[0], from_axis[1])
         if self._radius_m < NEAREST_M:
             raise WorkspaceError(
                 f"a {kind} workspace through there would pass within {NEAREST_M:g} m of the person's eyes: "
                 "choose another anchor or kind"
             )
-        if vector.norm(away) > FARTHEST_M:
+        if vector.norm(from_eyes) > FARTHEST_M:
             raise WorkspaceError(f"a workspace more than {FARTHEST_M:g} m away cannot be pointed at")
+
         if kind == "horizontal":
             self._plane = PlaneSolid(through_m, (0.0, 0.0, 1.0))
         elif kind == "facing":
-            towards = vector.normalized(vector.scale(level, -1.0))
-            self._plane = PlaneSolid(through_m, towards)
+            level: Vec3 = (from_eyes[0], from_eyes[1], 0.0)
+            to_person = vector.normalized(vector.scale(level, -1.0))
+            self._plane = PlaneSolid(through_m, to_person)
 
     def steer(self, direction: Vec3, eyes_m: Vec3, feet_m: Vec3, point_m: Vec3) -> None:
         """Make the ray along `direction` meet it at `point_m`, and turn all later ones by the same angles.
@@ -138,10 +142,14 @@ class Workspace:
         if root < 0.0:
             return None
         ahead = (math.sqrt(root) - towards) / square
+        if ahead <= 0.0:
+            return None
+
+        # a ray that grazes the surface has no exact place on it
         x = own[0] + ahead * d[0]
         y = own[1] + ahead * d[1]
         cosine = (d[0] * x + d[1] * y) / self._radius_m
-        return ahead if ahead > 0.0 and cosine > math.sin(GRAZING_RAD) else None
+        return ahead if cosine > math.sin(GRAZING_RAD) else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -118,6 +118,7 @@ class Web(Service[WebConfig]):
             self._model.cache,
             self.bus,
             self._status,
+            self._wrists.users_of,
             rate_hz=config.rate_hz,
             max_viewers=config.most_viewers,
             hello=functools.partial(hello, speaks=config.announce == "page"),
@@ -275,6 +276,8 @@ class Web(Service[WebConfig]):
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
+        if not await self._pages.admit(socket, role):
+            return
         if socket.url.path == PAST:
             await self._visits.open(socket)
             return
@@ -287,11 +290,12 @@ class Web(Service[WebConfig]):
         if self._wrists.close(page):
             self._changed()
 
-    def _status(self, page: str) -> Status:
+    def _status(self) -> Status:
+        """Return the status of the site, as of a page that moves nobody's wrist."""
         now_s = self._now_s()
         status = self._model.status(
             [
-                self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
+                self._wrists.line(user, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
                 for user in self._people.names
             ],
             now_s,

@@ -40,9 +40,11 @@ A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wri
 refused at once. Its socket is closed with `UNPAIRED` or `REPLACED` where it is not to come back.
 """
 
-from typing import Annotated, Any, Literal
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Real, Vec3
 
@@ -174,6 +176,19 @@ class Status(WireModel):
     ] = "runs"
 
 
+class SharedReply(dict[str, Any]):
+    """Fields of a reply that is the same for all pages, and their JSON text, serialized once."""
+
+    def __init__(self, fields: Mapping[str, Any]) -> None:
+        """Serialize `fields`, which do not change any more."""
+        super().__init__(fields)
+        self.text = _json_text(fields)
+
+
+def _json_text(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"))
+
+
 class Answer(WireModel):
     """Result of an `Ask`."""
 
@@ -181,6 +196,23 @@ class Answer(WireModel):
     id: Id
     reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty if refused")] = None
     error: Annotated[str, Field(description="reason of the refusal; empty if done")] = ""
+    _reply_text: str = PrivateAttr(default="")
+    """JSON text of a shared reply, or `""`."""
+
+    @classmethod
+    def of_reply(cls, number: int, reply: dict[str, Any]) -> Self:
+        """Return the answer to the request `number`; a `SharedReply` is not serialized again."""
+        answer = cls(id=number, reply=reply)
+        if isinstance(reply, SharedReply):
+            answer._reply_text = reply.text
+        return answer
+
+    def json_text(self) -> str:
+        """Return it as JSON text."""
+        if not self._reply_text:
+            return _json_text(self.model_dump(mode="json"))
+        fields = _json_text(self.model_dump(mode="json", exclude={"reply"}))
+        return f'{fields[:-1]},"reply":{self._reply_text}}}'
 
 
 class Cue(WireModel):

@@ -7,6 +7,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from pointit.bridges.web.wire import SharedReply
 from pointit.maps.checks.things import TESTED, confusions
 from pointit.maps.floor import extent, floor_edges
 from pointit.runtime.errors import RefusedError
@@ -36,16 +37,16 @@ class FloorSeparability:
 
     def __init__(self) -> None:
         self._room: Environment | None = None
-        self._floor_task: asyncio.Task[Floor] | None = None
+        self._reply_task: asyncio.Task[SharedReply] | None = None
 
     def set_room(self, room: Environment) -> None:
         """Use `room` from now on."""
         if self._room is None or room.model_copy(update=_stamps(self._room)) != self._room:
             self._room = room
-            self._floor_task = None
+            self._reply_task = None
 
-    async def answer(self) -> Floor:
-        """Return the squares of the floor, see `Floor`.
+    async def answer(self) -> SharedReply:
+        """Return the squares of the floor, with the fields of `Floor`.
 
         Raises:
             RefusedError: If the map has no things, or more than can be computed in a few seconds.
@@ -59,14 +60,18 @@ class FloorSeparability:
                 f"the map has {count} things, limit {TESTED} for colouring the floor of the page; "
                 "use `pointit map plot --told-apart`"
             )
-        if self._floor_task is None:
-            work = in_daemon_thread(functools.partial(floor, room), "told apart")
-            self._floor_task = asyncio.get_running_loop().create_task(work, name="told apart")
-        return await asyncio.shield(self._floor_task)  # others may wait for it, too
+        if self._reply_task is None:
+            work = in_daemon_thread(functools.partial(_reply, room), "told apart")
+            self._reply_task = asyncio.get_running_loop().create_task(work, name="told apart")
+        return await asyncio.shield(self._reply_task)  # others may wait for it, too
 
 
 def _stamps(room: Environment) -> dict[str, int]:
     return {"stamp_ns": room.stamp_ns, "seq": room.seq}
+
+
+def _reply(room: Environment) -> SharedReply:
+    return SharedReply(floor(room))
 
 
 def floor(room: Environment) -> Floor:

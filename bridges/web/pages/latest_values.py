@@ -256,6 +256,8 @@ class PageFeed:
         self._token_bucket = TokenBucket(rate_hz, 2.0)
         self._sent = 0
         self._acked = 0
+        self._unacknowledged: set[int] = set()
+        """Numbers of the last batches that may still be acknowledged, each once."""
         self._history = cache.history()
         """Past events that the page has not yet got."""
         self._events = cache.event_count
@@ -298,6 +300,7 @@ class PageFeed:
             return None
         self._token_bucket.take(now_s)
         self._sent += 1
+        self._unacknowledged.add(self._sent)
         return Batch(self._sent, states, (*history, *events), dropped)
 
     def skip_events(self) -> None:
@@ -306,8 +309,14 @@ class PageFeed:
         self._history = []
 
     def ack(self, n: int) -> bool:
-        """Acknowledge batch `n` and all before; return False if `n` was not sent."""
-        if not 0 < n <= self._sent:
+        """Acknowledge batch `n` and all before. Return False if `n` was not sent, or is acknowledged already.
+
+        Acknowledgements may overtake each other: those of the last `IN_FLIGHT` batches may come once each.
+        """
+        if n not in self._unacknowledged:
             return False
         self._acked = max(self._acked, n)
+        self._unacknowledged = {
+            number for number in self._unacknowledged if number != n and number > self._acked - IN_FLIGHT
+        }
         return True

@@ -86,7 +86,7 @@ class PageAction:
 async def answer_request(context: ActionContext, page: str, role: Role, ask: Ask) -> Answer:
     """Answer a request of a page or phone, which waits for that: by the reply, or the reason of a failure."""
     try:
-        return Answer(id=ask.id, reply=await _reply(context, page, role, ask))
+        return Answer.of_reply(ask.id, await _reply(context, page, role, ask))
     except PointItError as error:
         return Answer(id=ask.id, error=str(error))
     except Exception:

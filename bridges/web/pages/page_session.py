@@ -2,11 +2,10 @@
 
 import asyncio
 import contextlib
-import json
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,7 +41,13 @@ ASKS_HZ, ASKS_BURST = 20.0, 40.0
 """Rate limit of a page's requests; more are refused."""
 
 VIEWERS_HZ, VIEWERS_BURST = 50.0, 100.0
-"""Rate limit of what all pages that may only look send together, but for acknowledgements of batches."""
+"""Rate limit of what all pages that may only look send together, without valid acknowledgements."""
+
+VIEWERS_OPENED_HZ, VIEWERS_OPENED_BURST = 10.0, 40.0
+"""Rate limit of opening pages that may only look, as each begins with the whole state."""
+
+MAX_TURN_S = 5.0
+"""Maximum wait for that, s. A page that would wait longer is refused, and tries again later."""
 
 AIMS_HZ, AIMS_BURST = 120.0, 20.0
 """Rate limit of aiming; of more, only the newest counts."""
@@ -217,27 +222,29 @@ class PageSession:
             self._wake_timer.start(wait_s)
 
     async def _receive(self) -> None:
+        """Process messages within the page's allowance.
+
+        While this waits, a message is unreceived and the transport is paused: what the page sends is not even
+        parsed, see `PacedWebSocket`.
+        """
         while True:
+            wait_s = self._message_bucket.reserve(self._loop.time())
+            if wait_s:
+                await asyncio.sleep(wait_s)
             message = await self._socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            if wait_s := self._message_bucket.wait_s(self._loop.time()):
-                await asyncio.sleep(wait_s)
-            self._message_bucket.take(self._loop.time())
-            text = message.get("text")
-            parsed = self._understood(text)
-            if self._viewer_bucket is not None and not isinstance(parsed, Ack):
+            parsed = self._understood(message.get("text"))
+            is_free = isinstance(parsed, Ack) and self._on_ack(parsed)
+            if self._viewer_bucket is not None and not is_free:
                 await asyncio.sleep(self._viewer_bucket.reserve(self._loop.time()))
-            if parsed is None:
-                if self._malformed >= MAX_MALFORMED:
-                    self._is_shut = True
-                    await self._socket.close(MALFORMED, "too many malformed messages")
-                    return
-            elif isinstance(parsed, Ack):
-                self._on_ack(parsed)
-            elif isinstance(parsed, Ask):
+            if self._malformed >= MAX_MALFORMED:
+                self._is_shut = True
+                await self._socket.close(MALFORMED, "too many malformed messages")
+                return
+            if isinstance(parsed, Ask):
                 await self._begin_answer(parsed)
-            else:
+            elif isinstance(parsed, AimAt | Play | Turn | HeadsetMotion):
                 self._on_motion(parsed)
 
     def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | HeadsetMotion | None:
@@ -267,12 +274,14 @@ class PageSession:
         is_own = self.role != "operator" and user != "" and self.paired_user() == user
         return "wrist" if is_own else self.role
 
-    def _on_ack(self, ack: Ack) -> None:
+    def _on_ack(self, ack: Ack) -> bool:
+        """Process an acknowledgement. Return False if it is an error, which costs like a request."""
         if not self.feed.ack(ack.n):
-            self._on_malformed("Ack", "of a batch that was never sent")
-        else:
-            self._host.shown(ack)
-            self._wake_event.set()
+            self._on_malformed("Ack", "of a batch that was never sent, or was acknowledged before")
+            return False
+        self._host.shown(ack)
+        self._wake_event.set()
+        return True
 
     def _on_malformed(self, what: str, sentence: str) -> None:
         self._malformed += 1
@@ -309,7 +318,7 @@ class PageSession:
             answer = await self._host.answer(ask, self)
         else:
             answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
-        self.tell(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
+        self.tell(answer.json_text())
 
 
 class Pages:
@@ -319,22 +328,36 @@ class Pages:
         self,
         cache: LatestValueCache,
         bus: ServiceBus,
-        status: Callable[[str], Status],
+        status: Callable[[], Status],
+        users_of: Callable[[str], Collection[str]],
         *,
         rate_hz: float,
         max_viewers: int,
         hello: Callable[..., Hello],
     ) -> None:
+        """Create it without pages.
+
+        Args:
+            cache: the newest messages.
+            bus: of the page's service.
+            status: returns the status of the site, as of a page that moves nobody's wrist.
+            users_of: returns the people whose wrists a page moves, by its name.
+            rate_hz: maximum rate of batches to a page.
+            max_viewers: maximum number of open pages.
+            hello: returns the greeting for a role and a `user`.
+        """
         self._hello = hello
         self._cache = cache
         self._bus = bus
         self._status = status
+        self._users_of = users_of
         self._rate_hz = rate_hz
         self._max_viewers = max_viewers
         self._sessions: set[PageSession] = set()
         self._count = 0
         self.viewer_bucket = TokenBucket(VIEWERS_HZ, VIEWERS_BURST)
         """Budget of all pages that may only look, those of the past, too."""
+        self._opening_bucket = TokenBucket(VIEWERS_OPENED_HZ, VIEWERS_OPENED_BURST)
         self._past_pages = 0
         """Number of pages that look at the past."""
         self._flush_timer = Timer(bus.call_later, self._flush)
@@ -394,6 +417,18 @@ class Pages:
             self._past_pages -= 1
             self._count_viewers()
 
+    async def admit(self, socket: WebSocket, role: Role) -> bool:
+        """Wait for a page's turn to open. Return False if it was refused, as too many open at a time."""
+        if role != "viewer":
+            return True
+        now_s = asyncio.get_running_loop().time()
+        if self._opening_bucket.wait_s(now_s) > MAX_TURN_S:
+            text = "too many pages open at a time: try again in some seconds"
+            await socket.send_denial_response(PlainTextResponse(text, 503))
+            return False
+        await asyncio.sleep(self._opening_bucket.reserve(now_s))
+        return True
+
     @property
     def is_full(self) -> bool:
         """Return True if no further page may be opened."""
@@ -426,13 +461,24 @@ class Pages:
         self._status_timer.start(STATUS_S)
 
     def tell_status(self) -> None:
-        """Send every page the status."""
+        """Send every page the status, diagnosed once, and serialized once for pages that move no wrist."""
         self._status_timer.cancel()
+        if not self._sessions:
+            return
+        for_operators = self._status()
+        for_others = for_operators.model_copy(update={"devices": ()})  # nobody else needs addresses
+        operators_text = for_operators.model_dump_json()
+        others_text = for_others.model_dump_json()
         for session in self._sessions:
-            status = self._status(session.page)
-            if session.role != "operator":  # nobody else needs addresses
-                status = status.model_copy(update={"devices": ()})
-            session.tell_status(status.model_dump_json())
+            is_operator = session.role == "operator"
+            users = self._users_of(session.page)
+            if users:
+                status = for_operators if is_operator else for_others
+                session.tell_status(with_own_people(status, users).model_dump_json())
+            elif is_operator:
+                session.tell_status(operators_text)
+            else:
+                session.tell_status(others_text)
 
     def shown(self, ack: Ack) -> None:
         """Process a page's acknowledgement of a batch."""
@@ -474,6 +520,12 @@ class Pages:
         self._flush_timer.cancel()
         for session in self._sessions:
             session.wake()
+
+
+def with_own_people(status: Status, users: Collection[str]) -> Status:
+    """Return `status` for the page that moves the wrists of `users`."""
+    people = tuple(line.model_copy(update={"is_mine": line.user in users}) for line in status.people)
+    return status.model_copy(update={"people": people})
 
 
 class Latencies:

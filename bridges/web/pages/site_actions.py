@@ -89,7 +89,7 @@ async def _check_mounting(context: ActionContext, _: PageSender, device: OneDevi
 
 
 async def _read_floor(context: ActionContext, _: PageSender, __: NoParameters) -> JsonObject:
-    return {**await context.separability.answer()}
+    return await context.separability.answer()
 
 
 async def _read_map(context: ActionContext, _: PageSender, __: NoParameters) -> JsonObject:

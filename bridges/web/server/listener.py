@@ -22,6 +22,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
+from pointit.bridges.web.server.paced_websocket import PacedWebSocket
 from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ListenError
 from pointit.runtime.host.name_lookup import resolve
@@ -142,6 +143,7 @@ class Listener:
             proxy_headers=False,
             server_header=False,
             date_header=False,
+            ws=PacedWebSocket,
             ws_max_size=MAX_MESSAGE,
             ws_per_message_deflate=True,
             ws_ping_interval=PING_S,

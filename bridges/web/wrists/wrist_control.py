@@ -351,6 +351,10 @@ class WristControl:
         person = self._people.get(user)
         return ("", "own") if person is None or not person.page else (person.page, person.by)
 
+    def users_of(self, page: str) -> frozenset[str]:
+        """Return the people whose wrists `page` holds."""
+        return frozenset(user for user, person in self._people.items() if person.page == page)
+
     # Motion.
 
     def aim(self, page: str, aim: AimAt) -> bool:
@@ -433,8 +437,8 @@ class WristControl:
         """Return the arm's azimuth in {H}, rad, that points at the middle of the map."""
         return self._person(user).arm.azimuth(self._middle)
 
-    def line(self, user: str, page: str, now_ns: int, *, paired: str = "") -> PersonLine:
-        """Return the status of `user` for `page`; `paired`: page id of the paired phone."""
+    def line(self, user: str, now_ns: int, *, paired: str = "") -> PersonLine:
+        """Return the status of `user` for pages that do not move them; `paired`: page id of the phone."""
         holder, mover = self.holder(user)
         person = self._person(user)
         phone = person.phones.get(paired) if paired else None
@@ -450,7 +454,6 @@ class WristControl:
         return PersonLine(
             user=user,
             moved_by=mover,
-            is_mine=bool(page) and holder == page,
             assumed=None if place is None else AssumedPlace(position_m=place[0], yaw_rad=place[1]),
             phone=said,
             battery=None if phone is None else phone.turn.battery,

@@ -6,22 +6,25 @@ import contextlib
 import json
 import os
 import socket
+from typing import Any
 
 import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from pointit.bridges.web import service
+from pointit.bridges.web.model import site_model
 from pointit.bridges.web.pages import page_session
 from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
+from pointit.bridges.web.server.paced_websocket import PacedWebSocket
 from pointit.schemas import Cursor, StripsFrame
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import CURSOR, HEALTH, STRIPS_FRAME, UNDO_SELECTION
 from tests.integration.web.pages import VIEWER, Page, Server, serving
-from tests.support.bench import START_NS, Bench, memory_bench, until
+from tests.support.bench import START_NS, Bench, background, memory_bench, until
 from tests.support.pace import within
 
 
@@ -127,6 +130,98 @@ async def test_all_viewers_have_one_budget_which_refused_requests_spend(
         bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
         for page in viewers:
             await until(lambda page=page: (CURSOR.key, "anna") in page.states)
+
+
+async def test_flood_of_a_viewer_is_not_parsed_beyond_the_allowance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_session, "VIEWERS_HZ", 0.001)
+    monkeypatch.setattr(page_session, "VIEWERS_BURST", 3.0)
+    parsed = 0
+    parse = PacedWebSocket.send_receive_event_to_app
+
+    def count_and_parse(protocol: PacedWebSocket) -> None:
+        nonlocal parsed
+        parsed += 1
+        parse(protocol)
+
+    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+        flooder = await stack.enter_async_context(server.page(VIEWER))
+        operator = await stack.enter_async_context(server.page())
+        monkeypatch.setattr(PacedWebSocket, "send_receive_event_to_app", count_and_parse)
+
+        flood = json.dumps({"kind": "ask", "id": 1, "key": "no/such"})
+        async with background(send_many(flooder, [flood] * 5000)):
+            await until(lambda: bool(flooder.answers))
+            for number in range(10):
+                await operator.say(kind="ask", id=number, key="no/such")
+            await until(lambda: len(operator.answers) == 10)
+
+        assert parsed < 200
+
+
+async def send_many(page: Page, texts: list[str]) -> None:
+    """Send without waiting for answers, until the page is closed."""
+    with contextlib.suppress(ConnectionClosed):
+        for text in texts:
+            await page.socket.send(text)
+
+
+async def test_repeated_acknowledgement_costs_and_closes_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_session, "VIEWERS_HZ", 0.001)
+    monkeypatch.setattr(page_session, "VIEWERS_BURST", float(MAX_MALFORMED + 3))
+    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+        viewer = await stack.enter_async_context(server.page(VIEWER))
+        other = await stack.enter_async_context(server.page(VIEWER))
+        await until(lambda: bool(viewer.batches))
+
+        await send_many(viewer, [json.dumps({"kind": "ack", "n": 1})] * (2 * MAX_MALFORMED))
+
+        await until(lambda: viewer.socket.close_code == 1008)
+        for number in range(10):
+            await other.say(kind="ask", id=number, key="no/such")
+        await until(lambda: len(other.answers) == 3, what="what the acknowledgements left of the budget")
+        bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+        await until(lambda: (CURSOR.key, "anna") in other.states)
+        assert len(other.answers) == 3
+
+
+async def test_status_is_diagnosed_once_for_all_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    diagnosed = 0
+    diagnose = site_model.diagnose
+
+    def count_and_diagnose(*arguments: Any) -> Any:
+        nonlocal diagnosed
+        diagnosed += 1
+        return diagnose(*arguments)
+
+    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+        pages = [await stack.enter_async_context(server.page(VIEWER)) for _ in range(5)]
+        await until(lambda: all(page.status.get("viewers") == 5 for page in pages))
+        statuses_before = [page.statuses for page in pages]
+        monkeypatch.setattr(site_model, "diagnose", count_and_diagnose)
+
+        def new_statuses() -> list[int]:
+            return [page.statuses - before for page, before in zip(pages, statuses_before, strict=True)]
+
+        await until(lambda: min(new_statuses()) >= 3)
+
+        assert diagnosed <= max(new_statuses()) + 1, "the last one may be on its way"
+
+
+async def test_viewers_that_open_too_many_pages_at_a_time_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(page_session, "VIEWERS_OPENED_HZ", 0.001)
+    monkeypatch.setattr(page_session, "VIEWERS_OPENED_BURST", 2.0)
+    async with memory_bench() as bench, serving(bench) as server:
+        for _ in range(2):
+            async with server.page(VIEWER):
+                pass
+        with pytest.raises(InvalidStatus) as refused:
+            async with server.page(VIEWER):
+                pass
+        assert refused.value.response.status_code == 503
+        async with server.page() as operator:
+            assert operator.hello is not None
 
 
 async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench, page: Page) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import AsyncMock
 from urllib.parse import unquote
 
 import msgpack
@@ -98,6 +99,32 @@ async def test_a_fault_is_an_answer(fault: Exception, told: str, caplog: pytest.
     assert (answer.id, answer.reply, answer.error) == (1, None, told)
     assert ("was not answered" in caplog.text) is isinstance(fault, OSError)
     caplog.clear()
+
+
+async def test_shared_reply_is_serialized_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    reply = wire.SharedReply({"things": ["Lamp", "Box"], "x_m": [0.5]})
+    separability = SimpleNamespace(answer=AsyncMock(return_value=reply))
+    context: Any = SimpleNamespace(separability=separability)
+    dumped: list[Any] = []
+    dumps = json.dumps
+
+    def record_and_dump(value: Any, **options: Any) -> str:
+        dumped.append(value)
+        return dumps(value, **options)
+
+    monkeypatch.setattr(wire.json, "dumps", record_and_dump)
+    answers = [await answer_request(context, "page1", "viewer", ask(deed="told_apart")) for _ in range(3)]
+
+    assert [json.loads(answer.json_text()) for answer in answers] == [
+        {"kind": "answer", "id": 1, "reply": {"things": ["Lamp", "Box"], "x_m": [0.5]}, "error": ""}
+    ] * 3
+    assert not [value for value in dumped if "reply" in value or "things" in value]
+
+
+def test_refusal_is_an_answer_without_a_reply() -> None:
+    text = wire.Answer(id=7, error="it is busy").json_text()
+
+    assert json.loads(text) == {"kind": "answer", "id": 7, "reply": None, "error": "it is busy"}
 
 
 @pytest.mark.parametrize(

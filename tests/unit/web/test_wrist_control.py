@@ -178,23 +178,24 @@ def test_tremor_is_of_who_has_the_arm(wrists: WristControl) -> None:
 
 
 def test_what_people_are_told_of_a_wrist(wrists: WristControl) -> None:
-    line = wrists.line("anna", "page1", START)
+    line = wrists.line("anna", START)
     assert (line.moved_by, line.is_mine, line.phone, line.battery) == ("own", False, "", None)
     assert line.assumed is not None
     assert line.assumed.position_m == (1.0, 0.0, 0.0)
     assert line.assumed.yaw_rad == pytest.approx(math.radians(30.0))
-    assert wrists.line("ben", "page1", START).assumed is None
+    assert wrists.line("ben", START).assumed is None
     wrists.acquire("anna", "page1", "mouse")
-    assert wrists.line("anna", "page1", START).is_mine
-    assert wrists.line("anna", "page1", START, paired="phone1").phone == "waiting for the phone"
+    assert wrists.users_of("page1") == {"anna"}
+    assert wrists.users_of("page2") == frozenset()
+    assert wrists.line("anna", START, paired="phone1").phone == "waiting for the phone"
     wrists.turn("anna", "phone1", turn(), START)
-    line = wrists.line("anna", "page2", START, paired="phone1")
+    line = wrists.line("anna", START, paired="phone1")
     assert (line.moved_by, line.is_mine, line.battery) == ("mouse", False, 0.5)
     assert line.phone == "connected, does not move the arm"
     wrists.acquire("anna", "phone1", "phone")
-    assert wrists.line("anna", "", START, paired="phone1").phone == "moves the arm"
-    assert not wrists.line("anna", "", START, paired="phone1").is_mine
-    assert wrists.line("anna", "", at(2.0), paired="phone1").phone == "paired, but silent"
+    assert wrists.line("anna", START, paired="phone1").phone == "moves the arm"
+    assert wrists.users_of("page1") == frozenset()
+    assert wrists.line("anna", at(2.0), paired="phone1").phone == "paired, but silent"
 
 
 def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:

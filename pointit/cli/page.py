@@ -100,25 +100,32 @@ class RunPage(Beside):
         """The file that holds its link."""
         self._site_address = page.config.devices_at
         """Address at which processes of devices join."""
+        self._has_own_process = False
 
     @property
     def instance(self) -> str:
         """Return its instance name."""
         return self.page.instance
 
+    def needs_own_process(self, link: Link) -> bool:
+        """Return True if others may open it, or the site of `link` is secured, whose machines are several."""
+        return self.page.is_open_to_others or link.credentials is not None
+
     def launch(self) -> Launch:
-        """Return its launch. Slow: imports the server."""
+        """Return its launch. Slow, unless it has a process of its own: imports the server."""
         config = self.page.config.model_copy(update={"devices_at": self._site_address})
-        return dataclasses.replace(self.page, config=config).launch()
+        page = dataclasses.replace(self.page, config=config)
+        return page.process_launch() if self._has_own_process else page.launch()
 
     def checked(self) -> Sequence[Launch]:
         """Return it if parameters were set by hand."""
-        return [] if self.page.is_usual else [self.launch()]
+        return [] if self.page.is_usual else [self.page.launch()]
 
     @contextlib.contextmanager
     def joined(self, bus: Bus) -> Generator[None]:
         """Store the page's link in a file, and open the browser as soon as the page is present."""
         link: Link | None = getattr(bus, "link", None)  # that of Zenoh has one
+        self._has_own_process = link is not None and self.needs_own_process(link)
         if link is not None and not self.page.scan_url:  # a scan drives its lights alone
             self._site_address = self._site_address or link.addresses[0]
         with contextlib.ExitStack() as stack:

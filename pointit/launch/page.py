@@ -9,18 +9,19 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any, ClassVar, TextIO
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link, without_token
 from pointit.launch.plan.launches import PAGE, Settings, layers_of, service_of
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.name_lookup import lan_addresses, resolve
 from pointit.runtime.host.state_file import site_folder, write_atomically
-from pointit.runtime.service.service import AnyService, Launch
+from pointit.runtime.service.service import AnyService, Launch, Scope, Service
 from pointit.services import registry
 
 TOKEN_BYTES = 18
@@ -125,6 +126,14 @@ def _load() -> type[AnyService]:
     return service
 
 
+class PageProcess(Service[WebConfig]):
+    """The page as a process of its own: what a run needs to start it, without importing its server."""
+
+    NAME: ClassVar[str] = PAGE
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = WebConfig
+
+
 @dataclass(frozen=True, kw_only=True)
 class Page:
     """A page to be served, and its URLs. They contain tokens, so they are shown once, to the operator."""
@@ -139,6 +148,9 @@ class Page:
     viewer_lan_url: str = ""
     scan_url: str = ""
     """URL with which a phone, or a browser here, maps the room. `""`: no scan is open from the start."""
+    is_open_to_others: bool = False
+    """True if others than who started it on this machine may open it. It gets a process of its own then, so
+    that whatever they send delays nobody's pointing."""
     is_usual: bool = True
     """True if no parameter was set by hand, so that none needs to be checked."""
     load: Callable[[], type[AnyService]] = _load
@@ -150,8 +162,12 @@ class Page:
         return PAGE
 
     def launch(self, number: int = 1) -> NumberedLaunch:
-        """Return the launch of page `number`, counted from 1."""
+        """Return the launch of page `number`, counted from 1. Slow: imports the server."""
         return NumberedLaunch(service=self.load(), config=self.config, number=number)
+
+    def process_launch(self) -> NumberedLaunch:
+        """Return the launch of the page in a process of its own."""
+        return NumberedLaunch(service=PageProcess, config=self.config)
 
 
 def is_available() -> bool:
@@ -194,6 +210,8 @@ def page_of(
         there = (
             f"https://{_shown(address)}:{ports['lan_port']}/?token=" if address else ""
         )  # which the page says
+    is_viewer_invited = config.viewer_token != tokens.viewer
+    is_reachable = config.lan or config.published_port > 0 or not is_loopback(config.host)
     return Page(
         config=config.model_copy(update=ports),
         url=here + config.operator_token,
@@ -201,6 +219,7 @@ def page_of(
         lan_url=there and there + config.operator_token,
         viewer_lan_url=there and there + config.viewer_token,
         scan_url=_scan_url(there or here, config.scan_token),
+        is_open_to_others=is_reachable or is_viewer_invited,
         is_usual=all(layers.values.get(name) == value for name, value in usual.items())
         and layers.values.keys() <= {*usual, "port", "lan"},
     )

@@ -21,6 +21,9 @@ import typing
 
 from pointit.schemas.base import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
 
+EXIT_USAGE = 2
+"""Exit code of a command after a `ConfigError`: an argument, a file or a variable is wrong."""
+
 
 class ConfigError(PointItError):
     """A configuration, map, scenario or recording cannot be used; names file, field and value."""

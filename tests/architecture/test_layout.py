@@ -50,7 +50,7 @@ DEVICES = {
         "web": """
             devices/devices.py devices/run_command.py pages/action.py pages/arm_actions.py
             pages/page_requests.py pages/site_actions.py server/metrics_server.py server/app.py
-            server/certificate.py server/lan.py server/link_file.py pages/page_session.py
+            server/certificate.py server/lan.py server/link_file.py server/paced_websocket.py pages/page_session.py
             model/history.py model/people.py wrists/phone.py server/listener.py playback/file_past.py
             playback/past_page.py model/map_editor.py model/separability.py scan/scan_server.py
             scan/session.py scan/solver_process.py""",

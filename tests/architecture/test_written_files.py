@@ -22,7 +22,7 @@ OWN_WAY = {
     "pointit/conversion/bag_file.py": "temporary",
     "pointit/conversion/export_csv.py": "files of a folder, all replaced at the end",
     "pointit/conversion/export_bids.py": "files of a folder, all replaced at the end",
-    "pointit/launch/run/running_scenario.py": "temporary",
+    "pointit/launch/run/processes.py": "temporary",
     "pointit/maps/edit.py": "complete before it has its name",
     "pointit/replay/replayed_services.py": "temporary",
     "services/recorder/sink.py": "a recording, written for hours",

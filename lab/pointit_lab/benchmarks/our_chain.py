@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import pointit
 from pointit.launch.plan.launches import Choices
-from pointit.launch.run.running_scenario import Processes
+from pointit.launch.run.processes import Processes
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

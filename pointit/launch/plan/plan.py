@@ -202,6 +202,11 @@ class Beside(ABC):
     def launch(self) -> Launch:
         """Return its launch. May be slow: it imports the service."""
 
+    def needs_own_process(self, link: Link) -> bool:
+        """Return True if it is served by a supervised process of its own. `link`: that of the run."""
+        del link
+        return False
+
     def checked(self) -> Sequence[Launch]:
         """Return the launches to check before anything starts."""
         return [self.launch()]

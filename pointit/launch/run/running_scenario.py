@@ -9,19 +9,13 @@ A run that ends on purpose publishes an empty deployment. The deployment of a ru
 import asyncio
 import logging
 import re
-import shlex
-import shutil
-import signal
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
 
 from pointit.launch.plan.plan import WATCHERS, Beside, Plan
 from pointit.launch.run.monitor import Monitor, RunScore
+from pointit.launch.run.processes import Processes
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.errors import ConfigError, first_cause
@@ -32,16 +26,11 @@ from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT, SERVICE_ALIVE, USER_ALIVE
-from pointit.services import registry
 
 log = logging.getLogger(__name__)
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
 """An assignment with a secret value."""
-STOP_TIMEOUT_S = 1.2
-"""Time children get to end before they are killed."""
-LAST_WORDS = 2000
-"""Bytes at the end of a child's log that are searched for its last error."""
 
 Line = tuple[Launch, tuple[str, ...]]
 """A service, and the command that restarts it."""
@@ -66,11 +55,12 @@ class ServiceGroup:
         *,
         link: Link | None,
         on_end: Callable[[], None],
+        is_supervised: bool = False,
     ) -> None:
         """Start nothing yet.
 
         `link`: the link that services in processes of their own join. None: they run in this process,
-        and `on_end` is called when they end unexpectedly.
+        and `on_end` is called when they end unexpectedly. `is_supervised`: see `Processes`.
         """
         self.launches = launches
         self._bus = bus
@@ -79,7 +69,9 @@ class ServiceGroup:
         self._work: asyncio.Task[None] | None = None
         self._children: Processes | None = None
         if link is not None:
-            self._children = Processes(launches, site=link.site, connect=link.addresses[0])
+            self._children = Processes(
+                launches, site=link.site, connect=link.addresses[0], is_supervised=is_supervised
+            )
 
     @property
     def has_ended(self) -> bool:
@@ -146,124 +138,6 @@ class ServiceGroup:
 def redact_secrets(arguments: Sequence[str]) -> list[str]:
     """Return the command line `arguments` with secret values removed."""
     return [SECRET.sub(r"\1…", argument) for argument in arguments]
-
-
-class Processes:
-    """Child processes, one per launch; all end on exit of the context.
-
-    A child that ends by itself is reported with the command that restarts it. Restarting it is up to
-    the operator, compose or systemd.
-    """
-
-    def __init__(
-        self, launches: Sequence[Launch], *, site: str, connect: str, clock: Literal["site", "wall"] = "site"
-    ) -> None:
-        self._launches = launches
-        self._site = site
-        self._connect = connect
-        self._clock = clock
-        self._children: dict[str, asyncio.subprocess.Process] = {}
-        self._watches: list[asyncio.Task[None]] = []
-        self._ending = False
-        self.folder = Path(tempfile.mkdtemp(prefix="pointit-"))
-        """Holds each service's configuration and log; kept if one of them failed."""
-
-    def command(self, launch: Launch) -> tuple[str, ...]:
-        """Return the command that starts `launch`."""
-        row = registry.process(launch.service.NAME)
-        command = [sys.executable, *row.command, "--config", str(self.folder / f"{launch.instance}.yaml")]
-        if launch.user:
-            command += ["--user", launch.user]
-        if launch.name:
-            command += ["--name", launch.name]
-        return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)
-
-    async def __aenter__(self) -> Self:
-        try:
-            for launch in self._launches:
-                path = self.folder / f"{launch.instance}.yaml"
-                path.write_text(launch.config.model_dump_json(), encoding="utf-8")
-            for launch in self._launches:
-                await self._start(launch)
-        except BaseException:
-            await self._end()
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        await self._end()
-
-    async def _end(self) -> None:
-        self._ending = True
-        failed = [instance for instance, child in self._children.items() if child.returncode is not None]
-        waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
-        for child in self._children.values():
-            if child.returncode is None:
-                child.send_signal(signal.SIGTERM)
-        if waits:
-            await asyncio.wait(waits, timeout=STOP_TIMEOUT_S)
-        for instance, child in self._children.items():
-            if child.returncode is None:
-                log.warning("%s did not end in time and is killed", instance)
-                failed.append(instance)
-                child.kill()
-        await asyncio.gather(*waits)
-        pipes = [child.stdin for child in self._children.values() if child.stdin is not None]
-        for pipe in pipes:
-            pipe.close()  # a pipe that is left to the garbage collector may outlive the loop, which it needs
-        await asyncio.gather(*(pipe.wait_closed() for pipe in pipes), return_exceptions=True)
-        for watch in self._watches:
-            watch.cancel()
-        await asyncio.gather(*self._watches, return_exceptions=True)
-        if not failed:
-            shutil.rmtree(self.folder, ignore_errors=True)
-
-    async def _start(self, launch: Launch) -> None:
-        path = self.folder / f"{launch.instance}.log"
-        with path.open("ab") as output:
-            child = await asyncio.create_subprocess_exec(
-                *self.command(launch),
-                "--while-parent-lives",
-                stdin=asyncio.subprocess.PIPE,
-                stdout=output,
-                stderr=output,
-                process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends the children in order
-            )
-        self._children[launch.instance] = child
-        watch = asyncio.create_task(self._watch(launch, child, path), name=f"watch {launch.instance}")
-        self._watches.append(watch)
-
-    async def _watch(self, launch: Launch, child: asyncio.subprocess.Process, path: Path) -> None:
-        code = await child.wait()
-        if self._ending:
-            return
-        if code < 0:
-            how = f"was ended by {signal.Signals(-code).name}"
-        else:
-            how = f"ended with exit code {code}"
-            if why := last_log_error(path):
-                how += f": {why}"
-        log.error(
-            "%s %s; start it again with: %s (its log: %s)",
-            launch.instance,
-            how,
-            shlex.join(self.command(launch)),
-            path,
-        )
-
-
-def last_log_error(path: Path) -> str:
-    """Return the last error in a service's log, or else the log's last line."""
-    try:
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - LAST_WORDS))
-            lines = file.read().decode(errors="replace").strip().splitlines()
-    except OSError:
-        return ""
-    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-    return (errors or lines or [""])[-1].rstrip(".")
 
 
 class DeploymentPublisher:
@@ -418,9 +292,9 @@ class RunningScenario:
             if not companion.beside.WAIT_S:
                 in_background.append(companion)
                 continue
-            group = self._new_group([companion.beside.launch()], on_end=companion.check)
+            group = self._new_companion_group(companion, companion.beside.launch())
             await companion.begin(group)
-            await _until_present(self.bus, companion.beside)
+            await _until_present(self.bus, companion.beside, companion.beside.WAIT_S)
         await self._start(self.plan)
         for companion in in_background:
             starting = self._start_companion(companion)
@@ -511,16 +385,26 @@ class RunningScenario:
         link = self._link if self.plan.processes else None
         return ServiceGroup(launches, self.bus, self.clock, link=link, on_end=on_end)
 
+    def _new_companion_group(self, companion: _Companion, launch: Launch) -> ServiceGroup:
+        """Return the group of a companion, in a supervised process of its own if it needs one."""
+        if not companion.beside.needs_own_process(self._link):
+            return self._new_group([launch], on_end=companion.check)
+        return ServiceGroup(
+            [launch], self.bus, self.clock, link=self._link, on_end=companion.check, is_supervised=True
+        )
+
     async def _start_companion(self, companion: _Companion) -> None:
         try:
             launch = await asyncio.to_thread(companion.beside.launch)
-            await companion.begin(self._new_group([launch], on_end=companion.check))
+            await companion.begin(self._new_companion_group(companion, launch))
         except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
             companion.give_up(error)
             return
-        companion.has_begun = True
         if self._service_group is not None:  # else another scenario is about to start, and publishes both
             self._publish_deployment()
+        # a service of this process is present by now, but a process has only been started
+        await _until_present(self.bus, companion.beside, None)
+        companion.has_begun = True
         self._on_beside(companion.beside)
 
     def _publish_deployment(self) -> None:
@@ -531,8 +415,8 @@ class RunningScenario:
         self._deployment_publisher.post(self.plan, lines)
 
 
-async def _until_present(bus: Bus, beside: Beside) -> None:
-    """Wait for a service, also as a process, but no longer than its `WAIT_S`."""
+async def _until_present(bus: Bus, beside: Beside, timeout_s: float | None) -> None:
+    """Wait for a service, also as a process, but no longer than `timeout_s`. None: without limit."""
     is_present = asyncio.Event()
 
     def on_presence(name: str, *, present: bool) -> None:
@@ -541,7 +425,7 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
 
     subscription = bus.watch(SERVICE_ALIVE, on_presence)
     try:
-        await wait_up_to(is_present, beside.WAIT_S)
+        await wait_up_to(is_present, timeout_s)
     finally:
         subscription.close()
 

@@ -157,6 +157,22 @@ def guard_of(plugins: PluginGroup[Any], name: str, sink: WarningSink, which: str
     return PluginGuard(f"{label} ({which})" if which else label, sink)
 
 
+class RestartDelay:
+    """Delay before the restart of what has ended by itself: longer after each failure, up to a limit."""
+
+    def __init__(self) -> None:
+        self.failures = 0
+        """Number of failures that count."""
+
+    def after_failure_s(self, lasted_s: float = 0.0) -> float:
+        """Count a failure after a run of `lasted_s`, and return the time until the restart, s."""
+        if lasted_s >= MAX_WAIT_S:
+            self.failures = 0
+        wait_s = min(FIRST_WAIT_S * 2.0 ** min(self.failures, 10), MAX_WAIT_S)
+        self.failures += 1
+        return wait_s
+
+
 class PluginGuard:
     """Runs a plug-in: restarts it with back-off when it fails or ends, and abandons it if it does not end."""
 
@@ -164,7 +180,7 @@ class PluginGuard:
         """Guard the plug-in called `label` in warnings, such as `IMU source 'waving' of my-package`."""
         self.label = label
         self._sink = sink
-        self._failures = 0
+        self._delay = RestartDelay()
         self._logged_s: dict[str, float] = {}
         self.problem = ""
         """Error of its last run, or `""`."""
@@ -182,7 +198,9 @@ class PluginGuard:
     async def run(self, run: Callable[[], Awaitable[None]]) -> None:
         """Run `run` once. After some time without a failure, earlier ones are forgotten."""
         task = asyncio.create_task(_contained(run), name=self.label)
-        settled = asyncio.get_running_loop().call_later(MAX_WAIT_S, self.clear) if self._failures else None
+        settled = (
+            asyncio.get_running_loop().call_later(MAX_WAIT_S, self.clear) if self._delay.failures else None
+        )
         try:
             await asyncio.wait({task})
         except asyncio.CancelledError:
@@ -238,18 +256,18 @@ class PluginGuard:
 
     def failed(self, error: BaseException | None) -> float:
         """Report the end of the plug-in and its `error`, if any. Return the time until its restart, s."""
-        wait_s = min(FIRST_WAIT_S * 2.0 ** min(self._failures, 10), MAX_WAIT_S)
-        self._failures += 1
+        wait_s = self._delay.after_failure_s()
+        failures = self._delay.failures
         how = "ended by itself" if error is None else f"failed ({describe(error)})"
-        times = f", {self._failures} times now" if self._failures > 1 else ""
+        times = f", {failures} times now" if failures > 1 else ""
         self.problem = f"{self.label} {how}{times}; it is started again after {wait_s:g} s"
         self._sink.warn("plug-in", self.problem, self.label)
-        log.error("%s", self.problem, exc_info=error if self._failures == 1 else None)
+        log.error("%s", self.problem, exc_info=error if failures == 1 else None)
         return wait_s
 
     def clear(self) -> None:
         """Clear the warning after the plug-in has recovered."""
-        self._failures = 0
+        self._delay.failures = 0
         self.problem = ""
         self._sink.clear("plug-in", self.label)
 

@@ -21,7 +21,7 @@ from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.environment_variables import LOG_FORMAT, check_spelling, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
-from pointit.runtime.errors import ConfigError, PointItError, first_cause
+from pointit.runtime.errors import EXIT_USAGE, ConfigError, PointItError, first_cause
 from pointit.runtime.host.text_output import escape_unencodable
 from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
@@ -49,7 +49,6 @@ objects. Full garbage collections, which block a process of 20 users for about 5
 
 log = logging.getLogger(__name__)
 
-EXIT_USAGE = 2
 EXIT_FAULT = 70
 """An unforeseen error (sysexits' EX_SOFTWARE)."""
 SETS = "set_"

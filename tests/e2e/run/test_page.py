@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
+import psutil
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -67,6 +68,57 @@ async def test_ctrl_c_ends_it_with_a_page_open(commands: Commands, endpoint: str
     assert ended.code == 0, ended.err
     assert within(ended.took_s, END_S)
     assert "Traceback" not in ended.err
+
+
+LAN = ("scenario_2", "--lan", "--set", "web.lan_port=0")
+
+
+async def test_page_on_this_machine_stays_in_the_process_of_the_run(
+    commands: Commands, endpoint: str
+) -> None:
+    command = run(commands, endpoint, "scenario_2")
+    await address_of(command)
+    assert len(command.family()) == 1
+
+
+async def test_page_that_others_may_open_comes_back_when_its_process_is_killed(
+    commands: Commands, endpoint: str
+) -> None:
+    command = run(commands, endpoint, *LAN)
+    url = await address_of(command)
+    cookie, _ = await entered(url)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: "web" in seen.present, CHANGE_S, "the page")
+        _, server = command.family()
+
+        server.kill()
+        await until(lambda: "web" not in seen.present, CHANGE_S, "its end")
+        await seen.sees_more(seen.cursors["user1"], "cursors without the page")
+        await until(lambda: "web" in seen.present, CHANGE_S, "the page again")
+
+        async with httpx.AsyncClient(transport=httpx.AsyncHTTPTransport(retries=20)) as client:
+            answer = await client.get(url.partition("?")[0], headers={"Cookie": cookie})
+        assert answer.status_code == 200
+        family = command.family()
+        ended = await command.stop(signal.SIGINT, code=0)
+    assert within(ended.took_s, END_S)
+    assert "web was ended by SIGKILL; it is started again after 1 s" in ended.err
+    assert not psutil.wait_procs(family, timeout=60)[1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+async def test_process_of_the_page_ends_with_a_run_that_ends_at_once(
+    commands: Commands, endpoint: str, number: signal.Signals
+) -> None:
+    command = run(commands, endpoint, *LAN)
+    await until(lambda: len(command.family()) == 2, CHANGE_S, "the process of the page")
+    family = command.family()
+
+    ended = await command.stop(number)
+
+    assert within(ended.took_s, END_S)
+    assert "Traceback" not in ended.err
+    assert not psutil.wait_procs(family, timeout=60)[1]
 
 
 async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, endpoint: str) -> None:

@@ -15,7 +15,7 @@ import pytest_asyncio
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
-from pointit.launch.run.running_scenario import Processes
+from pointit.launch.run.processes import Processes
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

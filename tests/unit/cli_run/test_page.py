@@ -4,6 +4,7 @@ import importlib.metadata
 import socket
 import sys
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -25,7 +26,7 @@ from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.run.running_scenario import redact_secrets
 from pointit.recording.entries import RecordingError
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import Credentials, Link, LinkFile
 from pointit.schemas import KeyNameError
 from tests.support.buses import free_port
 from tests.support.invoked import python
@@ -148,6 +149,51 @@ def test_what_was_set_by_hand_is_checked_before_the_start() -> None:
     assert not page_with("web.host=0.0.0.0").is_usual
     assert not page_with("web.operator_token=short").is_usual
     assert not page_of(Settings(), below={"rate_hz": 9.0}).is_usual
+
+
+@pytest.mark.parametrize(
+    ("settings", "asked", "is_open"),
+    [
+        ((), {}, False),
+        (("web.rate_hz=9", "web.operator_token=a-token-of-mine"), {}, False),
+        ((), {"lan": True}, True),
+        (("web.lan=true",), {}, True),
+        (("web.host=0.0.0.0", "web.published_port=8090"), {}, True),
+        (("web.published_port=8090",), {}, True),
+        (("web.viewer_token=a-token-for-guests",), {}, True),
+    ],
+)
+def test_page_has_its_own_process_when_others_may_open_it(
+    settings: tuple[str, ...], asked: dict[str, Any], *, is_open: bool
+) -> None:
+    opened = RunPage(page_with(*settings, **asked))
+
+    assert opened.page.is_open_to_others is is_open
+    assert opened.needs_own_process(Link(listen=("tcp/127.0.0.1:1",))) is is_open
+
+
+def test_page_of_a_secured_site_has_its_own_process(tmp_path: Path) -> None:
+    now = datetime.now(UTC)
+    file = LinkFile(
+        site="plant", name="a", role="supervisor", generation=1, endpoints=(), valid_from=now, valid_until=now
+    )
+    link = Link(connect=("tls/a:1",), credentials=Credentials(folder=tmp_path, link=file))
+
+    assert RunPage(page_with()).needs_own_process(link)
+
+
+def test_run_does_not_import_the_server_of_a_page_with_its_own_process() -> None:
+    script = (
+        "import sys; from types import SimpleNamespace as Bus\n"
+        "from pointit.cli.page import RunPage; from pointit.launch.page import page_of\n"
+        "from pointit.launch.plan.launches import Settings; from pointit.runtime.link.link import Link\n"
+        "page = RunPage(page_of(Settings(), asked={'port': 0, 'lan': True}))\n"
+        "with page.joined(Bus(site='lab', link=Link(listen=('tcp/a:1',)))): launch = page.launch()\n"
+        "print(launch.instance, launch.config.devices_at, *sys.modules)"
+    )
+    instance, address, *modules = python("-c", script, check=True).stdout.split()
+    assert (instance, address) == ("web", "tcp/a:1")
+    assert not set(modules) & {"starlette", "uvicorn"}
 
 
 def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,9 @@ from pointit.cli.recordings.run_recorder import recorded, recorder_launch
 from pointit.diagnosis.observation import start_command
 from pointit.launch.plan.launches import CURSOR_COLORS, Choices, check_settings, shard_launches, site_launches
 from pointit.launch.plan.plan import USUAL, Plan, Scenario
+from pointit.launch.run.processes import Processes
 from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
-from pointit.launch.run.running_scenario import DeploymentPublisher, Processes
+from pointit.launch.run.running_scenario import DeploymentPublisher
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import SILENT_S, Link

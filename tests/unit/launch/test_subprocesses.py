@@ -15,7 +15,8 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.cli.summary import check_writable
-from pointit.launch.run.running_scenario import Processes, last_log_error
+from pointit.launch.run import processes as module
+from pointit.launch.run.processes import MAX_LOG_BYTES, Processes, last_log_error, read_warnings
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
@@ -41,9 +42,13 @@ def launches() -> list[Launch]:
     ]
 
 
-def processes(clock: Literal["site", "wall"] = "site") -> Processes:
+def processes(clock: Literal["site", "wall"] = "site", *, is_supervised: bool = False) -> Processes:
     endpoint = f"tcp/127.0.0.1:{free_port()}"  # nobody is there: the children wait
-    return Processes(launches(), site="lab", connect=endpoint, clock=clock)
+    return Processes(launches(), site="lab", connect=endpoint, clock=clock, is_supervised=is_supervised)
+
+
+def supervised() -> Processes:
+    return processes(is_supervised=True)
 
 
 def children(group: Processes) -> dict[str, asyncio.subprocess.Process]:
@@ -111,6 +116,100 @@ async def test_a_child_that_fails_says_why(caplog: pytest.LogCaptureFixture) -> 
         assert "'soon'" in sentences[1]
     finally:
         await group.__aexit__(None, None, None)
+
+
+async def test_supervised_child_is_started_again(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pointit.runtime.service.plugin_guard.FIRST_WAIT_S", 0.01)
+    group = supervised()
+    async with group:
+        first = children(group)["selector"]
+        first.send_signal(signal.SIGKILL)
+        await until(lambda: children(group)["selector"] is not first, PATIENCE_S, "another child")
+        second = children(group)["selector"]
+        assert second.returncode is None
+        path = group.folder / "selector.log"
+        assert caplog.messages == [
+            f"selector was ended by SIGKILL; it is started again after 0.01 s (its log: {path})"
+        ]
+    assert second.returncode is not None
+    assert group.folder.exists()  # its log may be of interest
+
+
+async def test_supervised_child_is_not_started_again_when_its_parameters_are_refused(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pointit.runtime.service.plugin_guard.FIRST_WAIT_S", 0.01)
+    group = supervised()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BaseModel, "model_dump_json", lambda *_: "window_s: soon\n")
+        await group.__aenter__()
+    try:
+        await until(lambda: all(watch.done() for watch in group._watches), PATIENCE_S, "an end")
+        assert all("ended with exit code 2" in message for message in caplog.messages)
+        assert len(caplog.messages) == 2
+    finally:
+        await group.__aexit__(None, None, None)
+
+
+async def test_end_before_a_restart_leaves_no_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.runtime.service.plugin_guard.FIRST_WAIT_S", 0.01)
+    group = supervised()
+    async with group:
+        start = group._start_child
+        starting = asyncio.Event()
+        started: list[asyncio.subprocess.Process] = []
+
+        async def start_slowly(launch: Launch) -> asyncio.subprocess.Process:
+            starting.set()
+            await asyncio.sleep(0.1)
+            started.append(await start(launch))
+            return started[-1]
+
+        monkeypatch.setattr(group, "_start_child", start_slowly)
+        children(group)["selector"].send_signal(signal.SIGKILL)
+        await starting.wait()
+    assert all(child.returncode is not None for child in (*started, *children(group).values()))
+
+
+async def test_warnings_of_a_supervised_child_are_logged(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "LOG_PERIOD_S", 0.01)
+    group = supervised()
+    async with group:
+        with (group.folder / "selector.log").open("a") as log:
+            log.write('{"level": "info", "message": "begins"}\n{"level": "error", "message": "no port"}\n')
+        await until(lambda: "selector: no port" in caplog.messages, PATIENCE_S, "the error")
+    assert "selector: begins" not in caplog.messages
+
+
+def test_warnings_are_read_once_and_in_whole_lines(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text('{"level": "warning", "message": "first"}\n[1]\nTraceback\n{"level": "error", "mess')
+
+    warnings, position = read_warnings(path, 0)
+    assert list(warnings) == [(logging.WARNING, "first")]
+
+    with path.open("a") as log:
+        log.write('age": "second"}\n')
+    warnings, position = read_warnings(path, position)
+    assert list(warnings) == [(logging.ERROR, "second")]
+    assert read_warnings(path, position) == ([], path.stat().st_size)
+
+
+def test_flooded_log_is_searched_at_its_end_only(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    line = '{"level": "error", "message": "again"}\n'
+    path.write_text(line * 10_000 + '{"level": "error", "message": "last"}\n')
+
+    warnings, position = read_warnings(path, 0)
+
+    assert len(warnings) <= MAX_LOG_BYTES / len(line) + 1
+    assert warnings[-1] == (logging.ERROR, "last")
+    assert position == path.stat().st_size
+    assert read_warnings(tmp_path / "none.log", 3) == ((), 3)
 
 
 async def test_a_start_that_is_cut_short_leaves_no_child(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,7 +115,7 @@ class RunPage(Beside):
         """Return its launch. Slow, unless it has a process of its own: imports the server."""
         config = self.page.config.model_copy(update={"devices_at": self._site_address})
         page = dataclasses.replace(self.page, config=config)
-        return page.process_launch() if self._has_own_process else page.launch()
+        return page.process_launch() if self._has_own_process else page.launch_in_run()
 
     def checked(self) -> Sequence[Launch]:
         """Return it if parameters were set by hand."""

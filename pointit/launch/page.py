@@ -39,6 +39,9 @@ REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """Advice if the extra is not installed."""
 PORT = 8090
 LAN_PORT = 8443
+MAX_PAGES_IN_RUN = 16
+"""Maximum number of open pages, unless set by hand, of a page in the run's process. It may be opened to the
+local network later, and each page that looks on takes time of the process that computes cursors."""
 PORTS_TO_TRY = 10
 """Consecutive ports to try, from the default one, if none was requested."""
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
@@ -165,6 +168,13 @@ class Page:
         """Return the launch of page `number`, counted from 1. Slow: imports the server."""
         return NumberedLaunch(service=self.load(), config=self.config, number=number)
 
+    def launch_in_run(self) -> NumberedLaunch:
+        """Return the launch of the page in the process of a run. Slow: imports the server."""
+        config = self.config
+        if "most_viewers" not in config.model_fields_set:
+            config = config.model_copy(update={"most_viewers": MAX_PAGES_IN_RUN})
+        return NumberedLaunch(service=self.load(), config=config)
+
     def process_launch(self) -> NumberedLaunch:
         """Return the launch of the page in a process of its own."""
         return NumberedLaunch(service=PageProcess, config=self.config)
@@ -212,6 +222,7 @@ def page_of(
         )  # which the page says
     is_viewer_invited = config.viewer_token != tokens.viewer
     is_reachable = config.lan or config.published_port > 0 or not is_loopback(config.host)
+    is_open_to_others = is_reachable or is_viewer_invited
     return Page(
         config=config.model_copy(update=ports),
         url=here + config.operator_token,
@@ -219,7 +230,7 @@ def page_of(
         lan_url=there and there + config.operator_token,
         viewer_lan_url=there and there + config.viewer_token,
         scan_url=_scan_url(there or here, config.scan_token),
-        is_open_to_others=is_reachable or is_viewer_invited,
+        is_open_to_others=is_open_to_others,
         is_usual=all(layers.values.get(name) == value for name, value in usual.items())
         and layers.values.keys() <= {*usual, "port", "lan"},
     )

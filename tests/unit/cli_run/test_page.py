@@ -13,13 +13,23 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.bridges.web.config import WebConfig
 from pointit.cli import page as dashboard
 from pointit.cli.main import command
 from pointit.cli.page import PAGE_PART, RunPage
 from pointit.cli.run import run as run_command
 from pointit.cli.summary import write_summary
 from pointit.launch import page
-from pointit.launch.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_link_file, page_of, where
+from pointit.launch.page import (
+    MAX_PAGES_IN_RUN,
+    PORT,
+    PORTS_TO_TRY,
+    Page,
+    is_asked_of_page,
+    page_link_file,
+    page_of,
+    where,
+)
 from pointit.launch.plan.launches import Choices, Settings
 from pointit.launch.plan.plan import FloorPose, Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
@@ -170,6 +180,15 @@ def test_page_has_its_own_process_when_others_may_open_it(
 
     assert opened.page.is_open_to_others is is_open
     assert opened.needs_own_process(Link(listen=("tcp/127.0.0.1:1",))) is is_open
+
+
+@pytest.mark.parametrize(("settings", "limit"), [((), MAX_PAGES_IN_RUN), (("web.most_viewers=50",), 50)])
+def test_page_in_the_process_of_a_run_has_few_viewers(settings: tuple[str, ...], limit: int) -> None:
+    beside = RunPage(replace(page_with(*settings), load=lambda: StandIn))
+
+    launched = beside.launch().config
+    assert isinstance(launched, WebConfig)
+    assert launched.most_viewers == limit
 
 
 def test_page_of_a_secured_site_has_its_own_process(tmp_path: Path) -> None:

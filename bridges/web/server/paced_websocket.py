@@ -73,6 +73,12 @@ class PacedWebSocket(WebSocketsSansIOProtocol, asyncio.BufferedProtocol):
         self._count_control_frame()
         super().handle_cont(event)
 
+    def send_receive_event_to_app(self) -> None:
+        """Queue a message. After a close by this side, when nobody receives it, it counts like a ping."""
+        if self.close_sent:
+            self._count_control_frame()
+        super().send_receive_event_to_app()
+
     def _count_control_frame(self) -> None:
         # a debt is possible: all frames of one read are parsed
         self._control_bucket.reserve(self.loop.time())

@@ -129,6 +129,15 @@ async def test_parts_of_a_message_count_as_control_frames(connection: Connection
     assert sent <= CONTROL_BURST * len(PART) + READ_BYTES
 
 
+async def test_messages_after_a_close_by_the_server_are_limited(connection: Connection) -> None:
+    await connection.protocol.send({"type": "websocket.close", "code": 1008, "reason": "enough"})
+
+    sent = connection.send(MESSAGE * 10_000)
+
+    assert not connection.transport.reads
+    assert sent <= CONTROL_BURST * len(MESSAGE) + READ_BYTES
+
+
 async def test_reading_resumes_with_the_allowance(connection: Connection) -> None:
     connection.protocol._control_bucket = paced_websocket.TokenBucket(1000.0, 2.0)
     connection.send(PING * 4)

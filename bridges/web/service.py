@@ -291,7 +291,7 @@ class Web(Service[WebConfig]):
             self._changed()
 
     def _status(self) -> Status:
-        """Return the status of the site, as of a page that moves nobody's wrist."""
+        """Return the status of the site for a page that moves no wrist."""
         now_s = self._now_s()
         status = self._model.status(
             [

@@ -20,9 +20,9 @@ Server to page:
 
 Page to server, JSON text, `{"kind": ...}`:
 
-- `Ack` for every batch, once, from the animation frame that shows it. At most `IN_FLIGHT` batches are on their
-  way; a page that does not acknowledge gets nothing more until it does, and then the newest. Another `Ack` of
-  the same batch is malformed.
+- `Ack` for every batch, once, from the animation frame that shows it. At most `IN_FLIGHT` batches are on
+  their way; a page that does not acknowledge gets nothing more until it does, and then the newest. A second
+  `Ack` of a batch is malformed.
 - `Ask`, answered with the same `id`: a request of the table, or an action of this server (`Deed`).
   `Hello.requests` and `Hello.deeds` have those that the role may ask for; `Status.services` tells whether
   the server of a request is present.

@@ -152,8 +152,8 @@ class Page:
     scan_url: str = ""
     """URL with which a phone, or a browser here, maps the room. `""`: no scan is open from the start."""
     is_open_to_others: bool = False
-    """True if others than who started it on this machine may open it. It gets a process of its own then, so
-    that whatever they send delays nobody's pointing."""
+    """True if other people than the operator of this machine can open it. It has a process of its own then,
+    so that the messages of visitors do not delay pointing."""
     is_usual: bool = True
     """True if no parameter was set by hand, so that none needs to be checked."""
     load: Callable[[], type[AnyService]] = _load
@@ -217,9 +217,10 @@ def page_of(
     there = ""
     if config.lan:
         address = config.lan_address or next(iter(lan_addresses()), "")
-        there = (
-            f"https://{_shown(address)}:{ports['lan_port']}/?token=" if address else ""
-        )  # which the page says
+        if address:  # else the page says that there is none
+            there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    is_unchanged = all(layers.values.get(name) == value for name, value in usual.items())
+    has_only_usual = layers.values.keys() <= {*usual, "port", "lan"}
     is_viewer_invited = config.viewer_token != tokens.viewer
     is_reachable = config.lan or config.published_port > 0 or not is_loopback(config.host)
     is_open_to_others = is_reachable or is_viewer_invited
@@ -231,8 +232,7 @@ def page_of(
         viewer_lan_url=there and there + config.viewer_token,
         scan_url=_scan_url(there or here, config.scan_token),
         is_open_to_others=is_open_to_others,
-        is_usual=all(layers.values.get(name) == value for name, value in usual.items())
-        and layers.values.keys() <= {*usual, "port", "lan"},
+        is_usual=is_unchanged and has_only_usual,
     )
 
 

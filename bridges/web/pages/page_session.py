@@ -224,16 +224,19 @@ class PageSession:
     async def _receive(self) -> None:
         """Process messages within the page's allowance.
 
-        While this waits, a message is unreceived and the transport is paused: what the page sends is not even
-        parsed, see `PacedWebSocket`.
+        While this waits, the next message pauses the transport, so that what the page sends further is not
+        even parsed, see `PacedWebSocket`.
         """
         while True:
+            # before receiving, since that resumes the transport
             wait_s = self._message_bucket.reserve(self._loop.time())
             if wait_s:
                 await asyncio.sleep(wait_s)
             message = await self._socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
+
+            # Acknowledgements are as many as batches are sent. Of viewers, all else and errors cost.
             parsed = self._understood(message.get("text"))
             is_free = isinstance(parsed, Ack) and self._on_ack(parsed)
             if self._viewer_bucket is not None and not is_free:
@@ -242,6 +245,8 @@ class PageSession:
                 self._is_shut = True
                 await self._socket.close(MALFORMED, "too many malformed messages")
                 return
+
+            # the request itself
             if isinstance(parsed, Ask):
                 await self._begin_answer(parsed)
             elif isinstance(parsed, AimAt | Play | Turn | HeadsetMotion):
@@ -340,7 +345,7 @@ class Pages:
         Args:
             cache: the newest messages.
             bus: of the page's service.
-            status: returns the status of the site, as of a page that moves nobody's wrist.
+            status: returns the status of the site for a page that moves no wrist.
             users_of: returns the people whose wrists a page moves, by its name.
             rate_hz: maximum rate of batches to a page.
             max_viewers: maximum number of open pages.

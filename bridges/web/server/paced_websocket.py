@@ -22,9 +22,9 @@ send a pong for each ping of ours."""
 
 
 class PacedWebSocket(WebSocketsSansIOProtocol, asyncio.BufferedProtocol):
-    """Reads `READ_BYTES` at a time, and nothing while a message waits or the client's frames are too many.
+    """Reads `READ_BYTES` at a time, and nothing while a message waits or the client is over `CONTROL_HZ`.
 
-    Whoever receives the messages waits, before each one, until the page may send another.
+    The receiver of the messages waits before each one until the page may send another.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:

@@ -207,7 +207,7 @@ async def _close_pipe(child: asyncio.subprocess.Process) -> None:
 
 
 def end_sentence(code: int, path: Path) -> str:
-    """Return how a child ended, as the rest of a sentence, from its exit code and the log at `path`."""
+    """Return the end of a child, such as `was ended by SIGKILL`, from its exit code and the log at `path`."""
     if code < 0:
         return f"was ended by {signal.Signals(-code).name}"
     reason = last_log_error(path)

@@ -25,6 +25,7 @@ from pydantic import (
 from pydantic.alias_generators import to_camel
 from pydantic_core import from_json
 
+from pointit.schemas import NS_PER_S
 from pointit.schemas.text import first_of, one_line
 
 KINDS = ("connection", "state", "visualization")
@@ -263,6 +264,11 @@ class _MessageWithHeader(TolerantModel):
     """Unix s."""
     manufacturer: Text = ""
     serial_number: Text = ""
+
+    @property
+    def stamp_ns(self) -> int | None:
+        """Return the timestamp, Unix ns, or None if the message states none."""
+        return None if self.timestamp is None else round(self.timestamp * NS_PER_S)
 
 
 class AgvConnection(_MessageWithHeader):

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
+from pointit.runtime.message_age import SenderClock
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.vda5050 import (
     LOST_CONNECTIONS,
@@ -18,9 +19,9 @@ from pointit.vda5050 import (
 
 MAX_AGVS = 500
 """Limit of AGVs."""
-SILENT_S = 35.0
-"""Time without a message after which an AGV has left, s. By the standard it sends one every 30 s."""
-MOVING_S = 2.0
+MAX_AGV_AGE_S = 35.0
+"""Age of the newest message from which an AGV has left, s. By the standard it sends one every 30 s."""
+MAX_MOVING_AGV_AGE_S = 2.0
 """The same while it drives."""
 MAX_ID = 64
 """Maximum length of an id."""
@@ -45,6 +46,8 @@ class _Agv:
     yaw_rad: float | None = 0.0
     sigma_m: float | None = None
     received_ns: int = 0
+    """Time at which the newest place was reported, Unix ns."""
+    clock: SenderClock = field(default_factory=lambda: SenderClock(round(MAX_AGV_AGE_S * NS_PER_S)))
 
 
 class Fleet:
@@ -62,8 +65,11 @@ class Fleet:
         more = f" ({len(problems) - 1} more)" if problems[1:] else ""
         return f"{problems[0]}{more}" if problems else ""
 
-    def on_message(self, topic: str, payload: object, now_ns: int) -> bool:
-        """Use a message of the broker, as far as it can be read. Return False if it is not from an AGV."""
+    def on_message(self, topic: str, payload: object, now_ns: int, *, is_retained: bool = False) -> bool:
+        """Use a message of the broker, as far as it can be read and is not old.
+
+        Return False if it is not from an AGV.
+        """
         source = agv_of_topic(topic, self._config.topic_prefix)
         if source is None:
             return False
@@ -80,22 +86,25 @@ class Fleet:
             return False
         agv.problems[kind] = agv.unreadable.setdefault(kind, UnreadableFields()).describe(topic, message)
         if isinstance(message, AgvConnection):
-            agv.timestamps.clear()
-            if message.connection_state in LOST_CONNECTIONS:
-                agv.place = None
-        elif agv.timestamps.setdefault(kind, TimestampCheck()).is_new(message.timestamp):
-            self._place(agv, message, topic, now_ns)
+            _on_connection(agv, message)
+            return True
+        # an AGV that is off has a place that its broker retains
+        age_ns = agv.clock.age_ns(message.stamp_ns, now_ns, is_retained=is_retained)
+        if age_ns > MAX_AGV_AGE_S * NS_PER_S:
+            return True
+        if agv.timestamps.setdefault(kind, TimestampCheck()).is_new(message.timestamp):
+            self._place(agv, message, topic, now_ns - round(age_ns))
         return True
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
         """Return where the AGVs are at `now_ns`, on their map, those that drive as far as they have come."""
-        for name in [name for name, agv in self._agvs.items() if _age_s(agv, now_ns) > SILENT_S]:
+        for name in [name for name, agv in self._agvs.items() if _age_s(agv, now_ns) > MAX_AGV_AGE_S]:
             del self._agvs[name]
         return tuple(
             self._object(name, agv, agv.place, now_ns)
             for name, agv in sorted(self._agvs.items())
             if agv.place is not None
-            and not (math.hypot(*agv.velocity) > MOVING_MPS and _age_s(agv, now_ns) > MOVING_S)
+            and not (math.hypot(*agv.velocity) > MOVING_MPS and _age_s(agv, now_ns) > MAX_MOVING_AGV_AGE_S)
         )
 
     def forget(self) -> None:
@@ -109,10 +118,10 @@ class Fleet:
             self._agvs[name] = _Agv(source.prefix)
         return self._agvs.get(name)
 
-    def _place(self, agv: _Agv, message: Visualization, topic: str, now_ns: int) -> None:
+    def _place(self, agv: _Agv, message: Visualization, topic: str, reported_ns: int) -> None:
         position = message.agv_position
         if position is not None or not message.unreadable:
-            agv.received_ns = now_ns
+            agv.received_ns = reported_ns
         if position is None:
             return
         agv.problems["map"] = ""
@@ -140,6 +149,15 @@ class Fleet:
             yaw_rad=agv.yaw_rad,
             position_sigma_m=agv.sigma_m,
         )
+
+
+def _on_connection(agv: _Agv, message: AgvConnection) -> None:
+    agv.timestamps.clear()
+    if message.connection_state in LOST_CONNECTIONS:
+        agv.place = None
+        agv.clock.end(message.stamp_ns)
+        return
+    agv.clock.start()
 
 
 def _age_s(agv: _Agv, now_ns: int) -> float:

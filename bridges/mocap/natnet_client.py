@@ -16,6 +16,7 @@ from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.datagram_search import BROADCAST, open_datagram_socket, search_by_datagrams
 from pointit.runtime.host.name_lookup import found_addresses, look_up
+from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import NS_PER_S
 
 MAX_ECHOES = 20
@@ -224,7 +225,7 @@ class NatNetSession:
             self._frame_fault = "its frames stand still: leave the edit mode or the pause in Motive"
             return
         stamp_ns, sigma_s = self._stamp(frame, now_ns)
-        age_s = (now_ns - stamp_ns) / NS_PER_S
+        age_s = message_age_ns(stamp_ns, now_ns) / NS_PER_S
         if not -MAX_FUTURE_S <= age_s <= MAX_FRAME_AGE_S:
             self._frame_fault = (
                 f"its frames are {age_s:.1f} s old, at most {MAX_FRAME_AGE_S:g} s are accepted: change from "

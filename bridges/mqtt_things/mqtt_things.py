@@ -6,28 +6,26 @@ import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pointit.bridges.mqtt_things.announcements import Announcements, Publication
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import PointItError
+from pointit.runtime.message_age import message_age_ns
 from pointit.runtime.mqtt.broker import (
     CONNECT_TIMEOUT_S,
     client_options,
     connected,
     discovery_prefix,
     keep_connected,
-    uncancelled,
 )
+from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError, RefusedTopicsError
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
-from pointit.schemas import Environment, Selection, SelectionEvent, SetThing, ThingState
+from pointit.schemas import NS_PER_S, Environment, Selection, SelectionEvent, SetThing, ThingState
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import SELECTION, SET_THING
-
-if TYPE_CHECKING:
-    import aiomqtt
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +37,8 @@ RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
 """Timeout for the next retained announcement of the broker, s."""
+MAX_COMMAND_AGE_S = 1.0
+"""Age of a command above which it is not carried out, s. That of a retained one is unknown."""
 RESTORE_TIMEOUT_S = 8.0
 """Time after a start for which a switch that the broker retains as on counts as on, s."""
 LOG_PERIOD_S = 600.0
@@ -72,7 +72,7 @@ class MqttThings:
         self._shown: dict[str, str] = {}
         """Payloads by topic that the broker has retained."""
         self._changed = asyncio.Event()
-        self._client: aiomqtt.Client | None = None
+        self._client: BrokerClient | None = None
         """The connection, or None if there is none."""
         self._problem = ""
         self._logged_s: dict[str, float] = {}
@@ -125,8 +125,10 @@ class MqttThings:
         try:
             if self._client is None:
                 raise ActFailedError("unavailable", self.state_of(thing).reason)
-            await uncancelled(self._client.publish(message.topic, message.payload, qos=1))
-        except MqttError as error:
+            await self._client.publish(message.topic, message.payload)
+        except RefusedTopicsError as error:
+            raise ActFailedError("refused", f"{self._config.broker}: {error}") from error
+        except (MqttError, BrokerError) as error:
             raise ActFailedError(
                 "no_answer", f"{self._config.broker} did not take the event: {error}"
             ) from error
@@ -189,11 +191,11 @@ class MqttThings:
         status = self._announcements.status_topic
         will = Will(status, OFFLINE, qos=1, retain=True)
         async with connected({**self._options, "will": will}) as client:
+            self._problem = ""
             retained = await self._read_retained(client)
             if self._retained is None:
                 self._retained = retained
             self._shown = dict.fromkeys(retained, "")
-            self._problem = ""
             self._client = client
             self._restore()
             try:
@@ -203,25 +205,36 @@ class MqttThings:
             finally:
                 self._client = None
                 self._carrier.tell()
-                with contextlib.suppress(MqttError, TimeoutError):  # the last will says it then
+                with contextlib.suppress(MqttError, OSError):  # the last will says it then
                     async with asyncio.timeout(OLD_FOUND_S):
-                        await client.publish(status, OFFLINE, qos=1, retain=True)
+                        await client.publish(status, OFFLINE, retain=True)
 
-    async def _read_retained(self, client: "aiomqtt.Client") -> dict[str, object]:
+    async def _subscribe(self, client: BrokerClient, filters: Sequence[str]) -> None:
+        """Subscribe to `filters`. What the broker refuses is reported, and the rest goes on."""
+        try:
+            await client.subscribe([(each, 1) for each in filters])
+        except RefusedTopicsError as error:
+            self._on_refused(error)
+
+    def _on_refused(self, error: RefusedTopicsError) -> None:
+        self._problem = str(error)
+        self._log(f"{self._config.broker}: {error}")
+
+    async def _read_retained(self, client: BrokerClient) -> dict[str, object]:
         """Return the announcements and states that the broker has retained: payloads by topic."""
         retained: dict[str, object] = {}
         filters = (self._announcements.found, self._announcements.all_states)
-        await uncancelled(client.subscribe([(each, 1) for each in filters]))
+        await self._subscribe(client, filters)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(OLD_FOUND_S) as ending:
                 async for message in client.messages:
                     if message.payload and message.retain:
                         ending.reschedule(asyncio.get_running_loop().time() + OLD_FOUND_S)
                         retained[message.topic.value] = message.payload
-        await uncancelled(client.unsubscribe([*filters]))
+        await client.unsubscribe(filters)
         return retained
 
-    async def _publish_states(self, client: "aiomqtt.Client") -> None:
+    async def _publish_states(self, client: BrokerClient) -> None:
         """Publish announcements and states when they have changed."""
         while True:
             await self._changed.wait()
@@ -238,7 +251,10 @@ class MqttThings:
             ]
             for each in wanted:
                 if self._shown.get(each.topic) != each.payload or each in outdated:
-                    await uncancelled(client.publish(each.topic, each.payload, qos=1, retain=True))
+                    try:
+                        await client.publish(each.topic, each.payload, retain=True)
+                    except RefusedTopicsError as error:
+                        self._on_refused(error)
                     self._shown[each.topic] = each.payload
             for each in outdated:
                 self._shown.pop(each.topic, None)
@@ -250,11 +266,9 @@ class MqttThings:
         without = self._restoring | {each.id for each in selected if each.is_pending}
         return self._announcements.states(things, selected, without)
 
-    async def _run_commands(self, client: "aiomqtt.Client") -> None:
-        """Switch things as the broker says, until the connection is lost, which raises MqttError."""
-        await uncancelled(
-            client.subscribe([(self._announcements.commands, 1), (self._announcements.birth_topic, 1)])
-        )
+    async def _run_commands(self, client: BrokerClient) -> None:
+        """Switch things as the broker says, until the connection is lost, which raises BrokerError."""
+        await self._subscribe(client, (self._announcements.commands, self._announcements.birth_topic))
         async for message in client.messages:
             topic = message.topic.value
             if topic == self._announcements.birth_topic:
@@ -263,7 +277,7 @@ class MqttThings:
                     self._changed.set()
                 continue
             command = self._announcements.command(self._things or (), topic, message.payload)
-            if message.retain:
+            if message_age_ns(None, 0, is_retained=message.retain) > MAX_COMMAND_AGE_S * NS_PER_S:
                 self._log(f"{topic} is retained, thus old, and ignored: send commands without `retain`")
                 continue
             if command is None:

@@ -15,6 +15,7 @@ from pointit.bridges.ros2.routing.names import frame_name, holds_frame
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.geometry.vector import Vec3
+from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.text import round_beyond
@@ -115,7 +116,7 @@ class TransformBuffer:
                     "publish one on /tf or /tf_static, or add the frame to the map's `frames`"
                 )
             if link.stamp_ns is not None:
-                apart_s = (at_ns - link.stamp_ns) / NS_PER_S
+                apart_s = message_age_ns(link.stamp_ns, at_ns) / NS_PER_S
                 if abs(apart_s) > stale_s:
                     side = "old" if apart_s > 0 else "ahead"
                     off_s = round_beyond(abs(apart_s), stale_s)
@@ -141,8 +142,7 @@ class TransformBuffer:
         turned = checks.quaternion(each.transform.rotation, what)
         if isinstance(turned, str):
             return turned
-        stamp = each.header.stamp
-        stamp_ns = None if now_ns is None else int(stamp.sec) * NS_PER_S + int(stamp.nanosec) or now_ns
+        stamp_ns = None if now_ns is None else checks.stated_ns(each.header.stamp) or now_ns
         before = self._links.pop(child, None)
         if before is not None and not is_newer(stamp_ns, before.stamp_ns):
             self._links[child] = before

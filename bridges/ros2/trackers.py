@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.config import TF, TrackerConfig
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
+from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.names import frame_name, is_fixed
 from pointit.bridges.ros2.routing.route_types import (
@@ -30,6 +31,7 @@ from pointit.bridges.ros2.sightings import (
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import OBJECTS
@@ -226,10 +228,10 @@ def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLoo
 
 def captured(stamp: Any, now_ns: int, quantity: str, stale_s: float) -> int | str:
     """Return the time of a header's stamp, Unix ns, that of arrival for stamp 0, or the rejection."""
-    stamp_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-    if stamp_ns == 0:
+    stamp_ns = checks.stated_ns(stamp)
+    if stamp_ns is None:
         return now_ns
-    age_ns = now_ns - stamp_ns
+    age_ns = message_age_ns(stamp_ns, now_ns)
     if -MAX_AHEAD_NS <= age_ns <= stale_s * NS_PER_S:
         return stamp_ns
     side = "old" if age_ns > 0 else "ahead of the site's clock"

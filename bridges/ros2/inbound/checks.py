@@ -8,6 +8,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.schemas.text import one_line
@@ -65,17 +66,22 @@ def heading(turned: Quaternion, label: str) -> float | str:
     return vector.azimuth(ahead)
 
 
+def stated_ns(stamp: Any) -> int | None:
+    """Return a builtin_interfaces/Time, Unix ns, or None for 0, by which ROS nodes state none."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec) or None
+
+
 def stamp(value: Any, context: ConversionContext, label: str) -> tuple[int, str]:
     """Return the time of capture, Unix ns, and a warning, or `""`. A bad stamp is replaced by now."""
-    stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
-    if stamp_ns == 0:
+    stamp_ns = stated_ns(value)
+    if stamp_ns is None:
         return context.stamp_ns, ""
-    apart_ns = stamp_ns - context.stamp_ns
-    if -LATE_NS <= apart_ns <= MAX_AHEAD_NS:
+    age_ns = message_age_ns(stamp_ns, context.stamp_ns)
+    if -MAX_AHEAD_NS <= age_ns <= LATE_NS:
         return max(stamp_ns, 0), ""
-    side = "ahead of" if apart_ns > 0 else "behind"
+    side = "behind" if age_ns > 0 else "ahead of"
     return context.stamp_ns, (
-        f"{label} is stamped {abs(apart_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
+        f"{label} is stamped {abs(age_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
         "arrival: synchronize the clocks, or let both follow /clock"
     )
 

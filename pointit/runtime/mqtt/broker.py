@@ -11,7 +11,7 @@ import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pointit.runtime.address_config import format_address
 from pointit.runtime.config.plugins import FoundDevice
@@ -20,12 +20,9 @@ from pointit.runtime.host.certificate_errors import describe_certificate_error
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.name_lookup import browse
 from pointit.runtime.host.state_file import read_secret
+from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
 from pointit.schemas.text import one_line
-
-if TYPE_CHECKING:
-    import aiomqtt
-
 
 PASSWORD = "MQTT_PASSWORD"  # noqa: S105 - the name of a variable
 CA_FILE = "MQTT_CA_FILE"
@@ -40,6 +37,10 @@ PROBE_TIMEOUT_S = 2.0
 """Maximum time for the connection that finds out the cause of a failure, s."""
 CONNECT = bytes.fromhex("100c00044d5154540402000f0000")
 """CONNECT of MQTT 3.1.1: a clean session, no client identifier, no user name."""
+CONNECT_5 = bytes.fromhex("100d00044d5154540502000f000000")
+"""The same of MQTT 5."""
+MIN_CONNACK_5_BYTES = 3
+"""Minimum length of the body of a CONNACK of MQTT 5, which has properties. One of MQTT 3.1.1 has 2 bytes."""
 CONNACK = b"\x20"
 BAD_CLIENT_ID, BAD_PASSWORD, NOT_AUTHORIZED = (2, 133), (4, 134), (5, 135)
 """Return codes of CONNACK: of MQTT 3.1.1, and of 5, to which paho converts them."""
@@ -65,12 +66,10 @@ FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
 """Returns the devices on the broker at a host and a port, after seconds at most."""
 
 
-class BrokerError(OSError):
-    """A broker cannot be connected to. The text has the cause and the remedy."""
-
-
-async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> None:
+async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> bool:
     """Check that something listens at `host` and `port`, with a certificate that `context` accepts, if any.
+
+    Return True if it answers by MQTT 5, in which a broker says what it refuses.
 
     Raises:
         BrokerError: If the certificate is not accepted, or the server does not encrypt.
@@ -78,8 +77,8 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
     """
     broker = f"the broker at {format_address(host, port)}"
     try:
-        async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context):
-            return
+        async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context) as (reader, writer):
+            return await _answers_by_mqtt_5(reader, writer)
     except ssl.SSLCertVerificationError as error:
         raise BrokerError(describe_certificate_error(error, broker, AUTHORITY_HINT)) from error
     except (ssl.SSLError, ConnectionError, TimeoutError) as error:
@@ -94,6 +93,20 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
             f"{broker} does not complete the TLS handshake ({error.reason or error}): correct the port, or "
             "update the broker to TLS 1.2"
         ) from error
+
+
+async def _answers_by_mqtt_5(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
+    """Return True if a server answers a CONNECT of MQTT 5 in that version, if only to refuse it.
+
+    It is one without a login, on a connection of its own: some brokers of MQTT 3.1.1 misread it.
+    """
+    writer.write(CONNECT_5)
+    try:
+        async with asyncio.timeout(PROBE_TIMEOUT_S):
+            kind, length = await reader.readexactly(2)
+    except (OSError, EOFError):  # TimeoutError is an OSError; the connection that follows tells the reason
+        return False
+    return kind == CONNACK[0] and length >= MIN_CONNACK_5_BYTES
 
 
 async def transport_error(host: str, port: int, context: ssl.SSLContext | None) -> BrokerError | None:
@@ -269,20 +282,26 @@ def _tls_context(ca_file: str) -> ssl.SSLContext:
 
 
 @contextlib.asynccontextmanager
-async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]":
-    """Yield a client that is connected with `options` of `aiomqtt.Client`.
+async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
+    """Yield a client that is connected with `options`, by MQTT 5 if the broker knows it.
+
+    Args:
+        options: those of `aiomqtt.Client`, and `session_hint` of `BrokerClient`.
 
     Raises:
         OSError: If nothing can be reached. BrokerError: the cause is known.
-        aiomqtt.MqttError: If the broker refuses, does not answer, or goes away.
+        aiomqtt.MqttError: If the broker refuses the connection, or does not answer.
     """
     import aiomqtt  # noqa: PLC0415 - an extra
 
+    options = dict(options)
+    session_hint = options.pop("session_hint", "")
     server = options["hostname"], options["port"], options.get("tls_context")
     # aiomqtt connects in a thread that cannot be interrupted and leaves a socket of a failed handshake open
-    await check_server(*server)
+    has_version_5 = await check_server(*server)
     client = aiomqtt.Client(
         **options,
+        protocol=aiomqtt.ProtocolVersion.V5 if has_version_5 else aiomqtt.ProtocolVersion.V311,
         timeout=CONNECT_TIMEOUT_S,
         keepalive=15,
         max_queued_incoming_messages=QUEUED_MESSAGES,
@@ -290,6 +309,7 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
     )
     paho: Any = client._client  # noqa: SLF001  # aiomqtt has no other way
     _skip_invalid_topics(paho)
+    connection = BrokerClient(client, options.get("username") or "", session_hint)
     opening = asyncio.ensure_future(client.__aenter__())
     try:
         try:
@@ -298,7 +318,8 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
             raise
         except aiomqtt.MqttError as error:  # without an answer
             raise await transport_error(*server) or error from error
-        yield client
+        connection.check()  # a broker may accept a connection, and close it at once
+        yield connection
     finally:
         with contextlib.suppress(aiomqtt.MqttError, OSError):  # TimeoutError is one
             async with asyncio.timeout(END_S):
@@ -355,18 +376,6 @@ async def keep_connected(
         if this is not None and this.cancelling():
             raise asyncio.CancelledError
         await asyncio.sleep(retry_s)
-
-
-async def uncancelled(call: Awaitable[object]) -> None:
-    """Await a call of aiomqtt, and raise CancelledError if the task was cancelled meanwhile.
-
-    aiomqtt waits by `asyncio.wait_for`, which loses a cancellation before Python 3.12. To be used in tasks
-    of a group: before 3.13, the task that has the group counts as cancelled after one of them has failed.
-    """
-    await call
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError
 
 
 async def find_on_brokers(find_on: FindOn, seconds: float) -> list[FoundDevice]:

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
@@ -22,8 +22,8 @@ from pointit.runtime.mqtt.broker import (
     keep_connected,
     refuses_login,
     require_client,
-    uncancelled,
 )
+from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError, RefusedTopicsError
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
@@ -40,10 +40,6 @@ from pointit.services.led_driver.output.light_protocol import (
 )
 from pointit.services.led_driver.output.pixel_output import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
-
-if TYPE_CHECKING:
-    import aiomqtt
-
 
 LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
@@ -69,6 +65,8 @@ MAX_PAYLOAD = 20_000
 """Limit of an availability message, bytes."""
 MAX_SHOWN = 40
 """Characters of a message that are shown."""
+SESSION_HINT = "set `last_wills: false`: PointIt then has one connection for all lamps"
+"""Remedy if the broker permits one connection for each user name."""
 
 
 def _payload(value: object) -> object:
@@ -190,6 +188,8 @@ class MqttLamps:
         self._subscribed: set[str] = set()
         self._guarded: set[str] = set()
         """Lamps that the last will of a connection switches off."""
+        self._refused: dict[str, str] = {}
+        """Error messages of commands that the broker refuses, by lamp."""
 
     def set_lamps(self, lamps: Sequence[Lamp]) -> None:
         """Set the map's lamps. Reports in health those that are configured and not in the map."""
@@ -221,6 +221,8 @@ class MqttLamps:
             self._payloads.clear()
             self._subscribed.clear()
             self._guarded.clear()
+            self._refused.clear()
+            self._health.clear("commands")
             self._tell_availability()
             self._commands.resend()
             self._changed.set()
@@ -234,12 +236,15 @@ class MqttLamps:
 
     def _connected(
         self, number: int, topic: str, will: bytes, *, retain: bool = False
-    ) -> AbstractAsyncContextManager["aiomqtt.Client"]:
+    ) -> AbstractAsyncContextManager[BrokerClient]:
         """Connect as client `number`, with a last `will` on `topic`."""
         from aiomqtt import Will  # noqa: PLC0415 - an extra
 
         options = self._options | {"identifier": f"{self._options['identifier']}-{number}"}
-        return connected(options | {"will": Will(topic, will, qos=1, retain=retain)})
+        options["will"] = Will(topic, will, qos=1, retain=retain)
+        if self._config.last_wills:
+            options["session_hint"] = SESSION_HINT
+        return connected(options)
 
     async def _guard(self, tasks: asyncio.TaskGroup) -> None:
         """Connect once more for each new lamp: a connection has one last will, which switches one off."""
@@ -266,9 +271,11 @@ class MqttLamps:
             if is_left.is_set():
                 raise
             why = str(error) or "no answer"
-            raise OSError(f"{why}, at the last will of {lamp_id}; `last_wills: false` needs none") from error
+            raise BrokerError(
+                f"{why}, at the last will of {lamp_id}; `last_wills: false` needs none"
+            ) from error
 
-    async def _send(self, client: "aiomqtt.Client", tasks: asyncio.TaskGroup) -> None:
+    async def _send(self, client: BrokerClient, tasks: asyncio.TaskGroup) -> None:
         loop = asyncio.get_running_loop()
         await self._tell_status(client, ONLINE.encode())
         while True:
@@ -280,21 +287,42 @@ class MqttLamps:
                 await self._publish(client, lamp_id, color)
             await wait_up_to(self._changed, self._commands.wait_s(loop.time()))
 
-    async def _publish(self, client: "aiomqtt.Client", lamp_id: str, color: Rgb) -> None:
+    async def _publish(self, client: BrokerClient, lamp_id: str, color: Rgb) -> None:
+        """Send a command. One that the broker refuses is reported, and the other lamps go on."""
         topic = self._config.command_topic(lamp_id)
-        # acknowledged, so that no command waits behind old ones and a broker that hangs is noticed
-        await uncancelled(client.publish(topic, light_protocol.command(color), qos=1, timeout=ACK_S))
+        self._refused.pop(lamp_id, None)
+        try:
+            # acknowledged, so that no command waits behind old ones and a broker that hangs is noticed
+            await client.publish(topic, light_protocol.command(color), timeout=ACK_S)
+        except RefusedTopicsError as error:
+            self._refused[lamp_id] = str(error)
+        self._tell_refusals()
 
-    async def _tell_status(self, client: "aiomqtt.Client", status: bytes) -> None:
-        await uncancelled(client.publish(STATUS_TOPIC, status, qos=1, retain=True, timeout=ACK_S))
+    async def _tell_status(self, client: BrokerClient, status: bytes) -> None:
+        """Say whether the lamps are controlled. Lamps need no such message, so it may be refused."""
+        with contextlib.suppress(RefusedTopicsError):
+            await client.publish(STATUS_TOPIC, status, retain=True, timeout=ACK_S)
 
-    async def _subscribe(self, client: "aiomqtt.Client") -> None:
+    def _tell_refusals(self) -> None:
+        sentences = list(self._refused.values())
+        more = f" ({len(sentences) - 1} more lamps)" if sentences[1:] else ""
+        self._health.warn("commands", f"{sentences[0]}{more}" if sentences else "")
+
+    async def _subscribe(self, client: BrokerClient) -> None:
+        """Subscribe to the availability of new lamps. Without it, all lamps count as online."""
         wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}
-        if new := sorted(wanted - self._subscribed):
-            await uncancelled(client.subscribe([(topic, 1) for topic in new]))
-            self._subscribed.update(new)
+        new = sorted(wanted - self._subscribed)
+        if not new:
+            return
+        problem = ""
+        try:
+            await client.subscribe([(topic, 1) for topic in new])
+        except RefusedTopicsError as error:
+            problem = f"{error}; until then, lamps that are off count as online"
+        self._health.warn("subscription", problem)
+        self._subscribed.update(new)
 
-    async def _read(self, client: "aiomqtt.Client") -> None:
+    async def _read(self, client: BrokerClient) -> None:
         async for message in client.messages:
             self._payloads[str(message.topic)] = message.payload[:MAX_PAYLOAD]
             self._tell_availability()
@@ -325,7 +353,7 @@ class MqttLamps:
             "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""
         )
 
-    async def _end(self, client: "aiomqtt.Client") -> None:
+    async def _end(self, client: BrokerClient) -> None:
         from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
         # without a connection, the broker publishes the last will
@@ -365,6 +393,8 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
                 for light in announced_lights(str(message.topic), message.payload, prefix):
                     if len(lights) < MAX_LAMPS:
                         lights.setdefault(light.topic, light)
+    except RefusedTopicsError as error:
+        return [FoundDevice(address, f"MQTT broker: {error}", {"broker": address})]
     except MqttError as error:
         if not reached and refuses_login(error):
             return [FoundDevice(address, "MQTT broker that asks for a user name", {"broker": address})]

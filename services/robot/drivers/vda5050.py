@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,16 +13,18 @@ from pointit.geometry.vector import wrap
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
+from pointit.runtime.message_age import SenderClock, message_age_ns
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
     find_on_brokers,
     keep_connected,
     require_client,
-    uncancelled,
 )
+from pointit.runtime.mqtt.broker_client import BrokerClient, RefusedTopicsError
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.schemas import NS_PER_S
 from pointit.services.robot.drivers.agv_orders import (
     AgvOrders,
     InstantAction,
@@ -68,8 +71,8 @@ REPEAT_S = 0.08
 """Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
 POLL_S = 0.4
 """Time without a message at which an AGV that has an order is asked for its state, s."""
-SILENT_S = 35.0
-"""Time without a message after which an AGV counts as lost, s. By the standard it sends one every 30 s."""
+MAX_AGV_AGE_S = 35.0
+"""Age of the newest message from which an AGV counts as lost, s. By the standard it sends one every 30 s."""
 
 FARTHEST_M = 1e6
 """Limit of coordinates, m."""
@@ -153,6 +156,9 @@ class Agv:
         self._orders = AgvOrders(f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._tell)
         self._timestamps = {"state": TimestampCheck(), "visualization": TimestampCheck()}
         self._unreadable = {name: UnreadableFields() for name in (*self._timestamps, "connection")}
+        self._clock = SenderClock(round(MAX_AGV_AGE_S * NS_PER_S))
+        self._is_off = False
+        """True from a message by which the AGV has left to the next message of now."""
         self._is_up = False
         """True while the broker is connected."""
         self._polls = 0
@@ -185,6 +191,8 @@ class Agv:
         Some AGVs report every 30 s only: nobody is to wait for that.
         """
         self._is_up = True
+        self._is_off = False
+        self._clock.start()
         self._polled_s = math.inf  # at the next step
         self._disconnect(
             f"no AGV reports at {self.topic('state')} on {self._config.broker}: switch it on, or correct "
@@ -197,8 +205,11 @@ class Agv:
         self._is_up = False
         self._disconnect(reason)
 
-    def on_message(self, topic: str, payload: object, now_s: float) -> None:
-        """Use a message of the broker, as far as it can be read. Health names the fields that cannot."""
+    def on_message(self, topic: str, payload: object, now_s: float, *, is_retained: bool = False) -> None:
+        """Use a message of the broker, as far as it can be read and is not old.
+
+        Health names the fields that cannot be read.
+        """
         name = topic.rpartition("/")[2]
         kinds: dict[str, type[AgvConnection | Visualization]] = {
             "connection": AgvConnection,
@@ -216,9 +227,15 @@ class Agv:
         if isinstance(message, AgvConnection):
             self._on_connection(message)
         elif message is not None and name in self._timestamps:
+            now_ns = self._around.clock.now_ns()
+            age_s = self._clock.age_ns(message.stamp_ns, now_ns, is_retained=is_retained) / NS_PER_S
+            if age_s > MAX_AGV_AGE_S:
+                self._on_old_message(age_s)
+                return
             if not self._timestamps[name].is_new(message.timestamp):
                 return
-            self._received_s = now_s
+            self._is_off = False
+            self._received_s = now_s - age_s
             if isinstance(message, AgvState):
                 self._is_driving = message.driving is not False
                 self._has_other_master = has_other_master(message)
@@ -246,8 +263,8 @@ class Agv:
         """Return the messages to publish at `now_s`, and report an AGV that stands."""
         if not self._is_up:
             return []
-        if self._last is not None and now_s - self._received_s > SILENT_S:
-            self._disconnect(f"the AGV has sent nothing for {SILENT_S:.0f} s: look at its network")
+        if self._last is not None and now_s - self._received_s > MAX_AGV_AGE_S:
+            self._disconnect(f"the AGV has sent nothing for {MAX_AGV_AGE_S:.0f} s: look at its network")
         publications = [self._written(each) for each in self._orders.step(now_s)]
         self._around.health.warn("agv", self._orders.problem)
         is_resting = not (self._is_driving or self._orders.is_active)
@@ -281,11 +298,23 @@ class Agv:
         if connection.connection_state == "ONLINE":
             for check in self._timestamps.values():
                 check.forget()  # it may have been restarted
+            self._clock.start()
             return
         state = connection.connection_state
         if state in LOST_CONNECTIONS:
+            self._is_off = True
+            self._clock.end(connection.stamp_ns)
             reason = "the AGV is switched off" if state == "OFFLINE" else "the AGV has lost its connection"
             self._disconnect(f"{reason} ({state}): switch it on, or look at its network")
+
+    def _on_old_message(self, age_s: float) -> None:
+        """Say that a message is old, unless the AGV has said that it is off, or is connected."""
+        if self._is_off or self._last is not None:
+            return
+        age = f"{age_s:.0f} s old" if math.isfinite(age_s) else "of unknown age, since the broker retains it"
+        self._disconnect(
+            f"the newest message of the AGV is {age}: switch the AGV on, or set its clock if it is on"
+        )
 
     def _on_pose(self, message: Visualization) -> None:
         position = message.agv_position
@@ -386,35 +415,57 @@ async def find_agvs(seconds: float) -> Sequence[FoundDevice]:
 
 
 async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice]:
-    """Return the AGVs that report on one broker within `seconds`; nothing if there is no broker."""
+    """Return the AGVs that report on one broker within `seconds`.
+
+    Nothing if there is no broker, and the broker itself if it refuses to show them.
+    """
     from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
     address = host if port == PORT else f"{host}:{port}"
     found: dict[AgvTopic, FoundDevice] = {}
-    # the end of the search, a TimeoutError, is an OSError
-    with contextlib.suppress(MqttError, OSError):
+    try:
         async with asyncio.timeout(seconds), connected({"hostname": host, "port": port}) as client:
             await client.subscribe([(topic, 1) for topic in REPORT_TOPICS])
             async for message in client.messages:
                 agv = agv_of_topic(str(message.topic))
-                if agv and len(found) < MAX_AGVS and (device := _found(address, agv, message.payload)):
-                    found[agv._replace(kind="")] = device
+                if agv is not None and len(found) < MAX_AGVS:
+                    _note_agv(found, address, agv, message)
+    except RefusedTopicsError as error:
+        return [FoundDevice(address, f"MQTT broker: {error}")]
+    except (MqttError, OSError):  # the end of the search, a TimeoutError, is an OSError
+        pass
     return list(found.values())
 
 
-def _found(address: str, agv: AgvTopic, payload: object) -> FoundDevice | None:
-    """Return the AGV that has sent `payload` to a topic, or None if it is no message of an AGV."""
-    message = parse(AgvConnection if agv.kind == "connection" else AgvState, payload)
-    if message is None:
-        return None
-    state = message.connection_state if isinstance(message, AgvConnection) else "ONLINE"
+def _note_agv(
+    found: dict[AgvTopic, FoundDevice], address: str, agv: AgvTopic, message: "aiomqtt.Message"
+) -> None:
+    """Store the sender of `message` in `found`, unless the message is none of an AGV.
+
+    Of an AGV that is off, the broker retains a state as well: that does not count as one of now.
+    """
+    content = parse(AgvConnection if agv.kind == "connection" else AgvState, message.payload)
+    if content is None:
+        return
+    key = agv._replace(kind="")
+    if isinstance(content, AgvConnection):
+        found[key] = _found(address, agv, content.connection_state or "no connectionState")
+        return
+    age_ns = message_age_ns(content.stamp_ns, time.time_ns(), is_retained=message.retain)
+    if age_ns <= MAX_AGV_AGE_S * NS_PER_S:
+        found[key] = _found(address, agv, "ONLINE")
+        return
+    found.setdefault(key, _found(address, agv, "without a message of now"))
+
+
+def _found(address: str, agv: AgvTopic, state: str) -> FoundDevice:
     details = {"broker": address, "manufacturer": agv.manufacturer, "serial_number": agv.serial_number}
     interface, _, major = agv.prefix.partition("/v")
     details["interface"] = interface
     if major == "1":
         details["version"] = "1.1.0"
     label = f"{agv.manufacturer} {agv.serial_number}: AGV of VDA 5050 {major}"
-    return FoundDevice(address, f"{label}, {state or 'no connectionState'}", details)
+    return FoundDevice(address, f"{label}, {state}", details)
 
 
 def check(config: Vda5050Config) -> None:
@@ -442,6 +493,7 @@ class Vda5050Driver:
         check(config)
         self._options = client_options(config)
         self._has_user = bool(config.username)
+        self._health = surroundings.health
         self._agv = Agv(config, spec, surroundings)
         self._changed = asyncio.Event()
 
@@ -465,20 +517,21 @@ class Vda5050Driver:
                     tasks.create_task(self._read(client), name="AGV's messages")
                     tasks.create_task(self._send(client), name="AGV's orders")
             except BaseException as error:
-                if not isinstance(first_cause(error), MqttError | OSError):
+                cause = first_cause(error)
+                is_connected = isinstance(cause, RefusedTopicsError)
+                if is_connected or not isinstance(cause, MqttError | OSError):
                     await self._end(client)
                 raise
 
-    async def _read(self, client: "aiomqtt.Client") -> None:
+    async def _read(self, client: BrokerClient) -> None:
         loop = asyncio.get_running_loop()
         async for message in client.messages:
-            self._agv.on_message(str(message.topic), message.payload, loop.time())
+            self._agv.on_message(str(message.topic), message.payload, loop.time(), is_retained=message.retain)
             self._changed.set()
 
-    async def _send(self, client: "aiomqtt.Client") -> None:
+    async def _send(self, client: BrokerClient) -> None:
         loop = asyncio.get_running_loop()
-        topics = [(self._agv.topic(name), qos) for name, qos in TOPICS]
-        await uncancelled(client.subscribe(topics))
+        await self._subscribe(client)
         await self._publish(client, self._agv.on_connected())
         while True:
             self._changed.clear()
@@ -486,19 +539,31 @@ class Vda5050Driver:
                 await self._publish(client, publication)
             await wait_up_to(self._changed, TICK_S)
 
-    async def _publish(self, client: "aiomqtt.Client", publication: MqttPublication) -> None:
+    async def _subscribe(self, client: BrokerClient) -> None:
+        """Subscribe to what the AGV says. Raises RefusedTopicsError if it cannot be steered without that."""
+        optional = self._agv.topic("visualization")
+        problem = ""
+        try:
+            await client.subscribe([(self._agv.topic(name), qos) for name, qos in TOPICS])
+        except RefusedTopicsError as error:
+            if error.topics != (optional,):
+                raise
+            problem = str(error)
+        self._health.warn("subscription", problem)
+
+    async def _publish(self, client: BrokerClient, publication: MqttPublication) -> None:
         topic, payload = publication
         # acknowledged, so that a broker that hangs is noticed; the AGV subscribes without, by the standard
-        await uncancelled(client.publish(topic, payload, qos=1, timeout=ACK_S))
+        await client.publish(topic, payload, timeout=ACK_S)
 
-    async def _end(self, client: "aiomqtt.Client") -> None:
-        """Stop the AGV; the task counts as cancelled, so `uncancelled` would raise here."""
+    async def _end(self, client: BrokerClient) -> None:
+        """Stop the AGV."""
         from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
         # without a connection, the AGV ends at its last released node
         with contextlib.suppress(MqttError, OSError):
             for topic, payload in self._agv.closing_messages():
-                await client.publish(topic, payload, qos=1, timeout=END_S)
+                await client.publish(topic, payload, timeout=END_S)
 
 
 VDA5050 = RobotPlugin(

@@ -171,6 +171,58 @@ def test_the_number_of_agvs_is_bounded() -> None:
     assert len(fleet.objects(START_NS)) == MAX_AGVS
 
 
+def retained(fleet: Fleet, kind: str, payload: bytes, now_ns: int) -> None:
+    fleet.on_message(topic(kind), payload, now_ns, is_retained=True)
+
+
+YESTERDAY_NS = 1_795_849_925_120_000_000
+"""Timestamp of the state below, which a broker had retained."""
+STATE = b"""{"headerId": 812, "timestamp": "2026-11-28T07:12:05.120Z", "version": "2.0.0",
+  "manufacturer": "acme", "serialNumber": "7", "orderId": "", "orderUpdateId": 0, "lastNodeId": "",
+  "lastNodeSequenceId": 0, "nodeStates": [], "edgeStates": [], "actionStates": [], "driving": false,
+  "operatingMode": "AUTOMATIC", "errors": [], "safetyState": {"eStop": "NONE", "fieldViolation": false},
+  "agvPosition": {"x": 1.5, "y": 2.0, "theta": 0.0, "mapId": "hall", "positionInitialized": true}}"""
+GONE = b'{"timestamp": "2026-11-28T07:12:40.000Z", "connectionState": "OFFLINE"}'
+HERE = b'{"timestamp": "2026-11-28T07:00:00.000Z", "connectionState": "ONLINE"}'
+
+
+@pytest.mark.parametrize("connection", [GONE, HERE, None], ids=["offline", "online", "unknown"])
+@pytest.mark.parametrize("is_state_first", [True, False])
+def test_agv_is_not_shown_by_a_retained_state_of_yesterday(
+    connection: bytes | None, *, is_state_first: bool
+) -> None:
+    fleet = fleet_of()
+    now_ns = YESTERDAY_NS + 86_400 * NS_PER_S
+    messages = [("state", STATE)]
+    if connection is not None:
+        messages.insert(is_state_first, ("connection", connection))
+    for kind, payload in messages:
+        retained(fleet, kind, payload, now_ns)
+    assert (places(fleet, now_ns), fleet.problem) == ({}, "")
+
+
+def test_agv_that_is_off_is_not_shown_by_a_state_of_before_though_it_is_not_marked_as_retained() -> None:
+    fleet = fleet_of()
+    fleet.on_message(topic("connection"), GONE, YESTERDAY_NS + 40 * NS_PER_S)
+    fleet.on_message(topic("state"), STATE, YESTERDAY_NS + 40 * NS_PER_S)
+    assert places(fleet, YESTERDAY_NS + 40 * NS_PER_S) == {}
+
+
+def test_retained_state_counts_for_the_rest_of_its_time() -> None:
+    fleet = fleet_of()
+    retained(fleet, "state", STATE, YESTERDAY_NS + 30 * NS_PER_S)
+    assert places(fleet, YESTERDAY_NS + 34 * NS_PER_S) == {"acme-7": (1.5, 2.0)}
+    assert places(fleet, YESTERDAY_NS + 36 * NS_PER_S) == {}
+
+
+def test_agv_that_returns_is_shown_by_its_next_state() -> None:
+    fleet = fleet_of()
+    retained(fleet, "connection", GONE, YESTERDAY_NS)
+    fleet.on_message(topic("connection"), HERE, YESTERDAY_NS)
+    fleet.on_message(topic("state"), STATE, YESTERDAY_NS)
+    assert places(fleet, YESTERDAY_NS) == {"acme-7": (1.5, 2.0)}
+
+
 @given(
     st.sampled_from([topic("state"), topic("connection"), "a/b", "////", "", "a/////state"]),
     st.binary(max_size=99),

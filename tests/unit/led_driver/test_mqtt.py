@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.runtime.mqtt.broker import uncancelled
+from pointit.runtime.mqtt.broker_client import BrokerClient
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.light_protocol import (
@@ -330,7 +330,8 @@ def test_whatever_is_shown_each_lamp_ends_with_its_newest_colour_within_the_rate
 async def test_a_cancellation_that_arrives_with_a_confirmation_is_not_lost() -> None:
     confirmation: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     call = asyncio.wait_for(confirmation, 60.0)  # noqa: TID251 - as aiomqtt does
-    publishing = asyncio.create_task(uncancelled(call))
+    client = BrokerClient(aiomqtt.Client("127.0.0.1"), user="")
+    publishing = asyncio.create_task(client.answer(call))
     await asyncio.sleep(0.01)
     confirmation.set_result(None)
     publishing.cancel()

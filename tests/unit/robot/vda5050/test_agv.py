@@ -333,3 +333,28 @@ def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple
     assert bench.virtual.base == []
     assert not bench.agv.is_active
     assert len(orders(bench)) <= 2 * (bench.now_s - 100.0) + 1
+
+
+@pytest.mark.parametrize("connection", ["OFFLINE", "CONNECTIONBROKEN", "ONLINE", ""])
+def test_agv_of_a_retained_state_gets_no_order_until_it_says_something(connection: str) -> None:
+    bench = AgvBench()
+    bench.connect()
+    old = json.loads(bench.virtual.state()) | {"timestamp": "2023-11-13T10:00:00.00Z"}
+    retained = {"state": old, "connection": {"timestamp": old["timestamp"], "connectionState": connection}}
+    for name in reversed(retained) if connection else ["state"]:
+        topic = bench.agv.topic(name)
+        bench.agv.on_message(topic, json.dumps(retained[name]).encode(), bench.now_s, is_retained=True)
+
+    bench.is_lossy = lambda _topic: True
+    bench.tell(FollowPath, (FAR,))
+    bench.run(3.0)
+    assert (orders(bench), bench.reports) == ([], [])
+    is_off = connection in {"OFFLINE", "CONNECTIONBROKEN"}
+    assert (f"({connection})" if is_off else "s old: switch the AGV on") in bench.lost[-1]
+
+    bench.is_lossy = lambda _topic: False
+    bench.change()
+    bench.run(0.2)
+    bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    assert orders(bench)

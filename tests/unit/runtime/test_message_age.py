@@ -1,0 +1,76 @@
+"""Age of messages from outside: retained, stamped by other clocks, queued on their way."""
+
+import math
+
+import pytest
+
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.runtime.message_age import SenderClock, message_age_ns
+from pointit.schemas import NS_PER_S
+from tests.support.bench import START_NS
+
+DAY_NS = 86_400 * NS_PER_S
+LIMIT_NS = 35 * NS_PER_S
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "is_retained", "expected_ns"),
+    [
+        (None, False, 0),
+        (None, True, math.inf),
+        (START_NS - 7, False, 7),
+        (START_NS - DAY_NS, True, DAY_NS),
+        (START_NS + MAX_AHEAD_NS, True, -MAX_AHEAD_NS),
+        (START_NS + MAX_AHEAD_NS + 1, True, math.inf),
+        (START_NS + DAY_NS, False, -DAY_NS),
+    ],
+)
+def test_age_is_that_of_the_stamp_and_unknown_without_one_when_retained(
+    stamp_ns: int | None, expected_ns: float, *, is_retained: bool
+) -> None:
+    assert message_age_ns(stamp_ns, START_NS, is_retained=is_retained) == expected_ns
+
+
+def ages_ns(clock: SenderClock, messages: list[tuple[float, float]]) -> list[float]:
+    """Return the ages of messages that arrive as they are sent, each with stamp and arrival, s."""
+    return [
+        clock.age_ns(
+            START_NS + round(stamp_s * NS_PER_S), START_NS + round(arrival_s * NS_PER_S), is_retained=False
+        )
+        for stamp_s, arrival_s in messages
+    ]
+
+
+def test_clock_that_is_behind_by_the_same_time_is_believed_after_a_second() -> None:
+    behind_s = -3600.0
+    messages = [(behind_s + 0.1 * step, 0.1 * step) for step in range(20)]
+    ages = ages_ns(SenderClock(LIMIT_NS), messages)
+    assert min(ages[:10]) > LIMIT_NS
+    assert set(ages[11:]) == {0}
+
+
+def test_queue_that_is_delivered_late_is_old_until_it_has_caught_up() -> None:
+    hour = [(-3600.0 + step, 0.001 * step) for step in range(3600)]
+    ages = ages_ns(SenderClock(LIMIT_NS), [*hour, (4.0, 4.0)])
+    assert min(ages[:3500]) > LIMIT_NS
+    assert ages[-1] == 0
+
+
+def test_clock_that_is_ahead_makes_no_message_old() -> None:
+    assert ages_ns(SenderClock(LIMIT_NS), [(7200.0, 0.0), (7200.1, 0.1)]) == [0, 0]
+
+
+def test_late_message_of_a_wrong_clock_is_no_message_of_another_clock() -> None:
+    clock = SenderClock(LIMIT_NS)
+    ages_ns(clock, [(-3600.0 + 0.1 * step, 0.1 * step) for step in range(20)])
+    assert ages_ns(clock, [(-3598.0, 3.0), (-3596.0, 4.0)]) == [0, 0]
+
+
+def test_what_was_said_before_the_end_is_old_until_the_sender_starts() -> None:
+    clock = SenderClock(LIMIT_NS)
+    clock.end(START_NS)
+    assert ages_ns(clock, [(-1.0, 1.0)])[0] > LIMIT_NS
+    assert ages_ns(clock, [(1.5, 2.0)]) == [0]
+    clock.end(START_NS + 3 * NS_PER_S)
+    clock.start()
+    assert ages_ns(clock, [(2.5, 3.0)]) == [0]

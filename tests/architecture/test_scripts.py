@@ -239,8 +239,8 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert "ruff complains" not in done.stdout
     assert sorted(machine.calls) == [
         "pointit topic schema --check",
+        "python scripts/expression-load --limits",
         "python scripts/house --limits",
-        "python scripts/names --limits",
         "python scripts/prose",
     ]
 

@@ -1,99 +1,31 @@
-"""`scripts/house`: no import circle, no crowded folder, few modules load Zenoh; no test waits in vain."""
+"""No test waits in vain: skips have listed reasons, unit tests take no real time."""
 
 import ast
-import importlib.util
 import os
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from hypothesis import settings
 
 from tests.architecture.sources import ROOT, tree
 from tests.support import there
-from tests.support.invoked import python
 
-SCRIPT = ROOT / "scripts/house"
-
-
-@pytest.fixture(scope="module")
-def house() -> ModuleType:
-    spec = importlib.util.spec_from_loader("house", SourceFileLoader("house", str(SCRIPT)))
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    there(spec.loader).exec_module(module)
-    return module
-
-
-def test_no_limit_is_exceeded() -> None:
-    done = python(SCRIPT, "--limits")
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_a_file_belongs_to_one_room(house: ModuleType) -> None:
-    rooms = {
-        "pointit/__init__.py": "pointit",
-        "pointit/cli/maps/scan.py": "cli",
-        "services/registry.py": "services",
-        "services/pui/cursor.py": "services/pui",
-        "schemas/catalogue/catalogue.py": "schemas",
-        "lab/pointit_lab/devices/wrist.py": "lab/devices",
-        "tests/unit/pui/test_cursor.py": "tests/unit/pui",
-        "tests/e2e/run/test_run.py": "tests/e2e",
-    }
-    assert {path: house.room_of(ROOT / path) for path in rooms} == rooms
-
-
-def test_an_init_of_one_sentence_is_no_file(house: ModuleType, tmp_path: Path) -> None:
-    for name, text in {"__init__.py": '"""A room."""\n', "core.py": "A = 1\nB = 2\n"}.items():
-        path = tmp_path / "services/pui" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    files = sorted(tmp_path.rglob("*.py"))
-    assert house.room_sizes(files, tmp_path) == {"services/pui": house.Size(3, 1)}
-
-
-def test_each_limit_of_a_room_is_held_and_a_row_raises_it(house: ModuleType) -> None:
-    limits = {"api": {"lines": 800, "files": 3}}
-    assert house.size_faults({"api": house.Size(800, 3)}, limits, "") == []
-    faults = house.size_faults({"api": house.Size(801, 5)}, limits, "")
-    assert [fault.partition(".")[0] for fault in faults] == [
-        "api: 801 lines, limit 800",
-        "api: 5 files, limit 3",
-        "api: 160 lines a file, at least 200",
-    ]
-    page = "| `api` | +200 | a feature | what went |\n"
-    assert house.size_faults({"api": house.Size(1000, 4)}, limits, page) == []
-    assert house.size_faults({"api": house.Size(1001, 4)}, limits, page)
-    assert house.size_faults({"new": house.Size(1, 1)}, {}, ""), "a room without a limit"
-
-
-def test_limits_only_fall_and_leave_two_percent_free(house: ModuleType) -> None:
-    shape = {"folder_files": 10, "zenoh_modules": 100, "core_lines": 1000}
-    before = {
-        "shape": {"folder_files": 15, "zenoh_modules": 90, "core_lines": 1015},
-        "rooms": {"api": {"lines": 5000, "files": 9}, "cli": {"lines": 900, "files": 9, "mean": 90}},
-    }
-    sizes = {"api": house.Size(1000, 5), "cli": house.Size(1000, 10), "tests/e2e": house.Size(100, 10)}
-    assert tomllib.loads(house.limits_text(sizes, shape, before, "", 2.0)) == {
-        "shape": {"folder_files": 11, "zenoh_modules": 90, "core_lines": 1015},
-        "rooms": {
-            "api": {"lines": 1020, "files": 6},
-            "cli": {"lines": 900, "files": 9, "mean": 98},
-            "tests/e2e": {"lines": 102, "files": 11},
-        },
-    }
-
-
-def test_import_circle_is_found(house: ModuleType) -> None:
-    assert house.circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
-    assert set(house.circle({"a": {"b"}, "b": {"c"}, "c": {"b"}})) == {"b", "c"}
-
+SLEEPS = {"asyncio.sleep", "time.sleep"}
+IN_LOOPS = {"asyncio.sleep", "tests.support.bench.until"}
+"""Take no time in tests without the mark, whose loops are in virtual time."""
+WALL = {
+    *(f"time.{name}{unit}" for name in ("time", "monotonic", "perf_counter") for unit in ("", "_ns")),
+    *(f"tests.support.pace.{name}" for name in ("Patience", "slowness", "within")),
+    *("asyncio.run", "time.sleep"),
+}
+MARK = "pytest.mark.wall_time"
+LIST = Path(__file__).with_name("wall_time.txt")
+MOST = 222
+"""Limit of the sum, which only falls."""
+UNIT = ROOT / "tests/unit"
 
 TESTS = {
     "test_some.py": """
@@ -142,17 +74,6 @@ def test_no_property_is_judged_by_how_fast_this_machine_is() -> None:
     assert there(settings.default).deadline is None
 
 
-SLEEPS = {"asyncio.sleep", "time.sleep"}
-IN_LOOPS = {"asyncio.sleep", "tests.support.bench.until"}
-"""Take no time in tests without the mark, whose loops are in virtual time."""
-WALL = {
-    *(f"time.{name}{unit}" for name in ("time", "monotonic", "perf_counter") for unit in ("", "_ns")),
-    *(f"tests.support.pace.{name}" for name in ("Patience", "slowness", "within")),
-    *("asyncio.run", "time.sleep"),
-}
-MARK = "pytest.mark.wall_time"
-
-
 def wall_time_calls(path: Path) -> list[ast.Call]:
     """Return the calls in a module of unit tests that wait for real time or read its clock."""
     names = dict(_names(path))
@@ -184,12 +105,6 @@ def _name(node: ast.expr, names: dict[str, str]) -> str:
 
 def _is_zero(call: ast.Call) -> bool:
     return bool(call.args) and isinstance(call.args[0], ast.Constant) and not call.args[0].value
-
-
-LIST = Path(__file__).with_name("wall_time.txt")
-MOST = 222
-"""Limit of the sum, which only falls."""
-UNIT = ROOT / "tests/unit"
 
 
 def listed() -> dict[str, int]:

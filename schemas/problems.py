@@ -56,8 +56,10 @@ NAMES_SPOKEN = "names spoken"
 """Metric of services that speak what is announced: the number of names since the start."""
 
 Severity = Literal["warning", "note"]
-MAX_CODE, MAX_SUBJECT = 64, 256
-"""Maximum lengths, characters."""
+MAX_CODE = 64
+"""Maximum length of a code, characters."""
+MAX_SUBJECT = 256
+"""Maximum length of a subject, characters."""
 
 
 class Problem(SchemaModel):

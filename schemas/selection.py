@@ -14,7 +14,7 @@ NOT_DONE = "not done: "
 """Beginning of the reason of an event that takes back an act that failed."""
 
 SelectsBy = Literal["stay", "press"]
-"""What selects the object that a person points at: staying on it, or a press."""
+"""Trigger that selects the object that a person points at: staying on it, or a press."""
 
 MAX_PRESSED = 4
 """Maximum number of named objects that want a press: more are told by their number."""
@@ -72,7 +72,7 @@ class Selection(Message):
 
 
 class SelectionManner(Message):
-    """How people select here, for those who tell them: each person's supervisor, and pages."""
+    """The way in which people select here, for those who tell them: each person's supervisor, and pages."""
 
     by: SelectsBy
     pressed: Annotated[

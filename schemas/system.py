@@ -184,9 +184,7 @@ class Deployment(Message):
     ] = ()
     goal: Annotated[
         str,
-        Field(
-            max_length=200, description="instruction to a newcomer who points, in one sentence; empty: none"
-        ),
+        Field(max_length=200, description="instruction to a newcomer who points, in one sentence, or empty"),
     ] = ""
 
     def believed(self, name: str) -> "Deployment":

@@ -36,8 +36,10 @@ PROBE_TIMEOUT_S = 3.0
 MAX_MESSAGE_BYTES = 16 * 2**20
 """Limit of a message: all states of a home of 10 000 entities have some 10 MB."""
 MAX_QUEUED_FRAMES = 4
-MIN_READ_BYTES, MAX_READ_BYTES = 128, 2**12
-"""Size of what is read in a turn of the loop: some ten of the smallest frames, more while quick."""
+MIN_READ_BYTES = 128
+"""Least size of what is read in a turn of the loop: some ten of the smallest frames."""
+MAX_READ_BYTES = 2**12
+"""The same while messages are quick to take."""
 MAX_TURN_S = 0.002
 """Time that messages take before others get their turn, s."""
 MAX_SHARE = 0.25

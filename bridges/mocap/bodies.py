@@ -28,16 +28,22 @@ REPORT_NS = 10 * NS_PER_S
 """Time for which a jump is reported."""
 MAX_SPEED_MPS = 10.0
 JUMP_M = 0.1
-MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
-"""A body that moves or turns by more than the speed allows, and this much, has jumped."""
+MAX_RATE_RADPS = 30.0
+"""Speed of turning above which a body may have jumped."""
+JUMP_RAD = 0.6
+"""A body that turns by more than the speed allows, and this much, has jumped; `JUMP_M`: of a move."""
 MIN_ALIKE = math.cos(JUMP_RAD / 2.0)
 """Scalar product of two quaternions below which the turn between them is larger than `JUMP_RAD`."""
-JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
-"""Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
+JUMP_NS = 3 * NS_PER_S // 10
+"""Time after which a body that jumped is used again, ns."""
+SWAP_NS = 3 * NS_PER_S
+"""Time after which one that jumped to where another body was is used again, ns."""
 MIN_MEASURED = 3
 """Least number of markers that cameras see, below which Motive computes the others by the model."""
-MIN_SIGMA_M, MAX_SIGMA_M = 0.001, 1.0
-"""Limits of 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
+MIN_SIGMA_M = 0.001
+"""Least 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
+MAX_SIGMA_M = 1.0
+"""Largest 1 sigma of a position, m."""
 MAX_DISTANCE_M = 100.0
 """Largest distance from the origin of the stream, m."""
 MIN_HEIGHT_M = -0.5

@@ -25,10 +25,16 @@ KEEP_ALIVE = 10
 ECHO_REQUEST = 12
 ECHO = 13
 DISCOVERY = 14
-MODEL_CHANGED, IS_EDITING, BITSTREAM_CHANGED = 2, 4, 8
-"""Bits of a frame's flags."""
-OCCLUDED, MODEL_FILLED = 1, 4
-"""Bits of a labelled marker's flags."""
+MODEL_CHANGED = 2
+"""Bit of a frame's flags: bodies have other names."""
+IS_EDITING = 4
+"""Bit of a frame's flags: the take is edited."""
+BITSTREAM_CHANGED = 8
+"""Bit of a frame's flags: the version of the stream is another."""
+OCCLUDED = 1
+"""Bit of a labelled marker's flags: no camera sees it."""
+MODEL_FILLED = 4
+"""Bit of a labelled marker's flags: it is computed by the model."""
 MAX_VERSION = (4, 1)
 """Version that unicast servers are asked for. Others were never seen."""
 SIZED = (4, 1)

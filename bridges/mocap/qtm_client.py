@@ -34,8 +34,10 @@ WINDOW_NS = 10 * NS_PER_S
 """Time over which the shortest delay between exposure and arrival is taken, ns."""
 MAX_LATE_NS = 2 * NS_PER_S
 """Time by which a frame may come later than the fastest one."""
-LIVE, PLAYBACK = frozenset({1, 2, 3, 4, 9, 10}), 8
-"""Events after which the cameras may measure, and the one after which QTM plays a file."""
+LIVE = frozenset({1, 2, 3, 4, 9, 10})
+"""Events after which the cameras may measure."""
+PLAYBACK = 8
+"""Event after which QTM plays a file."""
 SETTINGS_CHANGED = frozenset({1, 3, 8, 11})
 """Events after which bodies may have other names."""
 

@@ -49,8 +49,10 @@ SECTIONS = frozenset(
 LINES = {"line": "x, y, z", "centerline": "x, y, z", "outline": "x, y"}
 """Keys of lists of points, flattened: ROS has no lists of lists. Coordinates of each point."""
 
-NESTED, PART = ("light", "at"), frozenset(("strip", "belt", "from", "to"))
-"""Keys of a thing whose value may be a part of a strip or belt, and the keys of that."""
+NESTED = ("light", "at")
+"""Keys of a thing whose value may be a part of a strip or belt."""
+PART = frozenset(("strip", "belt", "from", "to"))
+"""Keys of such a part."""
 
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Number of a link."""

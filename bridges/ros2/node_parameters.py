@@ -30,8 +30,10 @@ FIELDS: Mapping[int, str] = {
 
 LIST = "rcl_interfaces/srv/ListParameters"
 GET = "rcl_interfaces/srv/GetParameters"
-LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
-"""Service names after the node's name."""
+LIST_SUFFIX = "/list_parameters"
+"""End of the name of the service that lists parameters, after the node's name."""
+GET_SUFFIX = "/get_parameters"
+"""The same of the service that gets them."""
 
 PAGE = 16
 """Number of parameters per request: a line of a map may have a thousand points."""

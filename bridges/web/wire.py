@@ -52,8 +52,10 @@ from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Real, Vec3
 IN_FLIGHT = 3
 """Batches that a page may have been sent and not acknowledged."""
 
-UNPAIRED, REPLACED = 4403, 4409
-"""Close codes: this phone is not paired any more; it has another socket."""
+UNPAIRED = 4403
+"""Close code: this phone is not paired any more."""
+REPLACED = 4409
+"""Close code: this phone has another socket."""
 
 OWN_FAULT = "a fault of PointIt itself, see its log"
 """Answer to a request that failed by an error of this server."""

@@ -62,9 +62,10 @@ MAX_ACCOUNT_HZ = 5.0
 MAX_HZ = 2500.0
 """Rate of messages of one identity that is allowed for good. An IMU of 200 Hz, with all derived messages,
 makes 1400. A question or a declaration counts as `REQUEST_COST` of them, below `@` as `INTERNAL_COST`."""
-REQUEST_COST, INTERNAL_COST = 25, 5
-"""Messages whose load is that of a question or a declaration, which goes to all clients. Those below `@` are
-of late subscribers and of tests of rights: many at a start."""
+REQUEST_COST = 25
+"""Messages whose load is that of a question or a declaration, which goes to all clients."""
+INTERNAL_COST = 5
+"""The same of those below `@`: of late subscribers and of tests of rights, many at a start."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""

@@ -45,8 +45,10 @@ from pointit.sim.recordings import (
 EPOCH_NS = 10**18
 """Time of the first sample: 2001-09-09 01:46:40 UTC."""
 
-CSV_MOUNTING, BIDS_MOUNTING = "minus_x", "plus_x"
-"""Mountings of the public recordings, and of an orientation that is the arm's."""
+CSV_MOUNTING = "minus_x"
+"""Mounting of the public recordings."""
+BIDS_MOUNTING = "plus_x"
+"""Mounting of an orientation that is the arm's."""
 
 ROBOT = "robot"
 """Tracker and id of a recorded robot."""

@@ -18,8 +18,10 @@ from pointit.services.registry import moves_arm, person_of
 
 _LOCALIZER = LocalizerConfig()
 
-UNSURE_M, UNSURE_DEG = 1.2, _LOCALIZER.drift.max_yaw_sigma_deg
-"""Standard deviations above which a pose is called uncertain: things 3 m away and 2 m apart are confused."""
+UNSURE_M = 1.2
+"""Standard deviation above which a position is uncertain: things 3 m away and 2 m apart are confused."""
+UNSURE_DEG = _LOCALIZER.drift.max_yaw_sigma_deg
+"""The same of a yaw."""
 
 OLD_ANCHOR_S = 180.0
 """Age of an anchor at which the yaw of a common IMU may be 45 deg off. It may still be certain."""
@@ -27,8 +29,10 @@ OLD_ANCHOR_S = 180.0
 SURE_DEG = _LOCALIZER.enough.yaw_deg
 """Standard deviation of the yaw at which localization ends."""
 
-ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
-"""Names of the localizer's metrics."""
+ANCHOR_AGE = "anchor age"
+"""Name of a metric of the localizer, as are those below."""
+POSITION_SIGMA = "position σ"  # noqa: RUF001 - the localizer's own
+YAW_SIGMA = "yaw σ"  # noqa: RUF001 - the localizer's own
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""

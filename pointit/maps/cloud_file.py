@@ -34,11 +34,15 @@ Points = NDArray[np.float64]
 
 MAX_POINTS = 5_000_000
 """Limit of the points of one cloud: 120 MB in memory, some seconds to read."""
-MAX_EXTENT_M, MIN_EXTENT_M = 200.0, 0.2
-"""Limits of the largest extent of a cloud, and of its distance from the map's origin, m."""
+MAX_EXTENT_M = 200.0
+"""Largest extent of a cloud, and largest distance from the map's origin, m."""
+MIN_EXTENT_M = 0.2
+"""Least of its largest extent, m."""
 MAX_BELOW_FLOOR_M = 3.0
-SUNK_M, MAX_SUNK = 0.3, 0.1
-"""Depth below the floor, m, and the share of points that may be deeper if the map does not state `up`."""
+SUNK_M = 0.3
+"""Depth below the floor at which points count as deep, m."""
+MAX_SUNK = 0.1
+"""Share of points that may be deeper if the map does not state `up`."""
 
 SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc", ".pcd")
 XYZ: Wanted = {"x": "x", "y": "y", "z": "z"}

@@ -29,12 +29,22 @@ from pointit.schemas.environment import Belt, Box, Cylinder, Fence, Plane, Spher
 Axes = Any
 """Matplotlib's axes. Its stubs leave the types of keywords open, which strict checkers reject."""
 
-BELT, BELT_EDGE, ARROW, INK = "#e3e6ea", "#a4abb5", "#7c8591", "#2b2f36"
-STRIP, LAMP, LINK, BAY, CLOUD = "#0072b2", "#e69f00", "#d55e00", "#009e73", "#56b4e9"
-SOLID, SOLID_FILL = "#8a4a77", "#cc79a733"
-"""The palette's purple, darker where it is for lines and text."""
+BELT = "#e3e6ea"
+BELT_EDGE = "#a4abb5"
+ARROW = "#7c8591"
+INK = "#2b2f36"
+STRIP = "#0072b2"
+LAMP = "#e69f00"
+LINK = "#d55e00"
+BAY = "#009e73"
+CLOUD = "#56b4e9"
+SOLID = "#8a4a77"
+"""The palette's purple, darker for lines and text."""
+SOLID_FILL = "#cc79a733"
+"""The same for surfaces."""
 
-KEEP_IN, KEEP_OUT = "#009e73", "#d55e00"
+KEEP_IN = "#009e73"
+KEEP_OUT = "#d55e00"
 
 HALO: list[Any] = [withStroke(linewidth=2.5, foreground="white")]
 ON_TOP: dict[str, Any] = {"path_effects": HALO, "zorder": 9}

@@ -22,8 +22,10 @@ MAX_SIGHTINGS = 20_000
 """Limit of the sightings of one view."""
 MAX_IMAGE = 16_384
 """Limit of an image's width and height, pixels."""
-MIN_KNOWN_M, MAX_KNOWN_M = 0.01, 1000
-"""Limits of a known length, m."""
+MIN_KNOWN_M = 0.01
+"""Least known length, m."""
+MAX_KNOWN_M = 1000
+"""Largest known length, m."""
 MAX_FILE = 64 * 2**20
 """Limit of a file of views, bytes."""
 STRICT = ConfigDict(extra="forbid")

@@ -63,8 +63,10 @@ MAX_BYTES = 64_000_000
 """Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
 MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
-MIN_PERIOD_S, MAX_PERIOD_S = 0.0004, 0.25
-"""Limits of the median time between samples: 2500 Hz and 4 Hz."""
+MIN_PERIOD_S = 0.0004
+"""Least median time between samples: 2500 Hz."""
+MAX_PERIOD_S = 0.25
+"""Largest median time between samples: 4 Hz."""
 MAX_STEP_FRAMES = 10
 """Limit of the median step of numbers of frames."""
 MAX_DISTANCE_M = 100.0

@@ -32,8 +32,10 @@ _CHUNK = struct.Struct("<4sI")
 _NAMES = frozenset({b"data", b"fmt ", b"LIST", b"fact", b"cue ", b"bext", b"JUNK", b"id3 ", b"smpl", b"PEAK"})
 """Names of usual chunks."""
 _FORMAT = struct.Struct("<HHIIHH")
-_SUBFORMAT, _SUBFORMAT_END = 24, bytes.fromhex("000000001000800000aa00389b71")
-"""Offset of the extensible format's subformat, and what follows if its first two bytes are a format tag."""
+_SUBFORMAT = 24
+"""Offset of the extensible format's subformat."""
+_SUBFORMAT_END = bytes.fromhex("000000001000800000aa00389b71")
+"""Bytes that follow if its first two bytes are a format tag."""
 _CONVERTER = f"`sox IN -r {RATE_HZ // 1000}k -b 16 -c 1 OUT`"
 
 BLOCK_S = 0.05

@@ -16,8 +16,10 @@ from pointit.schemas import Environment, TrackedObject
 
 T = TypeVar("T")
 
-TARGET, OTHER = "red", "blue"
-"""Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
+TARGET = "red"
+"""Kind of the target, whose colour strips, pages and simulated people know."""
+OTHER = "blue"
+"""Kind of all others."""
 Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
 
 GAP_M = 0.6

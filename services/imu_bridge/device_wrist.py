@@ -43,8 +43,11 @@ STORM = 5
 STORM_S = 10.0
 LATE_TICK_S = 1.0
 """Delay of a report after which silence is not judged: this machine had no time to listen."""
-RATE, GAPS, BATTERY, SIGNAL = "rate", "gaps", "battery", "signal"
-"""Names of metrics that viewers show."""
+RATE = "rate"
+"""Name of a metric that viewers show, as are those below."""
+GAPS = "gaps"
+BATTERY = "battery"
+SIGNAL = "signal"
 Values = tuple[float, ...]
 Figure = tuple[str, float | None, str]
 """Name, value and unit of a metric. None removes it."""

@@ -11,8 +11,10 @@ from pointit.runtime.config.config import Config
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.sources import Deliver, ImuSource, Reading
 
-AZIMUTH_PERIOD_S, ELEVATION_PERIOD_S = 8.0, 5.0
-"""Periods of the sweeps from side to side, and up and down, s."""
+AZIMUTH_PERIOD_S = 8.0
+"""Period of the sweep from side to side, s."""
+ELEVATION_PERIOD_S = 5.0
+"""Period of the sweep up and down, s."""
 
 
 class SimulatedConfig(Config):

@@ -89,9 +89,11 @@ WORDS = 24
 TYPICAL_S = -0.2
 """Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
 simulated people (docs/decisions/finished-experiments.md)."""
-EARLIEST_S, LATEST_S = -0.42, 0.03
-"""Range of that median beyond which a clock is named, s: of simulated ones that are right less than 1 of 60,
+EARLIEST_S = -0.42
+"""Least median of a clock that is not named, s: of simulated ones that are right less than 1 of 60 is named,
 of those that are 0.5 s off 9 of 10."""
+LATEST_S = 0.03
+"""Largest median of a clock that is not named, s."""
 REMEDY = "synchronize it, or send the site's time"
 WINDOW_S = 1.5
 """Time about a word in which its gesture is searched, s: wider than for its meaning."""

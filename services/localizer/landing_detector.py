@@ -42,7 +42,7 @@ class LandingDetector:
         stamp_ns = ray.stamp_ns
         direction = unfiltered(ray)
 
-        # the speed over the window; after a gap, or if the clock was set, it starts anew
+        # the speed over the window; after a gap, or if the clock was set, it starts again
         if recent and not 0 < stamp_ns - recent[-1][0] <= 3 * WINDOW_NS:
             recent.clear()
         recent.append((stamp_ns, direction, ray))

@@ -50,8 +50,10 @@ MAX_GAP_S = 0.5
 MIN_HZ = 3.0
 """Rate of reports that keeps them closer than `MAX_GAP_S`, with some jitter."""
 
-AHEAD_S, BEHIND_S = 0.5, 1.0
-"""Largest differences of the stamps of reports and rays of the same moment: beyond them the clocks differ."""
+AHEAD_S = 0.5
+"""Largest time by which a report's stamp is ahead of a ray of the same moment: else clocks differ."""
+BEHIND_S = 1.0
+"""Largest time by which it is behind."""
 
 MAX_RAYS = 8192
 """Largest number of rays in a window, whatever the rate."""

@@ -32,8 +32,10 @@ from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.tracking import PoseTracker
 
-MAX_SIGMA_GROWTH, MAX_SIGMA_DEG = 1.2, 25.0
-"""Limits of a yaw that was accepted, as a multiple of its sigma then, and in degrees: sigmas are cautious."""
+MAX_SIGMA_GROWTH = 1.2
+"""Largest sigma of a yaw that was accepted, as a multiple of its sigma then: sigmas are cautious."""
+MAX_SIGMA_DEG = 25.0
+"""Largest sigma of such a yaw, degrees."""
 
 MAX_POSE_AGE_S = 2.0
 """Age up to which the tracker's last pose is valid."""

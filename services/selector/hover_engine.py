@@ -82,7 +82,7 @@ class HoverEngine:
         self._things = {each.id: each.object_fields for each in environment.things if each.is_tracked}
 
     def manner(self, stamp_ns: int) -> SelectionManner:
-        """Return how people select the objects that are there."""
+        """Return the way in which people select the objects that are there."""
         by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
         announcer = next((each.announcer for each in self._people.values() if each.announcer), None)
         names_by: SelectsBy | None = (
@@ -294,7 +294,7 @@ class PointingEngine:
         return self._hovers.on_step(user, step)
 
     def manner(self, now_ns: int) -> SelectionManner:
-        """Return how people select the objects that are there."""
+        """Return the way in which people select the objects that are there."""
         return self._hovers.manner(now_ns)
 
     def stale_trackers(self, now_ns: int) -> list[str]:

@@ -289,7 +289,7 @@ class LifeCycle:
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
         self._manner: SelectionManner | None = None
-        """How people select here. None: no selector has told."""
+        """The way in which people select here. None if no selector has told."""
         self._advice = ""
         """Next step of a service that acts on what the person does, while they point."""
         self._hears_names = False

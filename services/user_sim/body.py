@@ -18,8 +18,12 @@ from pointit.sim.aim import Aim, Tremor
 
 USUAL_REACH_RAD = math.radians(39.0)
 """Amplitude of reaches at which the scatter was measured. It is proportional to amplitude (Schmidt's law)."""
-LOW_DEG, LOW_SD_DEG, REACH_SD_DEG = -2.8, 2.8, 1.0
-"""Elevation error without feedback, degrees: mean, standard deviation between people and of reaches."""
+LOW_DEG = -2.8
+"""Mean of the elevation error without feedback, degrees."""
+LOW_SD_DEG = 2.8
+"""Its standard deviation between people, degrees."""
+REACH_SD_DEG = 1.0
+"""Its standard deviation of reaches, degrees."""
 BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
 
 State = tuple[float, float, float]

@@ -34,8 +34,10 @@ SETTLED_S = 2.0
 """Time of steering from which an uncertain place is not that of an arm that turns, s."""
 TURN = 2
 """Number of paths or landings after which the person leaves the robot to others."""
-TURN_PAUSE_S, OTHERS_TURN_S = 10.0, 60.0
-"""Time for which they leave it to others, s; the second if they know of others who use it."""
+TURN_PAUSE_S = 10.0
+"""Time for which they leave it to others, s."""
+OTHERS_TURN_S = 60.0
+"""The same if they know of others who use it, s."""
 
 Stage = Literal["choose", "aim", "asked", "steer", "sent"]
 

@@ -94,7 +94,7 @@ def missing_symbols(text: str, path: Path) -> list[str]:
 
 
 def unknown_scripts(text: str) -> set[str]:
-    scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
+    scripts = {f"scripts/{name}" for name in re.findall(r"scripts/([\w-]*\w)", text)}
     return {script for script in scripts if not (ROOT / script).is_file()}
 
 

@@ -14,8 +14,10 @@ from tests.support.bench import repeated
 USER = "user1"
 PERIOD_S = 0.01
 PATIENCE_S = 20.0
-FROM_M, TO_M = 0.5, 3.5
-"""Arc lengths between which segments are followed."""
+FROM_M = 0.5
+"""Arc length from which segments are followed."""
+TO_M = 3.5
+"""Arc length up to which they are."""
 STEP_RAD = 0.05
 """Largest turn of an arm from call to call, so that a gyroscope can follow."""
 

@@ -36,8 +36,9 @@ from tests.support.bench import background, in_virtual_time, until
 
 RATE_HZ = 50.0
 PINCH = bytes.fromhex("12020801")
-CLOCKWISE, COUNTERCLOCKWISE = bytes.fromhex("2a0b08ffffffffffffffffff01"), bytes.fromhex("2a020801")
+CLOCKWISE = bytes.fromhex("2a0b08ffffffffffffffffff01")
 """The maker's client turns the sign: the watch sends -1 for clockwise."""
+COUNTERCLOCKWISE = bytes.fromhex("2a020801")
 CONNECT_APPROVED = bytes.fromhex("320102")
 
 

@@ -25,8 +25,10 @@ from tests.support import strangers
 EXAMPLE = ROOT / "examples" / "arm"
 BASE_M = ArmConfig().base_m
 EYES_M = (0.0, 0.0, 1.64)
-NEXT_M, FREE_M = (1.4, -0.1, 0.78), (1.5, 0.5, 0.78)
-"""Top of the second box, and a free place, {W}, m."""
+NEXT_M = (1.4, -0.1, 0.78)
+"""Top of the second box, {W}, m."""
+FREE_M = (1.5, 0.5, 0.78)
+"""A free place, {W}, m."""
 
 
 @pytest.fixture

@@ -144,8 +144,10 @@ def quantile_s(values_s: Sequence[float], share: float) -> float:
 
 
 SITE = "plant"
-HERE, THERE = "ben", "anna"
-"""People pointing at host A, and at host B."""
+HERE = "ben"
+"""Person pointing at host A."""
+THERE = "anna"
+"""Person pointing at host B."""
 
 
 class Spectator:

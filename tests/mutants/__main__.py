@@ -43,8 +43,10 @@ EQUIVALENT = Path(__file__).with_name("equivalent.toml")
 SOURCES = ("pointit", "schemas", "services", "bridges")
 TIMEOUT_S = 30
 """Limit of a single test (s). A mutant that makes a test hang is killed."""
-PASSED, FAILED = 0, 1
-"""Exit codes of pytest. The others mean that it was interrupted or found no test."""
+PASSED = 0
+"""Exit code of pytest: all passed."""
+FAILED = 1
+"""Exit code: some failed. The others mean that it was interrupted or found no test."""
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,10 @@ FIRST_NS = NS_PER_S // 4
 JUMP_NS = NS_PER_S // 2
 """Simulated time beyond the fastest clock's progress that counts as a step and is published at once."""
 
-SLOWEST, FASTEST = 0.01, 100.0
-"""Limits of the speed. A stopped clock creeps on: the site's time never stops."""
+SLOWEST = 0.01
+"""Least speed. A stopped clock creeps on: the site's time never stops."""
+FASTEST = 100.0
+"""Largest speed."""
 
 
 def inward() -> tuple[InboundRoute, ...]:

@@ -9,8 +9,10 @@ from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.schemas import Health
 
-INFO, WARN, ERROR = 20, 30, 40
-"""Levels of rcl_interfaces/Log."""
+INFO = 20
+"""Levels of rcl_interfaces/Log, from here."""
+WARN = 30
+ERROR = 40
 LEVELS = {"warning": WARN, "error": ERROR}
 """By a finding's severity. Notes are about the past and not sent."""
 

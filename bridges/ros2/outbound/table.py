@@ -21,8 +21,10 @@ MAX_FRAMES = 1000
 MAX_VALUES = 64
 """Maximum number of values in one service's diagnostics."""
 
-OK, WARN = 0, 1
-"""Levels of diagnostic_msgs/DiagnosticStatus."""
+OK = 0
+"""Level of diagnostic_msgs/DiagnosticStatus."""
+WARN = 1
+"""The same."""
 
 POINTING_HZ = 50.0
 """Maximum rate of topics that follow an arm, Hz."""

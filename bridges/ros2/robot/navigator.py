@@ -29,8 +29,10 @@ CANCEL_S = 1.0
 
 EVERY_GOAL = bytes(16)
 """Id that stands for all goals in a cancellation without a time, also those of other clients."""
-UNKNOWN_GOAL, TERMINATED = 2, 3
-"""Constants of action_msgs/CancelGoal: it has no such goal; it has ended."""
+UNKNOWN_GOAL = 2
+"""Constant of action_msgs/CancelGoal: it has no such goal."""
+TERMINATED = 3
+"""Constant of action_msgs/CancelGoal: the goal has ended."""
 
 Feedback = Callable[[bytes, Any], None]
 Statuses = Callable[[list[tuple[bytes, int]]], None]

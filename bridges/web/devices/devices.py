@@ -49,8 +49,10 @@ BLUE: Rgb = (0, 0, 255)
 IMU_BRIDGE = "imu-bridge"
 MOUNTINGS = {"metamotion": "metamotion"}
 """Mounting of wrists that are worn differently from the usual, by plug-in."""
-HEIGHT_M, LEDS_PER_M = 1.0, 60.0
-"""Default line of a strip that is added to the map: height, m, along x, and pixels per metre."""
+HEIGHT_M = 1.0
+"""Default height of a strip that is added to the map along x, m."""
+LEDS_PER_M = 60.0
+"""Default number of its pixels per metre."""
 
 
 def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:

@@ -78,7 +78,7 @@ class SiteObservation:
         """Time of the first expectation, by expected service that was never present."""
         self._reports: dict[str, deque[DiagnosisReport]] = {}
         self._sources: dict[str, ArmSource] = {}
-        """What moves the arm of each person while no page or phone has it."""
+        """Source that moves the arm of each person while no page or phone has it."""
         self._began_run_s = -math.inf
         """Start of the scenario that runs, if another one ran before."""
         self._settled_s = -math.inf
@@ -155,7 +155,7 @@ class SiteObservation:
         )
 
     def _source(self, line: PersonLine) -> ArmSource:
-        """Return what moves the arm of a person that no page has: a simulation, a device, or nothing yet."""
+        """Return the source of an arm that no page moves: a simulation, a device, or nothing yet."""
         services = [service for service, user in map(split_instance, self.present) if user == line.user]
         if any(moves_arm(service) for service in services):
             return "simulation"

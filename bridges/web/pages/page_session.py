@@ -34,23 +34,33 @@ from pointit.schemas import summarize_validation_error
 
 log = logging.getLogger(__name__)
 
-MESSAGES_HZ, MESSAGES_BURST = 500.0, 1000.0
+MESSAGES_HZ = 500.0
 """Rate limit of a page's messages; beyond it they are read more slowly."""
+MESSAGES_BURST = 1000.0
+"""Number of messages beyond it at once."""
 
-ASKS_HZ, ASKS_BURST = 20.0, 40.0
+ASKS_HZ = 20.0
 """Rate limit of a page's requests; more are refused."""
+ASKS_BURST = 40.0
+"""Number of requests beyond it at once."""
 
-VIEWERS_HZ, VIEWERS_BURST = 50.0, 100.0
+VIEWERS_HZ = 50.0
 """Rate limit of what all pages that may only look send together, without valid acknowledgements."""
+VIEWERS_BURST = 100.0
+"""Number of those messages beyond it at once."""
 
-VIEWERS_OPENED_HZ, VIEWERS_OPENED_BURST = 10.0, 40.0
+VIEWERS_OPENED_HZ = 10.0
 """Rate limit of opening pages that may only look, as each begins with the whole state."""
+VIEWERS_OPENED_BURST = 40.0
+"""Number of those openings beyond it at once."""
 
 MAX_TURN_S = 5.0
 """Maximum wait for that, s. A page that would wait longer is refused, and tries again later."""
 
-AIMS_HZ, AIMS_BURST = 120.0, 20.0
+AIMS_HZ = 120.0
 """Rate limit of aiming; of more, only the newest counts."""
+AIMS_BURST = 20.0
+"""Number of aims beyond it at once."""
 
 MAX_PAST_PAGES = 8
 """Pages that look at the past, each of which holds and seeks a recording of its own."""
@@ -61,8 +71,10 @@ MAX_MALFORMED = 20
 MAX_ANSWERS = 16
 """Requests handled at a time; then reading pauses until one is done."""
 
-MALFORMED, NORMAL = 1008, 1000
-"""Close codes (RFC 6455): policy violation, and a normal end."""
+MALFORMED = 1008
+"""Close code (RFC 6455): policy violation."""
+NORMAL = 1000
+"""Close code (RFC 6455): a normal end."""
 
 _RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn | HeadsetMotion] = TypeAdapter(Received)
 

@@ -13,8 +13,10 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, UserPose
 
-MIN_REACH_M, MAX_REACH_M = 0.1, 1.5
-"""Distances of a pointing hand from the eyes. A controller beyond them lies somewhere: the arm hangs."""
+MIN_REACH_M = 0.1
+"""Least distance of a pointing hand from the eyes."""
+MAX_REACH_M = 1.5
+"""Largest distance of a pointing hand. A controller beyond both lies somewhere: the arm hangs."""
 TIMEOUT_S = 5.0
 """Silence after which a headset has released the wrist, s: it draws few frames while it is busy."""
 MAX_AWAY_M = 1000.0
@@ -23,8 +25,10 @@ TARGET_M = 3.0
 """Distance of the aimed-at point from the eyes. It matters to ray models that do not begin at the eyes."""
 MOVED_M = 0.01
 """Distance at which a pose is published again."""
-POSE_NS, MAX_POSE_NS = NS_PER_S // 10, NS_PER_S // 2
-"""Least and greatest time between two poses, ns."""
+POSE_NS = NS_PER_S // 10
+"""Least time between two poses, ns."""
+MAX_POSE_NS = NS_PER_S // 2
+"""Greatest time between two poses, ns."""
 POSITION_SIGMA_M = 0.02
 YAW_SIGMA_RAD = math.radians(0.3)
 """1 sigma of an alignment by three touches (docs/how-to/headset.md)."""

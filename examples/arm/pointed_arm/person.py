@@ -30,8 +30,10 @@ from .simulated_arm import Vec3
 HAND = "hand"
 OVER_M = 0.03
 """Distance of the hand from a box, or a place, within which the person is content, m."""
-CONTENT_S, ENOUGH_S = 0.6, 10.0
-"""Time for which it stays there before they press, and after which they press wherever it is, s."""
+CONTENT_S = 0.6
+"""Time for which the hand stays there before they press, s."""
+ENOUGH_S = 10.0
+"""Time after which they press wherever it is, s."""
 ANSWER_S = 4.0
 """Time without an effect of a press after which the person tries again, s."""
 

@@ -36,8 +36,10 @@ from .simulated_arm import SimulatedArm, Vec3, joint_angles, link_ends
 RATE_HZ = 25.0
 SMOOTH_S = 0.15
 """Time constant of the smoothing of a ray, s."""
-FRESH_S, QUIET_S = 1.0, 2.0
-"""Age up to which a ray counts, and time without one near the boxes after which others may use the arm, s."""
+FRESH_S = 1.0
+"""Age up to which a ray counts, s."""
+QUIET_S = 2.0
+"""Time without a ray near the boxes after which others may use the arm, s."""
 STANDS_M = 0.02
 """Distance from its goal at which the hand stands there, m."""
 STAYS = 0.75

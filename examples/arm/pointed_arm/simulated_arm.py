@@ -8,8 +8,14 @@ from pointit.plugins import NS_PER_S, Clock, rotation
 
 Vec3 = tuple[float, float, float]
 
-SHOULDER_M, UPPER_M, FORE_M, HAND_M = 0.35, 0.62, 0.62, 0.14
-"""Height of the shoulder above the base, and lengths of upper arm, forearm and hand, m."""
+SHOULDER_M = 0.35
+"""Height of the shoulder above the base, m."""
+UPPER_M = 0.62
+"""Length of the upper arm, m."""
+FORE_M = 0.62
+"""Length of the forearm, m."""
+HAND_M = 0.14
+"""Length of the hand, m."""
 MAX_SPEED_MPS = 1.2
 APPROACH_RATE = 8.0
 """Speed of the tip near its goal, per metre that is left, 1/s."""

@@ -7,8 +7,11 @@ from typing import NamedTuple
 
 from pointit.testing.devices import TcpDevice
 
-CONNECT, PUBLISH, SUBSCRIBE, PING = 1, 3, 8, 12
-"""Kinds of packets: the upper four bits of the first byte."""
+CONNECT = 1
+"""Kind of a packet: the upper four bits of the first byte. So are those below."""
+PUBLISH = 3
+SUBSCRIBE = 8
+PING = 12
 CONNACK = b"\x20\x02\x00\x00"
 PINGRESP = b"\xd0\x00"
 

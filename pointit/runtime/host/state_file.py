@@ -17,8 +17,10 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
-GROUP, OTHERS = 0o070, 0o007
-"""Rights of the group and of others."""
+GROUP = 0o070
+"""Rights of the group."""
+OTHERS = 0o007
+"""Rights of others."""
 
 T = TypeVar("T", bound=BaseModel)
 VARIABLE = "POINTIT_STATE"

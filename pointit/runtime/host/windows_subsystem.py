@@ -15,7 +15,7 @@ _VM_CREATOR = "{40E0AC32-46A5-438A-A0B2-2B479E8F2E90}"
 
 
 def lan_advice(port: int) -> str:
-    """Return how others reach a page at `port` of this machine if it runs in WSL 2, else `""`. Blocks.
+    """Return advice to reach a page at `port` of this machine if it runs in WSL 2, else `""`. Blocks.
 
     In the mode `mirrored`, Linux has the addresses of Windows, and Windows' firewall decides. In the other
     modes Linux has an address that only Windows reaches.

@@ -10,8 +10,12 @@ HANDSHAKE_S = 1.0
 NO_SECURED_ROUTER = (
     "{} is not a router of a secured site; give its address with --connect, or continue it if it is stopped"
 )
-X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
-"""OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
+X509_TOO_OLD = 10
+"""OpenSSL's verify code: the certificate has expired."""
+X509_TOO_YOUNG = 9
+"""OpenSSL's verify code: it is not yet valid."""
+X509_OTHER_HOST = (62, 64)
+"""OpenSSL's verify codes: it names another host or address."""
 
 REFUSALS = {
     "CERTIFICATE_EXPIRED": "has expired or is not valid yet, by the router's clock",

@@ -42,8 +42,10 @@ CONNECT_5 = bytes.fromhex("100d00044d5154540502000f000000")
 MIN_CONNACK_5_BYTES = 3
 """Minimum length of the body of a CONNACK of MQTT 5, which has properties. One of MQTT 3.1.1 has 2 bytes."""
 CONNACK = b"\x20"
-BAD_CLIENT_ID, BAD_PASSWORD, NOT_AUTHORIZED = (2, 133), (4, 134), (5, 135)
-"""Return codes of CONNACK: of MQTT 3.1.1, and of 5, to which paho converts them."""
+BAD_CLIENT_ID = (2, 133)
+"""Return codes of CONNACK, as are those below: of MQTT 3.1.1, and of 5, to which paho converts them."""
+BAD_PASSWORD = (4, 134)
+NOT_AUTHORIZED = (5, 135)
 AUTHORITY_HINT = (
     f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
 )

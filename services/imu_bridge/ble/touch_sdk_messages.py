@@ -29,12 +29,17 @@ OUTPUT = "f9d60371-5325-4c64-b874-a68c7c555bad"
 INPUT = "f9d60372-5325-4c64-b874-a68c7c555bad"
 PINCH = 1
 """Type of a gesture: thumb and forefinger tap each other."""
-BEGIN, END, MOVE, CANCEL = 1, 2, 3, 4
-"""Types of a touch."""
+BEGIN = 1
+"""Type of a touch, as are those below."""
+END = 2
+MOVE = 3
+CANCEL = 4
 DISCONNECT = 1
 """Signal: the person declines or forgets this program, or the watch's app ends."""
-RIGHT, LEFT = 1, 2
-"""Hands that wear the watch."""
+RIGHT = 1
+"""Hand that wears the watch."""
+LEFT = 2
+"""The other hand."""
 MAX_HAPTIC_MS = 5000
 """Longest vibration, ms."""
 Quat = tuple[float, float, float, float]

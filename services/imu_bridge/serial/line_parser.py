@@ -36,8 +36,10 @@ _PASSED_OVER = ("#", "orientation:", "calibration:")
 _SEPARATORS = r",;|\s"
 _SEPARATOR = re.compile(rf"[{_SEPARATORS}]+")
 _REAL = r"[+-]?(?:\d+(?:MARK\d*)?|MARK\d+)(?:[eE][+-]?\d+)?"
-_POINT, _COMMA = _REAL.replace("MARK", r"\."), _REAL.replace("MARK", "[.,]")
-"""Numbers with a decimal point, or also with a decimal comma."""
+_POINT = _REAL.replace("MARK", r"\.")
+"""Number with a decimal point."""
+_COMMA = _REAL.replace("MARK", "[.,]")
+"""Number with a decimal point or comma."""
 _NUMBER = re.compile(_POINT)
 _DECIMAL_COMMA = re.compile(r"(?<![\d,])\d+,\d+(?![\d,])")
 _STAMP = (

@@ -32,8 +32,10 @@ DRAW_ALL = 2
 ALL_CHANNELS = 0xFF
 PIXEL_LIMITS = {"v1": (240, 180), "v2": (800, 602), "v3": (1600, 1202)}
 """Pixels that a channel of each board drives, with three and with four colours. Longer frames are ignored."""
-SET_CHANNEL_BYTES, DRAW_ALL_BYTES = 14, 10
-"""Sizes of the two frames without pixels, bytes."""
+SET_CHANNEL_BYTES = 14
+"""Size of the frame that sets a channel, without pixels, bytes."""
+DRAW_ALL_BYTES = 10
+"""Size of the frame that draws, bytes."""
 PIXEL_TIME_S = 30e-6
 LATCH_TIME_S = 300e-6
 """Duration of drawing. The board drops a draw command that comes earlier."""

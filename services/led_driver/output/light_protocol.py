@@ -10,8 +10,10 @@ FULL = 254
 """Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
 DEVICES = "/bridge/devices"
 """End of the topic of Zigbee2MQTT's devices; before it is the base topic, which may have slashes."""
-ONLINE, OFFLINE = "online", "offline"
-"""Words on availability topics unless a lamp or its announcement has others."""
+ONLINE = "online"
+"""Word on availability topics unless a lamp or its announcement has another."""
+OFFLINE = "offline"
+"""The same for an absent lamp."""
 ABBREVIATIONS = {
     "availability": "avty",
     "availability_topic": "avty_t",

@@ -15,8 +15,10 @@ from pointit.services.led_driver.output.spotlight import Angles, direction
 
 MIN_PLACES = 3
 """Number of places that determine a pose; with three, up to four poses may fit."""
-SAME_M, SAME_RAD = 0.05, math.radians(2.0)
-"""Two fits closer than this are the same pose."""
+SAME_M = 0.05
+"""Two fits whose places are closer than this are the same pose if `SAME_RAD` holds, too."""
+SAME_RAD = math.radians(2.0)
+"""Their largest turn."""
 FITS_RAD = math.radians(0.5)
 """A pose with a mean error up to this, or up to twice that of the best pose, fits as well."""
 MAX_CALLS = 1000

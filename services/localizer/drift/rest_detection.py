@@ -76,8 +76,10 @@ class RestDetector:
         self._delay = max(1, round(SETTLE_S / BIN_S))
         self._last: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self._last_ns = -1
-        self._tilt_x, self._tilt_y, self._yaw = 0.0, 0.0, 0.0
-        """Turn since the rest began, about the axes of {H}."""
+        self._tilt_x = 0.0
+        """Turn since the rest began about x of {H}; the next two are about y and z."""
+        self._tilt_y = 0.0
+        self._yaw = 0.0
         self._count = 0
         self._sum_ns = 0
         self._bin_start_ns = 0

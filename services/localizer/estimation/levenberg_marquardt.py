@@ -50,12 +50,18 @@ RIVAL_COST = 20.0
 SAME_POSE = 0.3
 """Metres and radians: poses nearer to each other count as one."""
 
-CONVERGED, NEARLY = 3e-4, 3e-3
-"""Metres and radians: largest step of a converged descent, and of rivals, of which the cost is needed."""
+CONVERGED = 3e-4
+"""Largest step of a converged descent, m and rad."""
+NEARLY = 3e-3
+"""Largest step of rivals, of which the cost is needed, m and rad."""
 
 _DAMPING = 1e-3
-_MIN_DAMPING, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
-"""Damping: lower bound, least value after a bad step, and the value at which a descent is stuck."""
+_MIN_DAMPING = 1e-6
+"""Lower bound of the damping."""
+_AGAIN = 1e-2
+"""Least damping after a bad step."""
+_STUCK = 1e3
+"""Damping at which a descent is stuck."""
 _EYE = np.eye(PARAMETERS)
 
 

@@ -79,8 +79,10 @@ class Announcer:
     def forget(self) -> None:
         """Forget the pointing: the clock of its cursors was set back."""
         self._announced = self._announced.model_copy(update={"stamp_ns": 0})
-        self._hovered, self._hovered_ns = "", 0
-        """Hovered object, and the time since which it is hovered."""
+        self._hovered = ""
+        """Hovered object."""
+        self._hovered_ns = 0
+        """Time since which it is hovered."""
         self._spoken = ("", 0)
         self._repeat_ns: int | None = None
         """Time at which the name of the hovered object is repeated."""

@@ -37,8 +37,10 @@ from tests.support.pty_device import Listener, PtyDevice, Talker, pty_device
 
 FEET_M = (1.5, 1.0)
 YAW_DEG = 20.0
-EYES_M, SHOULDER_M, ARM_M = 1.64, 1.43, 0.73
-"""Heights and reach of the default person."""
+EYES_M = 1.64
+"""Height of the default person's eyes; then of the shoulder, and the reach."""
+SHOULDER_M = 1.43
+ARM_M = 0.73
 
 STRIPS = (  # (start, end, direction) of the paper's lab, 150 pixels on 5 m each
     ((4.85, -1.425, 0.9), (4.85, 3.575, 0.9), -1),

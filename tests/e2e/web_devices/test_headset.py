@@ -32,8 +32,10 @@ POSITIONS = {lamp.id.replace("_", " "): np.array(lamp.position_m) for lamp in SH
     for thing in SHELF.things
 }
 """Positions, {W}, that a note may ask for."""
-YAW_RAD, ORIGIN_M = 2.1, np.array([1.5, -0.7, 0.04])
-"""The headset's space in {W}: azimuth of its x axis, and its origin."""
+YAW_RAD = 2.1
+"""Azimuth of the x axis of the headset's space in {W}."""
+ORIGIN_M = np.array([1.5, -0.7, 0.04])
+"""Its origin in {W}."""
 INSTALL = """
 window.headset = new IWER.XRDevice(IWER.metaQuest3, { ipd: 0 });
 headset.installRuntime({ forceInstall: true }); // headless Chromium has a navigator.xr that supports nothing

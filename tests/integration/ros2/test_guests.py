@@ -129,8 +129,10 @@ ANNA = "anna"
 RAYS = "/anna/pointing_ray"
 SUBSCRIPTION = "/PUI_subscription"
 RAYS_PER_S = round(RAY_HZ)
-AT_M, YAW_RAD = (-1.3, -1.9, 0.0), math.radians(20.0)
+AT_M = (-1.3, -1.9, 0.0)
 """The scenario's first place."""
+YAW_RAD = math.radians(20.0)
+"""Its yaw."""
 
 
 class Site:

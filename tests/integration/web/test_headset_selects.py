@@ -38,8 +38,10 @@ BEN = "ben"
 EYES_M: Vec3 = (0.0, 0.0, 1.5)
 THINGS: dict[str, Vec3] = {name: (2.0, y_m, 1.3) for name, y_m in (("cup", -0.4), ("jar", 0.0), ("tin", 0.4))}
 """Things .4 m apart at 2 m."""
-YAW_RAD, ORIGIN_M = 0.8, (0.3, -0.2, 0.01)
-"""Alignment of the headset's space, by touches."""
+YAW_RAD = 0.8
+"""Alignment of the headset's space by touches: yaw."""
+ORIGIN_M = (0.3, -0.2, 0.01)
+"""Its origin."""
 FRAME_S = 1.0 / 72.0
 REACH_M = 0.5
 ALIGNMENT_ERROR_M = 0.02

@@ -45,8 +45,10 @@ WRONG_ANCHOR = "3 min, 1 anchor/min, wrong anchor"
 BESIDE_RAD = math.radians(40.0)
 """By how much."""
 
-NORMAL_MEDIAN, NORMAL_P90 = 0.6745, 1.6449
-"""Quantiles of the absolute value of a standard normal variable."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+NORMAL_P90 = 1.6449
+"""Its 90th percentile."""
 
 Outcome = dict[str, tuple[float, float | None]]
 """Error and stated sigma by solver, rad."""

@@ -8,8 +8,10 @@ from pointit.schemas import NS_PER_S, Environment, SelectionEvent, TrackedObject
 
 Array = NDArray[np.float64]
 
-TARGET, OTHER = "red", "blue"
-"""Kinds of packages: targets, and others."""
+TARGET = "red"
+"""Kind of the packages that are targets."""
+OTHER = "blue"
+"""Kind of the others."""
 
 
 class Carousel:

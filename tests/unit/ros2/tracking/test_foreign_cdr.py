@@ -22,8 +22,12 @@ from tests.unit.ros2.scenes import NOW_NS, ROOM, into, jazzy, pose_at, quaternio
 
 NAN = math.nan
 QUARTER = math.sqrt(0.5)
-UP, BACKWARDS, LEFT = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, QUARTER, QUARTER)
-"""Orientations of a robot that faces x, -x, and y."""
+UP = (0.0, 0.0, 0.0, 1.0)
+"""Orientation of a robot that faces x."""
+BACKWARDS = (0.0, 0.0, 1.0, 0.0)
+"""Orientation of one that faces -x."""
+LEFT = (0.0, 0.0, QUARTER, QUARTER)
+"""Orientation of one that faces y."""
 POSE = "geometry_msgs/msg/PoseStamped"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 TF = "tf2_msgs/msg/TFMessage"

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
@@ -33,7 +34,6 @@ from pointit.services.robot_replay.trajectory import Trajectory
 from pointit.sim.motion_table import BIDS_SUFFIX, DOCUMENTED, MotionForm, rows_of
 from pointit.sim.recordings import (
     OPERATOR,
-    Array,
     FloorRecording,
     ImuRecording,
     RecordedMotion,

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
-
-Array = NDArray[np.float64]
 
 BLOCK_NS = NS_PER_S // 10
 """Duration of a block, within which a lasting error does not change, ns."""

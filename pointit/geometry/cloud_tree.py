@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array, Indices
 from pointit.geometry.polyline import TINY, Hit, make_hit
 from pointit.geometry.vector import Vec3
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 LEAF_POINTS = 64
 """Maximum number of points of a leaf."""

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 
 TINY = 1e-30
 """Replaces vanishing denominators, so that quotients grow large but not infinite."""
 
-Array = NDArray[np.float64]
 
 FARTHEST_M = 1e6
 """Limit of coordinates, m."""

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import TINY, Hit, Polyline, clip_to_reach, make_hit, nearest_in_angle
 from pointit.geometry.solids import MAX_EYES, Solid
 from pointit.geometry.vector import Vec3
-
-Array = NDArray[np.float64]
 
 FEW_SOLIDS = 6
 """Number of solids up to which plain Python on each ball is faster than arrays."""

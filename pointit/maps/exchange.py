@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.maps.light_files.pixel_table import NO_COLUMNS, TablePixel, pixels_of
 from pointit.maps.light_files.strip_fit import (
     FittedStrip,
@@ -30,8 +31,6 @@ from pointit.maps.text_table import DeclaredColumn
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
-
-Array = NDArray[np.float64]
 
 LONE_PIXEL_M = 0.02
 """Length of a strip of one pixel in a file without any step from pixel to pixel, m."""

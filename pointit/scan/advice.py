@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
-from pointit.scan.bundle import Array, vec3
+from pointit.scan.bundle import vec3
 from pointit.scan.result import COMPLETE_M, Scan, ScannedLamp, ScannedStrip
 
 STEP_M = 1.0

@@ -10,16 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.array_types import Array, Indices
 from pointit.geometry.vector import Vec3
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 DOWN: Array = np.array([0.0, 0.0, -1.0])
 """Direction of gravity in the room."""

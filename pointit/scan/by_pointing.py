@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import from_yaw, rotate
 from pointit.geometry.solids import plane_axes
 from pointit.geometry.vector import Vec3, add, normalized
 from pointit.maps.model import BoxEntry, PlaneEntry
 from pointit.runtime.errors import RefusedError
-from pointit.scan.bundle import Array, vec3
+from pointit.scan.bundle import vec3
 from pointit.schemas import PointingRay, UserPose
 
 HOLD_SIGMA_RAD = math.radians(1.5)

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.scan.bundle import Array, vec3
+from pointit.scan.bundle import vec3
 from pointit.scan.by_pointing import PointedAt
 from pointit.scan.result import Scan, pointed_text
 

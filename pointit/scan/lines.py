@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pointit.scan.bundle import Array, Mask
+from pointit.geometry.array_types import Array, Mask
 
 TOLERANCE_PX = 3.0
 BOW = 0.015

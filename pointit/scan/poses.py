@@ -10,7 +10,8 @@ from itertools import combinations, compress
 
 import numpy as np
 
-from pointit.scan.bundle import DOWN, Array, BundleProblem, BundleState, Indices
+from pointit.geometry.array_types import Array, Indices
+from pointit.scan.bundle import DOWN, BundleProblem, BundleState
 from pointit.scan.lines import ImageLine
 from pointit.scan.views import CameraView, LampSpec, StripSpec
 

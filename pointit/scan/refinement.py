@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.bundle import Array, BundleProblem, BundleState, Indices, Mask
+from pointit.geometry.array_types import Array, Indices, Mask
+from pointit.scan.bundle import BundleProblem, BundleState
 from pointit.scan.lines import ImageLine
 from pointit.scan.poses import PITCH_SIGMA, Piece, PlacedViews, SightingArrays
 from pointit.scan.views import LampSpec, StripSpec

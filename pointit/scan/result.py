@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import PointItError
-from pointit.scan.bundle import Array, vec3
+from pointit.scan.bundle import vec3
 from pointit.scan.by_pointing import PointedAt, box_of, screen_of
 
 COMPLETE_M = 0.01

@@ -6,8 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
-from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
+from pointit.scan.bundle import GRAVITY_SIGMA, vec3
 from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece, SightingArrays, levelled, upright
 from pointit.scan.refinement import Refined, refined

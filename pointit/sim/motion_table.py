@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from pointit.geometry.array_types import Array, Mask
 from pointit.geometry.rotation import Quaternion, inverse, multiply, rotate
 from pointit.maps.text_table import (
     COMMENTS,
@@ -39,9 +39,6 @@ from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 from pointit.schemas.text import round_beyond
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TIME = "t"
 ORIENTATION = ("qx", "qy", "qz", "qw")

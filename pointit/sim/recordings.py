@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import NORM_TOLERANCE
@@ -20,8 +20,6 @@ from pointit.sim.motion_table import (
     MotionTable,
     has_columns,
 )
-
-Array = NDArray[np.float64]
 
 LONGEST_S = 1e9
 """Thirty years: in nanoseconds it fits 64 bits, also added to other times."""

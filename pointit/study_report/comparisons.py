@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from pointit.errors import ConfigError
+from pointit.geometry.array_types import Array
 from pointit.study.table_file import OUTCOMES, SPOKEN
 from pointit.study_report.reading import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
 BINS = 10
 """Maximum number of groups of trials in which learning is shown."""
-
-Floats = NDArray[np.float64]
 
 
 def values_of(trials: Trials, measure: str) -> list[TrialRow]:
@@ -205,14 +204,14 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
 class ModelFit(NamedTuple):
     """Estimates of the fixed effects and their standard errors, shapes (p,); standard deviations."""
 
-    effects: Floats
-    errors: Floats
+    effects: Array
+    errors: Array
     between: float
     """Standard deviation of the random intercepts."""
     residual: float
 
 
-def fit(values: Floats, design: Floats, groups: Sequence[str]) -> ModelFit:
+def fit(values: Array, design: Array, groups: Sequence[str]) -> ModelFit:
     """Fit `values` (n,) = `design` (n, p) @ effects + intercept of the group + noise.
 
     Restricted maximum likelihood, profiled over the ratio of the variances (Pinheiro and Bates, 2000,
@@ -229,7 +228,7 @@ def fit(values: Floats, design: Floats, groups: Sequence[str]) -> ModelFit:
     np.add.at(sums, member, whole)
     products = whole.T @ whole
 
-    def solved(ratio: float) -> tuple[float, Floats, Floats, float]:
+    def solved(ratio: float) -> tuple[float, Array, Array, float]:
         """Return minus two log likelihoods, effects, the inverse of X'V⁻¹X and the residual variance."""
         weights = ratio / (1 + ratio * sizes)
         a = products - sums.T @ (weights[:, None] * sums)

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.errors import ConfigError
+from pointit.geometry.array_types import Array
 from pointit.study_report.comparisons import participant_medians
 from pointit.study_report.reading import Trials
 from pointit.study_report.table import LEVEL, Table
 
-Floats = NDArray[np.float64]
 ALPHA = 0.05
 GOALS = (0.8, 0.9)
 
@@ -22,9 +21,9 @@ GOALS = (0.8, 0.9)
 class Spread:
     """The spread of a pilot's participants about the means of two levels of a factor."""
 
-    first: Floats
+    first: Array
     """Values at the first level less their mean, scaled to the variance of the population."""
-    second: Floats
+    second: Array
     is_within: bool
     """True if `first` and `second` are of the same participants, in the same order."""
     mean: float

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.errors import ConfigError
+from pointit.geometry.array_types import Array
 from pointit.study.plan import MIN_SEQUENCE_TRIALS
 from pointit.study_report.reading import SELECTED, TARGET, TrialRow, Trials
 from pointit.study_report.table import Table, percentile_interval, resample_indices, summary
@@ -26,7 +27,6 @@ from pointit.study_report.table import Table, percentile_interval, resample_indi
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
 """Index of difficulty: log2(D / W + 1) of metres or degrees, or that of Kopper et al. (2010) of degrees."""
-Floats = NDArray[np.float64]
 
 WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
@@ -127,7 +127,7 @@ class Effective(NamedTuple):
         return self.bits / self.seconds
 
 
-def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) -> Effective:
+def effective(distance: Array, error: Array, before: Array, seconds: Array) -> Effective:
     """Return the effective distance and width of a sequence of trials, of arrays of shape (n,).
 
     `error` is positive beyond the target, NaN if the trial is left out. `before` is the error with which the
@@ -155,7 +155,7 @@ def groups_of_participants(trials: Trials, groups: Iterable[Group]) -> dict[str,
     }
 
 
-def bits(distance: Floats, width: Floats, index: Index = "m") -> Floats:
+def bits(distance: Array, width: Array, index: Index = "m") -> Array:
     """Return the index of difficulty: log2(D / W + 1), bit; for `kopper` log2(D / W³ + 1)², of degrees."""
     if index == "kopper":
         return np.asarray(np.log2(distance / width**KOPPER_EXPONENT + 1) ** 2)
@@ -165,9 +165,9 @@ def bits(distance: Floats, width: Floats, index: Index = "m") -> Floats:
 class FittsPoints(NamedTuple):
     """Times of a condition by difficulty, of participants who have all sizes in each of their conditions."""
 
-    bits: Floats
+    bits: Array
     """Indices of difficulty, shape (k,)."""
-    times: Floats
+    times: Array
     """Means of the hits of each participant, shape (n, k), s."""
     left_out: int
     """Number of the other participants."""
@@ -209,7 +209,7 @@ def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str,
     return found
 
 
-def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: Index) -> Floats:
+def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: Index) -> Array:
     """Return the index of difficulty of each of the sorted `sizes`, in degrees of their trials' means."""
     if index == "m":
         distance, width = np.array(sorted(sizes)).T

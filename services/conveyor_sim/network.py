@@ -8,13 +8,11 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BeltLink
-
-Array = NDArray[np.float64]
 
 NONE = -1
 """Instead of the index of a piece or junction: there is none."""

@@ -14,10 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, RobotState, UserPose
-
-Array = NDArray[np.float64]
 
 NO_TARGET_RAD = np.array([1.8, 0.5])
 """1 sigma of the direction of a ray at no robot: about its mean azimuth, and `DOWNWARDS_RAD`."""

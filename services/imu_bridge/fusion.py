@@ -15,8 +15,8 @@ from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
@@ -25,7 +25,6 @@ from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.device_wrist import Figure
 from pointit.services.imu_bridge.sources import RawReading
 
-Array = NDArray[np.float64]
 Values = tuple[float, ...]
 """Angular velocity and acceleration."""
 START_S = 1.0

@@ -19,14 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array, Indices
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Strip
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import BESIDE_BELT_M
 from pointit.services.led_driver.config import StyleConfig
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 END_M = 1e-3
 """Distance beyond a belt's end at which a pixel still belongs to it, the accuracy of maps."""
 MAX_PIXELS = 64 * 4096

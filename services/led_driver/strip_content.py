@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array, Indices
 from pointit.geometry.colormap import colormap
 from pointit.schemas import (
     NS_PER_S,
@@ -31,10 +32,8 @@ from pointit.services.led_driver.render import (
     OWNER,
     PATTERNS,
     ROLES,
-    Array,
     Bytes,
     CursorMark,
-    Indices,
     Layout,
     Segments,
     tails,

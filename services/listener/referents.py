@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
@@ -34,7 +35,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.person import Deictic, ReferentKind
-from pointit.services.listener.stays import Floats, PointingMemory, Stay, TimingModel, chances, stays_of
+from pointit.services.listener.stays import PointingMemory, Stay, TimingModel, chances, stays_of
 
 SURE = 0.85
 """Probability from which what is most probable is taken as meant."""
@@ -337,12 +338,12 @@ def _ranked(candidates: list[Referent], rays: int) -> Referents:
 
 
 def _densities(
-    origins: Floats,
-    directions: Floats,
+    origins: Array,
+    directions: Array,
     targets: Sequence[ReferentTarget],
     model: ReferentModel,
-    sideways_rad: Floats | None = None,
-) -> Floats:
+    sideways_rad: Array | None = None,
+) -> Array:
     """Return the density of each ray if each target is meant, shape (targets, rays), 1/sr."""
     if not targets:
         return np.zeros((0, len(origins)))
@@ -365,17 +366,17 @@ def _densities(
     spread = root * BENT_ARM_FACTOR
     inexact = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2) / (2.0 * wide + spread * sideways)
     inexact = inexact / (2.0 * high + spread * model.upwards_rad)
-    densities: Floats = (1.0 - model.bent_arm_share) * exact + model.bent_arm_share * inexact
+    densities: Array = (1.0 - model.bent_arm_share) * exact + model.bent_arm_share * inexact
     return densities
 
 
-def _priors(targets: Sequence[ReferentTarget], origins: Floats, word: Deictic) -> Floats:
+def _priors(targets: Sequence[ReferentTarget], origins: Array, word: Deictic) -> Array:
     """Return the share of each target before the rays. They add up to 1."""
     if not targets:
         return np.zeros(0)
     ranges_m = np.linalg.norm(np.array([one.center_m for one in targets]) - origins.mean(axis=0), axis=1)
-    weights: Floats = np.maximum(ranges_m, 0.3) ** BY_DISTANCE.get(word, 0.0)
-    shares: Floats = weights / weights.sum()
+    weights: Array = np.maximum(ranges_m, 0.3) ** BY_DISTANCE.get(word, 0.0)
+    shares: Array = weights / weights.sum()
     return shares
 
 
@@ -397,7 +398,7 @@ def _surface(cursor: Cursor) -> tuple[str, str, str]:
     return cursor.surface, cursor.solid, cursor.surface_id
 
 
-def _swept(targets: Sequence[ReferentTarget], densities: Floats, model: ReferentModel) -> Referents:
+def _swept(targets: Sequence[ReferentTarget], densities: Array, model: ReferentModel) -> Referents:
     """Return all that the rays swept over, each with the probability that it is among what is meant."""
     rays = densities.shape[1]
     if not targets:

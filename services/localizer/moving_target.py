@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.runtime.config.parameters import set_option
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
@@ -28,7 +29,6 @@ from pointit.services.localizer.estimation.estimator import (
     Solution,
     SolverSettings,
 )
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedure import Procedure

@@ -5,11 +5,11 @@ from typing import Literal
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
 from pointit.services.localizer.estimation.estimator import Solution
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.unfiltered_rays import Mean
 
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Lamp, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
@@ -27,7 +28,6 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedure import LampProcedure
 from pointit.services.localizer.verification import held, outlier_lamps

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
@@ -18,7 +19,6 @@ from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, D
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 from pointit.services.localizer.drift.state import bounded as bounded_covariance
 from pointit.services.localizer.drift.state import nearest_psd
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.unfiltered_rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output, anchor_message, covariance_of, followed
 from pointit.services.localizer.pose_publish_timer import PosePublishTimer

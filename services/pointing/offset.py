@@ -18,9 +18,8 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.schemas import Anchor, PointingOffset
-
-Array = NDArray[np.float64]
 
 PERSON_RAD = math.radians(4.0)
 """Standard deviation of people's elevation errors about zero.

@@ -13,16 +13,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.one_euro import OneEuro
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, ImuSample, PointingOffset, PointingRay, UserProfile
 from pointit.schemas.base import unchecked
-
-Array = NDArray[np.float64]
 
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Thing, TrackedObject, TrackedObjects
@@ -21,7 +21,6 @@ TRACKER = "things"
 PERIOD_S = 0.4
 """Period at which the things are listed again, s. Subscribers take silence for the end of their tracker."""
 
-Array = NDArray[np.float64]
 
 CHECK_S = 0.5
 """Time between two comparisons."""

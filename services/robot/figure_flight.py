@@ -12,16 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.robot_driver import Command, FollowPath, Land, RobotReport, Stop, TakeOff
 from pointit.services.robot.safety.safety import Safety
-
-Array = NDArray[np.float64]
 
 POINTS = 25
 """Way-points of a figure."""

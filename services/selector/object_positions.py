@@ -6,6 +6,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
@@ -17,7 +18,6 @@ OWN = ""
 LEFT_AFTER_NS = NS_PER_S // 2
 """Time after which an object that is missing from its tracker's list has left, ns."""
 
-Array = NDArray[np.float64]
 
 MAX_TRACKERS = 64
 """Limit of trackers. Beyond it the one silent for longest is forgotten."""

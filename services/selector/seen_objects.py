@@ -6,9 +6,9 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline, nearest_in_angle
 from pointit.geometry.solids import MAX_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
@@ -25,7 +25,6 @@ SPARSE_RAD = math.radians(10.0)
 SAME_M = 1e-9
 """Positions nearer to each other than this are equal, m."""
 
-Array = NDArray[np.float64]
 
 NEAREST_M = 1e-3
 """Lower limit of the distance to the eyes, m."""

@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -24,7 +25,6 @@ from pointit.schemas import Belt, Environment, Strip, StripsFrame, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import BESIDE_BELT_M
 
-Array = NDArray[np.float64]
 Kind = Literal["strip", "belt"]
 Key = tuple[Kind, str]
 T = TypeVar("T", Strip, Belt)

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline
 from pointit.maps.model import MAX_PIXELS, StripEntry
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
 from pointit.schemas.text import describe_mistake
-
-Array = NDArray[np.float64]
 
 MAX_STRIPS = 4000
 MAX_SLACK = 6.0

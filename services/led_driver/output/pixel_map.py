@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Indices
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.outputs import OutputConfig, Segment
 
 FULL_PIXEL = 3 * 255
 """Sum of a white pixel's bytes."""
 
-Indices = NDArray[np.intp]
 WHOLE = 1 << 40
 """Pixels of a block where an output is not divided."""
 _COLORS = "RGB"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import leastsq
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.services.led_driver.output.spotlight import Angles, direction
 
@@ -25,7 +25,6 @@ MAX_CALLS = 1000
 """Calls of the errors after which a fit is given up."""
 WRONG_RAD = math.radians(1.0)
 """Mean error above which something is wrong: a place, a range, or the direction of pan."""
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.state import (
@@ -19,7 +20,6 @@ from pointit.services.localizer.drift.state import (
     YAW,
     AnchorMeasurement,
     AnchorResult,
-    Array,
     Case,
     DriftPose,
     DriftSettings,

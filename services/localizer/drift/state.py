@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-
-Array = NDArray[np.float64]
 
 X, Y, YAW, RATE, CREEP = range(5)
 """State indices: m, m, rad, rad/s, rad/s. Creep is the rate at which a person's raised arm turns at rest."""

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.schemas import RememberedBias
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, SolverSettings, solve
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 
 REFERENCE_RAD = math.radians(-20.0)
 """Elevation of the filter's bias: the median of rays at robots 2 to 5 m away."""

@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.estimation.levenberg_marquardt import (
-    Array,
     Rays,
     angular_errors,
     evaluate_costs,

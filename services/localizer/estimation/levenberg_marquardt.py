@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pointit.geometry.array_types import Array
+
 Complex = NDArray[np.complex128]
 
 PARAMETERS = 5

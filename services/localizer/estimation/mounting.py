@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import solve
-from pointit.services.localizer.estimation.levenberg_marquardt import Array, Complex, angular_errors, minimize
+from pointit.services.localizer.estimation.levenberg_marquardt import Complex, angular_errors, minimize
 from pointit.services.localizer.estimation.solution import (
     Pointings,
     Refusal,

@@ -20,11 +20,11 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.services.localizer.estimation.levenberg_marquardt import (
     PARAMETERS,
     SAME_POSE,
-    Array,
     Complex,
     Rays,
     Weights,

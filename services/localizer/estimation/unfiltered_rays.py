@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, PointingRay
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.solution import SolverSettings
 
 MIN_BIAS_SIGMA_RAD = math.radians(1.0)

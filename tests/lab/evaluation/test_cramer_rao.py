@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m, median_distance
 from pointit_lab.evaluation.localization.localization import localization_rows
-from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, unit

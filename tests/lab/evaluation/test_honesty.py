@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.pointer import ArmRay
@@ -26,7 +27,7 @@ from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 from tests.support import there
 from tests.support.invoked import printed
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pointit.geometry import rotation
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
@@ -19,7 +20,6 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.moving_target import MovingTarget, TargetDisambiguator, rank_by_posterior
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.verification import followed, without_spikes

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp
-from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.static_targets import (
     ObservationModel,

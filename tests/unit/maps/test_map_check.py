@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pointit.geometry.polyline import Array, Polyline
+from pointit.geometry.array_types import Array
+from pointit.geometry.polyline import Polyline
 from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import MapFinding
 from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps

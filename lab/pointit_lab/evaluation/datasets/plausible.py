@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
-
-Array = NDArray[np.float64]
 
 LONGEST_S = 86_400.0
 """Limit of a recording: one day."""

@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
 from pointit_lab.evaluation.recordings.table_file import Table, check_text, read_table, truncate
-
-Array = NDArray[np.float64]
 
 NAME = "proximity_feedback"
 PREFIX = "user_"

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.plausible import check_reach
 from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
-from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial, TrialReading
+from pointit_lab.evaluation.localization.trial import LocalizationTrial, TrialReading
 from pointit_lab.evaluation.recordings.table_file import Table, is_file, read_table
 
 NAME = "vr_arm_pointing"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.localizer.estimation.solution import right_share
 from pointit_lab.evaluation.honesty import simulated_people
@@ -15,7 +16,7 @@ from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
 from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQUARE, Judged
 from pointit_lab.evaluation.honesty.sources import SIMULATED, Size, people
 from pointit_lab.evaluation.localization.localization import judged
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 from pointit_lab.evaluation.recordings.parallel import map_in_order
 
 WINDOWS_S = (2.0, 3.0, 5.0, 10.0)

@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
 from pointit.sim.aim import Stance
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, eye_height_m, scaled_body
-from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 
 Change = Callable[[LocalizationTrial, np.random.Generator], LocalizationTrial]
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 
 Course = Callable[[Array], Array]
 """Positions (n x 3, {W}, m) of a robot at times (n, s)."""

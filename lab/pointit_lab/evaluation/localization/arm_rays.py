@@ -3,15 +3,13 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import rotation, vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
 from pointit.services.pointing.pointer import ArmRay
-
-Array = NDArray[np.float64]
 
 STATURE_M = 1.835
 """Stature of the default body measures, from which others are scaled."""

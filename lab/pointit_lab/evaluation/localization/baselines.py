@@ -6,12 +6,10 @@ No elevation bias, no covariance, no refusal, one start, numeric gradients.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import Pointings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import gammaincinv
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.solution import BLOCK_S, STILL_M, blocks
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
-
-Array = NDArray[np.float64]
 
 BIAS, ELEVATION_SLOPE, AZIMUTH_SLOPE, LATENCY = range(3, 7)
 """Columns of what is constant in a person: rad, 1, 1, s; before them x, y and yaw."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPose
 from pointit.services.localizer.config import LocalizerConfig
@@ -15,8 +16,6 @@ from pointit.services.localizer.estimation.estimator import Pointings
 from pointit.services.localizer.procedure import Hold
 from pointit.services.localizer.static_targets import MIN_LAMPS
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
-
-Array = NDArray[np.float64]
 
 SET = "recordings"
 """Name of the set of all sessions."""

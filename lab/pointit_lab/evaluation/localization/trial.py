@@ -6,11 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.solution import GAP_S, Pointings
-
-Array = NDArray[np.float64]
 
 WINDOWS_S = (1, 2, 3, 5, 8, 10, 20)
 """Evaluated durations of pointing at a moving robot."""

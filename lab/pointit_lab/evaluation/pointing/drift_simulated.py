@@ -6,17 +6,15 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry import rotation, vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector
 from pointit_lab.evaluation.pointing.drift_solvers import PLAIN, ratios
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
-
-Array = NDArray[np.float64]
 
 STEP_S = 1.0
 """Time step of the simulated drift."""

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
-
-Array = NDArray[np.float64]
 
 MAX_BYTES = 64_000_000
 """Limit of a file, which bounds the memory of an evaluation."""

@@ -1,12 +1,10 @@
 """Packages on a ring of strips, as in the laboratory: packages leaving the last strip enter the first."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import NS_PER_S, Environment, SelectionEvent, TrackedObject, TrackedObjects
-
-Array = NDArray[np.float64]
 
 TARGET = "red"
 """Kind of the packages that are targets."""

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.array_types import Array
 from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.row import Score
-
-Array = NDArray[np.float64]
 
 FEWEST = 20
 """Trials, each with its own seed, below which no difference is reported."""

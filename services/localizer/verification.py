@@ -21,13 +21,8 @@ import numpy as np
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import Rays, angular_errors
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.estimation.solution import (
-    Pointings,
-    Refusal,
-    Solution,
-    SolverSettings,
-    lamp_numbers,
-)
+from pointit.services.localizer.estimation.pointings import Pointings, lamp_numbers
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 AGREEING = 1.2
 """Largest rms of holds that agree, in sigmas of one pointing sideways."""

@@ -23,17 +23,14 @@ from pointit.services.localizer.estimation.levenberg_marquardt import (
     initial_poses,
     minimize,
 )
+from pointit.services.localizer.estimation.pointings import Blocks, Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import (
     LATENCY,
-    Blocks,
     NoiseModel,
-    Pointings,
     Refusal,
     Solution,
     SolverSettings,
-    blocks,
     effective_samples,
-    in_time,
     refine,
 )
 

@@ -17,14 +17,8 @@ import numpy as np
 from pointit.geometry.array_types import Array
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import Complex, angular_errors, minimize
-from pointit.services.localizer.estimation.solution import (
-    Pointings,
-    Refusal,
-    Solution,
-    SolverSettings,
-    blocks,
-    in_time,
-)
+from pointit.services.localizer.estimation.pointings import Pointings, blocks, in_time
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 MIN_SLOPE = 0.5
 """Halfway between a sensor along the arm and one across: the least of recorded people is 0.57 in 5 s."""

@@ -1,4 +1,4 @@
-"""Settings of the solver and its results: samples in blocks, a refined pose, or the reason for none.
+"""Settings of the solver and its results: a refined pose, or the reason for none.
 
 The descent knows x, y, yaw, bias and eye height, and takes samples as independent. Here a few Gauss-Newton
 steps follow over these, the IMU's drift and the tracker's latency, each with a prior; the inverse of their
@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.geometry.array_types import Array
 from pointit.geometry.floor_sigma import position_sigma_m
@@ -31,27 +30,7 @@ from pointit.services.localizer.estimation.levenberg_marquardt import (
     huber_weight,
     residuals,
 )
-
-GAP_S = 0.5
-"""Longer pauses between two samples do not count as pointing."""
-
-BLOCK_S = 0.15
-"""Half of the correlation time of the tremor in a hold (pointing.md §7): one measurement each."""
-
-MAX_BLOCKS = 64
-"""Largest number of blocks: longer pointing makes longer blocks, since more add no information."""
-
-JUMP_M = 0.3
-"""Distance between two samples of a target beyond which they belong to two targets."""
-
-STILL_M = 0.05
-"""Largest movement of a target at rest."""
-
-SHORTEST_S = 1e-3
-"""Shortest time between two blocks for a velocity."""
-
-LEAP_RAD = math.radians(20.0)
-"""Largest turn of a ray between samples of one block."""
+from pointit.services.localizer.estimation.pointings import Blocks, Pointings
 
 STATES = PARAMETERS + 2
 """Those of the descent; yaw rate of {H} (rad/s); latency (s)."""
@@ -99,129 +78,6 @@ DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
 
 MAX_LATENCY_SHIFT_M = 0.46
 """Largest sigma of a position by the latency alone: 3 % are more than 1 m off."""
-
-
-@dataclass(frozen=True)
-class Pointings:
-    """Rays and what they were pointed at, one row a sample, in order of time."""
-
-    stamps_s: Array
-    """n."""
-    origins_m: Array
-    """n x 3, {H}."""
-    directions: Array
-    """n x 3, unit, {H}."""
-    targets_m: Array
-    """n x 3, {W}."""
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.stamps_s)
-
-    @property
-    def span_s(self) -> float:
-        """Return the time spent pointing without pauses."""
-        steps = np.diff(self.stamps_s)
-        return float(np.sum(steps[(steps > 0.0) & (steps <= GAP_S)]))
-
-    def only(self, kept: NDArray[np.bool_]) -> "Pointings":
-        """Return the samples selected by `kept` (n)."""
-        return Pointings(
-            self.stamps_s[kept], self.origins_m[kept], self.directions[kept], self.targets_m[kept]
-        )
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """Means of samples, one row a block, and properties of the samples."""
-
-    pointings: Pointings
-    """m rows; directions have norm 1."""
-    samples: Array
-    """m: number of samples in each block."""
-    hold: Array
-    """m: index of the block's hold, a stretch without a pause at one target. At rest, all at a target are
-    one: a lamp that is mistaken, or wrong in the map, is so at each visit."""
-    held_s: Array
-    """Duration of each stretch."""
-    velocities_mps: Array
-    """m x 3: of the targets, {W}."""
-    is_still: bool
-    """True if no target moved while it was pointed at."""
-
-
-def blocks(pointings: Pointings) -> Blocks:
-    """Return `pointings` in blocks; needs at least one sample and stamps that never fall."""
-    t = pointings.stamps_s
-    targets = pointings.targets_m
-    begins = _begins(pointings)
-    hold = np.cumsum(begins) - 1
-    first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(t)) - 1
-    held_s = t[last] - t[first]
-    block_s = max(BLOCK_S, float(held_s.sum()) / MAX_BLOCKS)
-    number = np.floor((t - t[first][hold]) / block_s)
-    turned = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
-    begins[1:] |= (number[1:] > number[:-1]) | (turned < math.cos(LEAP_RAD))
-    where = np.flatnonzero(begins)
-    count = np.diff(np.append(where, len(t))).astype(np.float64)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.add.reduceat(values, where, axis=0) / count[:, None], dtype=np.float64)
-
-    directions = mean(pointings.directions)
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
-    means_m = mean(targets)
-    return Blocks(
-        Pointings(t[where], mean(pointings.origins_m), directions, means_m),
-        count,
-        (_lamp_numbers(targets[first])[hold] if is_still else hold)[where].astype(np.float64),
-        held_s,
-        _velocities(mean(t[:, None]), means_m, hold[where]),
-        is_still=is_still,
-    )
-
-
-def lamp_numbers(pointings: Pointings) -> NDArray[np.intp]:
-    """Return the number (n) of the target of each sample, from 0, in the order of the first holds there."""
-    begins = _begins(pointings)
-    return _lamp_numbers(pointings.targets_m[begins]).take(np.cumsum(begins) - 1)
-
-
-def _lamp_numbers(targets_m: Array) -> NDArray[np.intp]:
-    """Return the number of the target of each hold, of targets `targets_m` (holds x 3)."""
-    known: dict[tuple[float, ...], int] = {}
-    places = map(tuple, np.round(targets_m / STILL_M).tolist())
-    return np.array([known.setdefault(place, len(known)) for place in places], dtype=np.intp)
-
-
-def _begins(pointings: Pointings) -> NDArray[np.bool_]:
-    """Return True (n) for the first sample of each hold."""
-    begins = np.ones(len(pointings), dtype=np.bool_)
-    moves = (np.abs(np.diff(pointings.targets_m, axis=0)) > JUMP_M).any(axis=1)
-    begins[1:] = (np.diff(pointings.stamps_s) > GAP_S) | moves
-    return begins
-
-
-def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None) -> Pointings:
-    """Return `pointings` (of these `means`) with targets where they were when reported `latency_s` late."""
-    if latency_s == 0.0 or not len(pointings):
-        return pointings
-    means = means or blocks(pointings)
-    moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
-    return replace(pointings, targets_m=pointings.targets_m + moves_m)
-
-
-def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Array:
-    """Return central differences of `places_m` (m x 3), one-sided at the ends of a hold."""
-    index = np.arange(len(hold))
-    after = np.minimum(index + 1, index[-1])
-    after = np.where(hold[after] == hold, after, index)
-    before = np.maximum(index - 1, 0)
-    before = np.where(hold[before] == hold, before, index)
-    steps_s = np.maximum(times_s[after] - times_s[before], SHORTEST_S)
-    return np.asarray((places_m[after] - places_m[before]) / steps_s, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)

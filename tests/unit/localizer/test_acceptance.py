@@ -16,7 +16,7 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.solution import BLOCK_S, MAX_BLOCKS, blocks
+from pointit.services.localizer.estimation.pointings import BLOCK_S, MAX_BLOCKS, blocks
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 from tests.unit.localizer.person import (

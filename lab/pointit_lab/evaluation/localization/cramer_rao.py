@@ -28,7 +28,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import gammaincinv
 
 from pointit.geometry.array_types import Array
-from pointit.services.localizer.estimation.solution import BLOCK_S, STILL_M, blocks
+from pointit.services.localizer.estimation.pointings import BLOCK_S, STILL_M, blocks
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
 
 BIAS, ELEVATION_SLOPE, AZIMUTH_SLOPE, LATENCY = range(3, 7)

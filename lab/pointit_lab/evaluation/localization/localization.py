@@ -14,7 +14,7 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.estimation.solution import blocks
+from pointit.services.localizer.estimation.pointings import blocks
 from pointit.services.localizer.moving_target import MIN_SPAN_S
 from pointit.services.localizer.verification import followed, held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pointit.geometry.array_types import Array
-from pointit.services.localizer.estimation.solution import GAP_S, Pointings
+from pointit.services.localizer.estimation.pointings import GAP_S, Pointings
 
 WINDOWS_S = (1, 2, 3, 5, 8, 10, 20)
 """Evaluated durations of pointing at a moving robot."""

@@ -28,6 +28,12 @@ from pydantic_core import from_json
 from pointit.schemas import NS_PER_S
 from pointit.schemas.text import first_of, one_line
 
+Json = dict[str, Any] | list[Any] | str | float | None
+"""Decoded JSON."""
+
+Text = Annotated[str, StringConstraints(max_length=500)]
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+
 KINDS = ("connection", "state", "visualization")
 STANDARD_PREFIX = re.compile(r"[^/]+/v\d")
 """Levels before the manufacturer by the standard: interface and major version."""
@@ -40,18 +46,12 @@ MAX_ROUNDS = 8
 """Maximum number of times that a message is read: parts are nested less deeply."""
 MAX_SHOWN = 40
 """Maximum number of characters of a value in a sentence."""
-MAX_NAMES = 4
-"""Maximum number of fields in a sentence."""
-
-Json = dict[str, Any] | list[Any] | str | float | None
-"""Decoded JSON."""
-
-Text = Annotated[str, StringConstraints(max_length=500)]
-Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
 """Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
 
+MAX_NAMES = 4
+"""Maximum number of fields in a sentence."""
 LATE_S = 10.0
 """A message is not later than this, s. A timestamp that is farther back is that of a clock that was set."""
 

@@ -14,6 +14,23 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, Wit
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Ns = Annotated[int, Field(ge=0, lt=2**63)]
+"""A time in ns that fits 64 bits."""
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+"""A 64-bit count."""
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+"""A share, 0 to 1."""
+
+Rgb = tuple[
+    Annotated[int, Field(ge=0, le=255)],
+    Annotated[int, Field(ge=0, le=255)],
+    Annotated[int, Field(ge=0, le=255)],
+]
+"""Red, green, blue, 0 to 255 each."""
+
+Many = Annotated[tuple[T, ...], FailFast()]
+"""Any number of items. Only the first invalid one is reported: a million errors would take seconds."""
 
 UNIT_TOLERANCE = 1e-3
 """Accepted deviation of the norm of a unit vector from 1 (float32 devices)."""
@@ -28,29 +45,22 @@ NS_PER_S = 1_000_000_000
 FARTHEST = 1e6
 """No coordinate, size, speed or angle is beyond, in SI units: nothing calculated with them overflows."""
 
-FARTHEST_ALONG = 1e12
-"""No way along a line or between two places is longer, whatever line a message can hold."""
-
-Ns = Annotated[int, Field(ge=0, lt=2**63)]
-"""A time in ns that fits 64 bits."""
-
-Count = Annotated[int, Field(ge=0, lt=2**63)]
-"""A 64-bit count."""
-
 Real = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 """A coordinate, speed or angle."""
 
 Extent = Annotated[float, Field(ge=0.0, le=FARTHEST)]
 """A size."""
+Vec3 = tuple[Real, Real, Real]
+"""x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
+
+FARTHEST_ALONG = 1e12
+"""No way along a line or between two places is longer, whatever line a message can hold."""
 
 Along = Annotated[float, Field(ge=-FARTHEST_ALONG, le=FARTHEST_ALONG)]
 """An arc length; beyond an end of its line it goes on."""
 
 Distance = Annotated[float, Field(ge=0.0, le=FARTHEST_ALONG)]
 """From one place to another."""
-
-Vec3 = tuple[Real, Real, Real]
-"""x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
 
 NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}"
 """Regular expression of a name that may stand in a key."""
@@ -73,19 +83,6 @@ MAX_ID = 256
 Id = Annotated[str, Field(max_length=MAX_ID), WithJsonSchema({"type": "string"})]
 """A name of anything: of an object, a surface, a kind, a person. The limit is newer than the schemas of
 messages, which never change, so they do not state it; the catalogue does."""
-
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-"""A share, 0 to 1."""
-
-Rgb = tuple[
-    Annotated[int, Field(ge=0, le=255)],
-    Annotated[int, Field(ge=0, le=255)],
-    Annotated[int, Field(ge=0, le=255)],
-]
-"""Red, green, blue, 0 to 255 each."""
-
-Many = Annotated[tuple[T, ...], FailFast()]
-"""Any number of items. Only the first invalid one is reported: a million errors would take seconds."""
 
 
 class PointItError(Exception):

@@ -27,10 +27,6 @@ from pointit.schemas.pointing import SurfaceKind
 
 Line = Annotated[Many[Vec3], Field(min_length=2)]
 """A polyline, vertices in {W}, metres."""
-
-BESIDE_BELT_M = 0.1
-"""Strip pixels up to this distance beside a belt's edge show objects on the belt."""
-
 Size = Annotated[float, Field(gt=0, le=FARTHEST)]
 
 ThingMode = Literal["claim", "button", "switch"]
@@ -41,6 +37,8 @@ DwellS = Annotated[
     float | None, Field(gt=0, le=10, description="time on it that selects it, s; the method's if empty")
 ]
 
+BESIDE_BELT_M = 0.1
+"""Strip pixels up to this distance beside a belt's edge show objects on the belt."""
 KIND_COLORS: dict[str, Rgb] = {
     "red": (255, 30, 0),
     "green": (0, 158, 80),

@@ -19,15 +19,6 @@ from pointit.schemas.base import (
     Vec3,
 )
 
-WRIST_PATIENCE_S = 1.0
-"""A page controls a person's wrist until it has sent no `WristSample` for this long (s, wall clock).
-
-Other sources of that wrist's motion pause meanwhile. All use the same time, or two would move it at once.
-"""
-
-MAX_WORDS = 64
-"""Limit of words of a message, and of deictic words of a request."""
-
 ReferentKind = Literal["thing", "robot", "object", "person", "place", "direction"]
 """Kind of a referent: `object` is a tracked one that is no thing of the map."""
 
@@ -36,6 +27,15 @@ Deictic = Literal["", "this", "that", "here", "there", "these"]
 
 Terms = tuple[Real, Real, Real, Real, Real, Real]
 """Coefficients of 1, a, e, a², a·e, e² with a, e of `PointingOffset`; rad."""
+
+WRIST_PATIENCE_S = 1.0
+"""A page controls a person's wrist until it has sent no `WristSample` for this long (s, wall clock).
+
+Other sources of that wrist's motion pause meanwhile. All use the same time, or two would move it at once.
+"""
+
+MAX_WORDS = 64
+"""Limit of words of a message, and of deictic words of a request."""
 
 
 class ImuSample(Message):

@@ -34,14 +34,13 @@ Covariance = Annotated[
 
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
 """Surface under a cursor. `none` if the ray meets nothing, or a solid."""
-
-LINES: tuple[SurfaceKind, ...] = ("strip", "belt")
-"""Surfaces with an arc length; on all others places are compared in space."""
-
 Solid = Literal["", "box", "plane", "cylinder", "sphere"]
 """Solid under a cursor, or `""` if the cursor is on none."""
 
 PressEffect = Literal["", "start", "cancel", "stop", "confirm"]
+
+LINES: tuple[SurfaceKind, ...] = ("strip", "belt")
+"""Surfaces with an arc length; on all others places are compared in space."""
 
 
 class PointingRay(Message):

@@ -7,6 +7,8 @@ from pydantic import Field
 from pointit.schemas.base import SchemaModel
 from pointit.schemas.text import hide_secrets
 
+Severity = Literal["warning", "note"]
+
 CLOCK = "clock"
 CLOCK_LIMIT = "clock-limit"
 DENIED = "denied"
@@ -54,8 +56,6 @@ CODES = {
 
 NAMES_SPOKEN = "names spoken"
 """Metric of services that speak what is announced: the number of names since the start."""
-
-Severity = Literal["warning", "note"]
 MAX_CODE = 64
 """Maximum length of a code, characters."""
 MAX_SUBJECT = 256

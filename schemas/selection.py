@@ -7,15 +7,20 @@ from pydantic import Field
 from pointit.schemas.base import Fraction, Id, KeyName, KeyNameOrEmpty, Many, Message, Ns, SchemaModel
 from pointit.schemas.environment import ThingMode
 
+SelectsBy = Literal["stay", "press"]
+"""Trigger that selects the object that a person points at: staying on it, or a press."""
+TargetState = Literal["", "on", "off", "unknown", "unavailable"]
+ResultKind = Literal["done", "failed", "started"]
+"""`started`: it runs for long, and `done` or `failed` follows."""
+FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
+"""Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
+once; a newer act replaced it; a fault."""
+
 RESTORED = "was on before a restart"  # in the reason of an event, to which nothing reacts
 REPORTED = "as its target has it"
 """Reason of an event to which nothing reacts: the state that the target of a thing reported first."""
 NOT_DONE = "not done: "
 """Beginning of the reason of an event that takes back an act that failed."""
-
-SelectsBy = Literal["stay", "press"]
-"""Trigger that selects the object that a person points at: staying on it, or a press."""
-
 MAX_PRESSED = 4
 """Maximum number of named objects that want a press: more are told by their number."""
 
@@ -24,12 +29,6 @@ REPEATED_REASON = "told again after a restart of the selector"
 
 MAX_ACT_S = 3600.0
 """Maximum limit of an act, s."""
-TargetState = Literal["", "on", "off", "unknown", "unavailable"]
-ResultKind = Literal["done", "failed", "started"]
-"""`started`: it runs for long, and `done` or `failed` follows."""
-FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
-"""Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
-once; a newer act replaced it; a fault."""
 
 
 class SelectedObject(SchemaModel):

@@ -31,6 +31,15 @@ from pointit.schemas.text import one_line
 
 log = logging.getLogger(__name__)
 
+HandOver = Callable[[Callable[[], None]], None]
+"""Calls a function in the event loop, thread-safe."""
+
+SubscriptionCallback = Callable[[str, bool], None]
+"""Called with a channel's topic, and True if a viewer subscribes, False if it unsubscribes."""
+
+PictureChannel = Any
+"""Channel for scenes of one part; each accepts messages of its own type."""
+
 OLD = "foxglove.websocket.v1"
 NEW = "foxglove.sdk.v1"
 HEADER = "sec-websocket-protocol"
@@ -50,15 +59,6 @@ BACKLOG = 256
 send to a new viewer at once."""
 
 LOG = "/log"
-
-HandOver = Callable[[Callable[[], None]], None]
-"""Calls a function in the event loop, thread-safe."""
-
-SubscriptionCallback = Callable[[str, bool], None]
-"""Called with a channel's topic, and True if a viewer subscribes, False if it unsubscribes."""
-
-PictureChannel = Any
-"""Channel for scenes of one part; each accepts messages of its own type."""
 
 
 class SubprotocolRelay:

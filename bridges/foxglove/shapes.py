@@ -30,14 +30,13 @@ from pointit.plugins import rotation
 from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Rgb
 
+Places = NDArray[np.float64]
+"""Positions, n x 3, m."""
+
 WORLD = "world"
 """The frame {W}."""
 
 WHITE: Rgb = (255, 255, 255)
-
-Places = NDArray[np.float64]
-"""Positions, n x 3, m."""
-
 _LINES = {
     "strip": LinePrimitiveLineType.LineStrip,
     "loop": LinePrimitiveLineType.LineLoop,

@@ -12,6 +12,8 @@ from typing import NamedTuple
 from pointit.bridges.mocap.bodies import BodySample, body_sample, decode_name
 from pointit.bridges.mocap.config import MAX_BODIES
 
+Version = tuple[int, int]
+
 COMMAND_PORT = 1510
 DATA_PORT = 1511
 GROUP = "239.255.42.99"
@@ -43,9 +45,6 @@ SUFFIX_BYTES = 54
 """Length of the times and flags at the end of a frame since 4.1."""
 MAX_COUNT = 65535
 """Limit of the items of a section: a datagram has no room for more."""
-
-Version = tuple[int, int]
-
 _HEADER = struct.Struct("<HH")
 _BODY = struct.Struct("<i3f4f")
 _INFO = struct.Struct("<256s4B4B")

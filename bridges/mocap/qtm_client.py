@@ -26,6 +26,9 @@ from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.name_lookup import look_up
 from pointit.schemas import NS_PER_S
 
+Body6D = tuple[Sequence[float], Sequence[float], float]
+"""Position in mm, rotation matrix by columns, and residual in mm."""
+
 SILENCE_NS = 3 * NS_PER_S
 """Time without frames after which that is reported."""
 REPORT_NS = 10 * NS_PER_S
@@ -40,10 +43,6 @@ PLAYBACK = 8
 """Event after which QTM plays a file."""
 SETTINGS_CHANGED = frozenset({1, 3, 8, 11})
 """Events after which bodies may have other names."""
-
-Body6D = tuple[Sequence[float], Sequence[float], float]
-"""Position in mm, rotation matrix by columns, and residual in mm."""
-
 PORT = 22223
 DISCOVERY_PORT = 22226
 VERSION = "1.8"

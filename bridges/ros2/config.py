@@ -11,10 +11,6 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.yaml_file import written_text
 from pointit.schemas.topics import check_name
 
-TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
-"""Full name of a topic, an action or a node."""
-TF = "tf"
-
 SourceType = Literal[
     "geometry_msgs/PoseStamped",
     "geometry_msgs/PoseWithCovarianceStamped",
@@ -23,6 +19,10 @@ SourceType = Literal[
     "conveyor_msgs/PackageList",
     "vision_msgs/Detection3DArray",
 ]
+
+TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
+"""Full name of a topic, an action or a node."""
+TF = "tf"
 SINGLE: tuple[SourceType, ...] = (
     "geometry_msgs/PoseStamped",
     "geometry_msgs/PoseWithCovarianceStamped",

@@ -25,6 +25,12 @@ from pointit.schemas.text import first_of, one_line
 
 log = logging.getLogger(__name__)
 
+Say = Callable[[str], None]
+"""Prints a message for the user."""
+
+ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
+"""Wraps a wait that the message describes, to print it if the wait gets long."""
+
 BAYS = "bays"
 LINKS = "links"
 SECTIONS = frozenset(
@@ -66,12 +72,6 @@ MAX_PATH = 1000
 SUFFIXES = (".yaml", ".yml")
 """Extensions of files that are read because a foreign node names them: others are no maps, and some never
 end."""
-
-Say = Callable[[str], None]
-"""Prints a message for the user."""
-
-ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
-"""Wraps a wait that the message describes, to print it if the wait gets long."""
 
 
 def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:

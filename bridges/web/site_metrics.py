@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     )
 
 
+Rows = Iterable[tuple[Sequence[str], float]]
+"""Values of the labels, and the value, of each series of a family."""
+
 MAX_INSTANCES = 4096
 """Maximum number of instances whose last report is stored; the oldest is dropped."""
 
@@ -54,9 +57,6 @@ BATTERIES = ("battery", "battery of the phone")
 
 RESULTS = ("solved", "refused", "cancelled")
 """Phases in which a localization ends."""
-
-Rows = Iterable[tuple[Sequence[str], float]]
-"""Values of the labels, and the value, of each series of a family."""
 
 
 class Labels(NamedTuple):

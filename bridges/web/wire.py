@@ -49,6 +49,24 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Real, Vec3
 
+Role = Literal["operator", "viewer", "wrist"]
+"""Operator (control), viewer, or one person's phone."""
+
+Mover = Literal["own", "mouse", "phone", "headset"]
+"""Mover of a person's wrist: their own source, a page's mouse or headset, a phone."""
+
+ArmSource = Literal["none", "device", "simulation"]
+"""Source of the movements of a person's arm while no page or phone has it."""
+
+Deed = Annotated[str, Field(max_length=64)]
+"""Name of an action of this server: a row of `pages/arm_actions.py` or `pages/site_actions.py`,
+which the schema for the client lists."""
+Id = Annotated[int, Field(ge=0, le=2**53)]
+
+LaneKind = Literal["interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"]
+"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `wrong`:
+selections of objects that are not wanted; `misses`: wanted objects that left without being selected."""
+
 IN_FLIGHT = 3
 """Batches that a page may have been sent and not acknowledged."""
 
@@ -62,28 +80,8 @@ OWN_FAULT = "a fault of PointIt itself, see its log"
 
 MAX_TOLD = 200
 """Maximum characters of a malformed message shown in health: it may be a page's own text."""
-
-Role = Literal["operator", "viewer", "wrist"]
-"""Operator (control), viewer, or one person's phone."""
-
-Mover = Literal["own", "mouse", "phone", "headset"]
-"""Mover of a person's wrist: their own source, a page's mouse or headset, a phone."""
-
-ArmSource = Literal["none", "device", "simulation"]
-"""Source of the movements of a person's arm while no page or phone has it."""
-
-Deed = Annotated[str, Field(max_length=64)]
-"""Name of an action of this server: a row of `pages/arm_actions.py` or `pages/site_actions.py`,
-which the schema for the client lists."""
-
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""
-
-Id = Annotated[int, Field(ge=0, le=2**53)]
-
-LaneKind = Literal["interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"]
-"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `wrong`:
-selections of objects that are not wanted; `misses`: wanted objects that left without being selected."""
 
 
 class WireModel(BaseModel):

@@ -48,6 +48,10 @@ from pointit.schemas.topics import (
 )
 from pointit.services.registry import HOME_ASSISTANT, PROCESSES, RECORDER, Process, add_installed
 
+Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
+"""Role of an identity: a person's services; the shared services; one shared service with the identity's name;
+the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
+
 LIMITED = frozenset({"user", "dashboard"})
 """Roles with limits. Identities of other roles serve all people, like a site's services."""
 MAX_CONNECTIONS = 32
@@ -73,11 +77,6 @@ START_LOAD = 3500.0
 """The same for each connection in addition: two starts of a viewer of all topics, who declares 1600."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
-
-Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
-"""Role of an identity: a person's services; the shared services; one shared service with the identity's name;
-the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
-
 ROLES: tuple[Role, ...] = get_args(Role)
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 """Topics for operators of the site."""

@@ -26,22 +26,18 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 U = TypeVar("U")
+M = TypeVar("M", bound=Message)
+Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
+"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
+F = TypeVar("F", bound=Reaction)
 
 UNREADABLE_TIMEOUT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
 
 MAX_INVALID_MESSAGES = 3
 """Number of unreadable messages that are tolerated before an error is raised."""
-
-M = TypeVar("M", bound=Message)
-
 TIMEOUT_S = 2.0
 """Time to wait for the first message, s."""
-
-Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
-"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
-F = TypeVar("F", bound=Reaction)
-
 MAX_AT_ONCE = 8
 """Limit of calls of one function that run at once. Further events are left out, and named."""
 

@@ -29,11 +29,12 @@ R = TypeVar("R")
 S = TypeVar("S")
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-HEX = re.compile(r"#[0-9a-fA-F]{6}")
 SendQuery = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 
 F = TypeVar("F")
+
+HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 def query_of(request: Request[Any, Any], fields: dict[str, Any]) -> Query:

@@ -43,6 +43,13 @@ from pointit.schemas.person import Deictic
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ROBOT_STATE
 
+Role = Literal["operator", "viewer"]
+"""Role of a caller, by the token of its request, or over stdio by the command's option."""
+Ctx = Context[Any, Any]
+User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
+Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
+Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
 MAX_CANDIDATES = 8
 LOOK_S = 0.2
 """Time between two looks while waiting, s."""
@@ -50,14 +57,12 @@ SURE = 0.6
 """Least probability of what is waited for."""
 ITEMS = ("thing", "robot", "object", "person")
 """Kinds of referents that have a name of their own."""
-
-Role = Literal["operator", "viewer"]
-"""Role of a caller, by the token of its request, or over stdio by the command's option."""
-Ctx = Context[Any, Any]
-
 SCOPE_KEY = "pointit.role"
 """Key of an HTTP request's scope that holds the role of its token."""
 MAX_WAIT_S = 120.0
+
+Seconds = Annotated[float, Field(ge=0, le=MAX_WAIT_S)]
+
 MAX_CALLS = 16
 """Limit of simultaneous calls of one tool by one role. Those that wait ask the listener 5 times a second."""
 SET_OFF_S = 4.0
@@ -66,11 +71,6 @@ OLD_S = 1.0
 """Time after which the reason of a robot that obeys the person is no earlier one, s."""
 NEAR_M = 0.3
 """Distance within which a robot's target is the place where it was sent, m."""
-
-User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
-Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
-Seconds = Annotated[float, Field(ge=0, le=MAX_WAIT_S)]
-Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 
 
 async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> PossibleReferents:

@@ -21,11 +21,10 @@ from pointit.schemas.system import check_user
 from pointit.schemas.topics import USER_ALIVE, check_name
 from pointit.services.registry import add_installed
 
-ENDING = ("expired", "ends soon")
-STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
-
 F = TypeVar("F", bound=Callable[..., Any])
 
+ENDING = ("expired", "ends soon")
+STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
 DEFAULT_DAYS = 365.0
 DEFAULT_PORT = 7447
 DASHBOARD_HZ = 20.0

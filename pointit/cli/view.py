@@ -29,6 +29,9 @@ from pointit.schemas.topics import BUTTON
 from pointit.services.imu_bridge.device_wrist import BATTERY, GAPS, RATE, SIGNAL
 from pointit.services.imu_bridge.page_wrist import LOW_BATTERY
 
+Worth: TypeAlias = tuple[int, int] | None
+"""Priority of a part: the lowest is left out first. None: always shown."""
+
 WHITE = (255, 255, 255)
 ROOMY_WIDTH = 72
 """Columns below which people's rows are shortened."""
@@ -59,8 +62,6 @@ CELLS_PER_M = 8
 OLD_EVENTS, PLACES, EVENTS, WORDS, STRIPS = range(5)
 """Order in which parts are left out of a low terminal."""
 END = "Ctrl-C ends it"
-Worth: TypeAlias = tuple[int, int] | None
-"""Priority of a part: the lowest is left out first. None: always shown."""
 
 
 def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:

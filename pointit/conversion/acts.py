@@ -12,6 +12,10 @@ from pydantic import Field
 from pointit.schemas import NS_PER_S, ActOutcome, Cursor, Hover, SelectionEvent, TrackedObjects
 from pointit.schemas.base import SchemaModel
 
+Outcome = Literal["selected", "deselected", "refused", "none"]
+
+Seconds = Annotated[float, Field(description="since the recording began")]
+
 GAP_S = 0.3
 """An act goes on if the cursor returns to its object within this time."""
 
@@ -23,10 +27,6 @@ MAX_SELECTED = 10_000
 
 MAX_TRACKERS = 256
 """Trackers whose objects have kinds; a hostile file may have thousands."""
-
-Outcome = Literal["selected", "deselected", "refused", "none"]
-
-Seconds = Annotated[float, Field(description="since the recording began")]
 
 
 class PointingAct(SchemaModel):

@@ -33,11 +33,10 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import SchemaModel
 
-UNSAFE = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
-
 Cell = str | int | float | None
 
+UNSAFE = ("=", "+", "-", "@", "\t", "\r")
+"""Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
 UNITS = {
     "m": "m",
     "rad": "rad",

@@ -41,6 +41,10 @@ from pointit.schemas.base import KeyNameError
 from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.topics import MAP, check_name
 
+Taken = Iterator[Entry]
+Stamps = Literal["header", "bag"]
+"""Source of the times of capture."""
+
 TRACKER = "conveyor"
 WORLD = "world"
 PERSON = "/human_footprint"
@@ -51,11 +55,6 @@ FASTEST_MPS = 20.0
 ROUNDED = 1e-3
 """Tolerance of a place's share of its line."""
 STATE_OF = {theirs: ours for ours, theirs in STATES.items()}
-
-Taken = Iterator[Entry]
-Stamps = Literal["header", "bag"]
-"""Source of the times of capture."""
-
 MAX_BYTES = 1_000_000
 """Longer messages are left out unread."""
 

@@ -40,12 +40,12 @@ from pointit.schemas.problems import (
 from pointit.schemas.system import split_instance
 from pointit.services.registry import person_of, row_of
 
+Symptoms = Sequence[Finding]
+
 PASSING = ("slow", "stale", "silent", "starved")
 """Codes of findings that a short load can cause."""
 SEVERITIES = ("error", "warning", "note")
 """The worst first."""
-
-Symptoms = Sequence[Finding]
 
 
 def unreachable(

@@ -20,25 +20,6 @@ from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY
 from pointit.services.registry import person_of, present_writers, row_of
 
-PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
-"""Name of the program or module by which a process is one of PointIt."""
-CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
-"""Remedy of a stopped process."""
-STOPPED = ("T", "t")
-"""States of a process that was stopped by a signal, or by a debugger."""
-
-STARTING_S = 10.0
-"""Time after the start of a service within which others of its process may be missing, s."""
-LOADING_S = 30.0
-"""Time after the start of a process within which others that begin with it may be missing, s."""
-BUSY_START_S = 5.0
-"""Time after its start in which a process may be busy, s: others are loading modules beside it."""
-FIRST_S = 120.0
-"""Time after the publication of a deployment within which none of its processes need have reported, s.
-
-Python loads them all at once, which takes a busy machine a minute and more.
-"""
-
 Severity = Literal["error", "warning", "note"]
 """Severity of a finding:
 
@@ -73,6 +54,25 @@ Code = Literal[
     "unsure",
     "old-anchor",
 ]
+
+PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
+"""Name of the program or module by which a process is one of PointIt."""
+CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
+"""Remedy of a stopped process."""
+STOPPED = ("T", "t")
+"""States of a process that was stopped by a signal, or by a debugger."""
+
+STARTING_S = 10.0
+"""Time after the start of a service within which others of its process may be missing, s."""
+LOADING_S = 30.0
+"""Time after the start of a process within which others that begin with it may be missing, s."""
+BUSY_START_S = 5.0
+"""Time after its start in which a process may be busy, s: others are loading modules beside it."""
+FIRST_S = 120.0
+"""Time after the publication of a deployment within which none of its processes need have reported, s.
+
+Python loads them all at once, which takes a busy machine a minute and more.
+"""
 
 
 def is_bridge(instance: str) -> bool:

@@ -19,22 +19,18 @@ from pointit.geometry.polyline import TINY, nearest_in_angle
 from pointit.geometry.vector import Vec3
 
 Vec2 = tuple[float, float]
+Edge = tuple[Vec3, Vec3]
+"""Start of an edge, and vector to its end."""
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
+seen from the origin."""
 
 RIM_POINTS = 24
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 GOLDEN_STEPS = 40
 """Steps of the golden section search, which shrink the bracket by 4e-9."""
-
-Edge = tuple[Vec3, Vec3]
-"""Start of an edge, and vector to its end."""
-
 MAX_EYES = 32
 """Limit of origins of rays for which a box keeps its outline."""
-
-_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
-"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
-seen from the origin."""
-
 GRAZING_RAD = math.radians(5.0)
 """Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
 

@@ -24,17 +24,16 @@ from pointit.runtime.host.state_file import site_folder, write_atomically
 from pointit.runtime.service.service import AnyService, Launch, Scope, Service
 from pointit.services import registry
 
+log = logging.getLogger(__name__)
+
+Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
+
 TOKEN_BYTES = 18
 """Length of a token: 144 bits, and the URL fits a line of 80 columns."""
 FILE = "tokens.json"
 MAX_BYTES = 4096
 OTHERS = 0o077
 """Mode bits of a file for its group and others."""
-
-Token = Annotated[str, Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")]
-
-log = logging.getLogger(__name__)
-
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """Advice if the extra is not installed."""
 PORT = 8090

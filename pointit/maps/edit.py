@@ -28,8 +28,6 @@ from pointit.runtime.config.yaml_file import (
 )
 from pointit.runtime.errors import ConfigError, RefusedError
 
-_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
-
 _Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
 """Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
 
@@ -38,16 +36,16 @@ Section = Annotated[str, Field(pattern=f"^({'|'.join(name for name in ENTRIES if
 
 EntryName = Annotated[str, Field(min_length=1, max_length=64)]
 Key = Annotated[str, Field(min_length=1, max_length=64)]
-
-DIGITS = 6
-"""Decimal places of numbers that are written."""
-LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
-
 Data = dict[str, Any]
 Pairs = Sequence[tuple[Any, Any]]
 """Nodes of keys and values of a mapping."""
 Names = dict[str, dict[str, str]]
 """New names of entries by section and old name."""
+
+_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
+DIGITS = 6
+"""Decimal places of numbers that are written."""
+LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 
 
 def write_new(path: Path, text: str | bytes) -> None:

@@ -27,13 +27,13 @@ from pointit.runtime.host.state_file import read_limited
 from pointit.schemas import Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 
+Clouds = dict[str, NDArray[np.float64]]
+"""Points in {W}, n x 3, by the cloud's id."""
+
 PACKAGE = "pointit.maps"
 FOLDER = "shipped"
 SUFFIX = ".yaml"
 MAX_KEYS = 80_000
-
-Clouds = dict[str, NDArray[np.float64]]
-"""Points in {W}, n x 3, by the cloud's id."""
 
 
 class MapError(ConfigError):

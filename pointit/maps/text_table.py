@@ -15,6 +15,9 @@ from pointit.maps.units import size_of_unit
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
+Wanted = Mapping[str, str | int]
+"""Names of columns of a file, or their numbers from 1, by our names."""
+
 MAX_HEADER_LINES = 1000
 """Number of lines in which the line that names the columns is looked for."""
 MAX_LINE = 100_000
@@ -25,10 +28,6 @@ LOST = frozenset(("", "nan", "-nan", "n/a"))
 """Cells of lost values, in lower case."""
 COMMENTS = ("#", "//", "%")
 """Beginnings of lines that are no rows."""
-
-Wanted = Mapping[str, str | int]
-"""Names of columns of a file, or their numbers from 1, by our names."""
-
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")
 """Numbers with a comma that may part thousands or begin decimals."""
 _QUOTED = re.compile(r'"[^"]*"')

@@ -26,6 +26,8 @@ except ImportError as error:
     raise ConfigError(f"recordings need {remedy('record')}") from error
 
 
+Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
+
 MAX_RECORD_BYTES = 32 * 1024 * 1024
 """Most bytes of a record, and of a chunk unpacked."""
 
@@ -56,8 +58,6 @@ DAMAGED = 0
 
 _INNER = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 """Records that stand in chunks."""
-
-Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
 
 
 class DamagedError(Exception):

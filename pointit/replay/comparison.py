@@ -12,6 +12,8 @@ from pointit.recording.entries import Entry, Exchange
 from pointit.schemas import NS_PER_S, Message, SchemaModel
 from pointit.schemas.topics import POSE, RAY, topic_of
 
+Side = Literal["recorded", "replayed"]
+
 IGNORED = frozenset(("seq",))
 """Fields that say nothing about what happened: a replay counts from its own beginning."""
 
@@ -29,8 +31,6 @@ TIMEOUT_NS = 2 * NS_PER_S
 
 NEAR_NS = NS_PER_S // 2
 """Largest difference of the times of two messages with different stamps that are a pair, ns."""
-
-Side = Literal["recorded", "replayed"]
 
 
 class Sample(NamedTuple):

@@ -55,12 +55,11 @@ from pointit.services.supervisor.transitions import OFFSET_PURPOSE
 
 log = logging.getLogger(__name__)
 
-MAX_BURST = 256
-"""Entries that are put at once, at most, before the services get their turn, as queues are bounded."""
-
 Level = Literal["edge", "rays", "cursors"]
 """Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
 
+MAX_BURST = 256
+"""Entries that are put at once, at most, before the services get their turn, as queues are bounded."""
 SERVICES: dict[Level, tuple[str, ...]] = {
     "edge": ("keeper", "pui", "localizer", "supervisor", "pointing", "goal", "selector", "led-driver"),
     "rays": ("keeper", "pui", "supervisor", "goal", "selector", "led-driver"),

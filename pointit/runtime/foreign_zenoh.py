@@ -32,6 +32,10 @@ from pointit.runtime.zenoh.queries import declare_queryable, refuse
 from pointit.runtime.zenoh.session import close_session, config_of, is_in_use
 from pointit.runtime.zenoh.session import open_first as open_session
 
+log = logging.getLogger(__name__)
+
+Mode = Literal["peer", "client", "router"]
+
 HEARTBEAT_S = 0.5
 """Period (s) after which a reader notices that it lost the last message of a reliable, caching writer."""
 MAX_ATTACHMENT_BYTES = 4096
@@ -44,10 +48,6 @@ QUERY_TIMEOUT_S = 600.0
 MAX_REASON_CHARACTERS = 500
 MAX_ANSWERS = 16
 """Limit of answers to one query that wait for the loop. Further ones are dropped."""
-
-log = logging.getLogger(__name__)
-
-Mode = Literal["peer", "client", "router"]
 CONNECT_TIMEOUT_MS = 1000
 """Duration of one attempt at most. Closing a session waits for the current attempt."""
 SCOUTING_DELAY_MS = 500

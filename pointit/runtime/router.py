@@ -34,6 +34,8 @@ from pointit.schemas.table_types import NAME
 
 log = logging.getLogger(__name__)
 
+Stamp = tuple[tuple[int, int, int], ...]
+
 LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""
 PORT_TIMEOUT_S = 60.0
@@ -46,8 +48,6 @@ RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
 PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
 """Address and port of who is connected by TLS."""
-
-Stamp = tuple[tuple[int, int, int], ...]
 
 
 @asynccontextmanager

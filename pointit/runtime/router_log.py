@@ -10,6 +10,9 @@ from collections.abc import Callable, Generator, Sequence
 
 import zenoh
 
+TakeLine = Callable[[str, int], None]
+"""Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
+
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
 MAX_LINES = 20_000
@@ -20,9 +23,6 @@ OWN = b"\x1b["
 """First bytes of each line of Zenoh. A line without them is the rest of a key with a line break."""
 TIME_BYTES = len("\x1b[2m2026-03-01T00:00:00.000000Z\x1b[0m ")
 """Length of the time at the start of each line of Zenoh."""
-
-TakeLine = Callable[[str, int], None]
-"""Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
 
 
 @contextlib.contextmanager

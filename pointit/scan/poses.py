@@ -15,6 +15,11 @@ from pointit.scan.bundle import DOWN, BundleProblem, BundleState
 from pointit.scan.lines import ImageLine
 from pointit.scan.views import CameraView, LampSpec, StripSpec
 
+Piece = tuple[int, int]
+"""Number of a strip, and of its piece."""
+Lines = Sequence[Mapping[Piece, ImageLine]]
+"""Lines of each view."""
+
 MAX_MARKS = 60
 """Maximum number of different pixels of one strip that are used."""
 EXPECTED_FOCAL = 0.78
@@ -28,12 +33,6 @@ DISTINCT_M = 0.15
 MAX_POSES = 3
 GRAVITY_ARM_M = 0.5
 """Gravity counts as a point at this distance."""
-
-Piece = tuple[int, int]
-"""Number of a strip, and of its piece."""
-Lines = Sequence[Mapping[Piece, ImageLine]]
-"""Lines of each view."""
-
 FOCALS = (0.65, 0.8, 1.0)
 """Focal lengths to begin with, as shares of the image's longer side."""
 STARTS = 3

@@ -10,11 +10,10 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
 
-TREMOR_HZ = (6.0, 12.0)
-TREMOR_TONES = 3
-
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 
+TREMOR_HZ = (6.0, 12.0)
+TREMOR_TONES = 3
 UPPER_ARM_SHARE = 0.56
 """Upper arm as a share of the length from shoulder to wrist (Drillis and Contini 1966)."""
 

@@ -26,6 +26,8 @@ from pointit.services.registry import PROCESSES, present_writers
 
 M = TypeVar("M", bound=Message)
 Key = tuple[Topic[Any], str]
+K = TypeVar("K")
+V = TypeVar("V")
 
 MAX_TRACKER_AGE_S = 3.0
 """A tracker without messages for longer (s) is gone. It sends 25 a second."""
@@ -33,9 +35,6 @@ MAX_KEYS = 65_536
 """Maximum number of keys; the number of names is unbounded."""
 MAX_FORMER = 1000
 """Maximum number of people, services and keys that are remembered after their end; the oldest go first."""
-
-K = TypeVar("K")
-V = TypeVar("V")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,9 @@ from pointit.study.model import Study, read_study
 from pointit.study.plan import check_answers, check_levels, check_trials
 from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
+Note = Callable[[str], object]
+"""Receives a sentence on changed or omitted data."""
+
 STUDY = "study.yaml"
 COLUMNS_FILE = "columns.csv"
 TRIALS = "trials.csv"
@@ -34,8 +37,6 @@ RECORD = (
     *("clock_apart_s", "ended"),
 )
 """Keys of `participant.yaml` that the study writes."""
-Note = Callable[[str], object]
-"""Receives a sentence on changed or omitted data."""
 
 
 def no_note(_: str) -> None:

@@ -14,6 +14,8 @@ from pointit.conversion.export_csv import neutralize_formula, restore_formula
 from pointit.errors import ConfigError
 
 Outcome = Literal["hit", "wrong", "timeout", "skipped"]
+Row = dict[str, str]
+
 OUTCOMES = get_args(Outcome)
 
 _TEXT = (resources.files("pointit.study") / "texts" / "columns.csv").read_text(encoding="utf-8")
@@ -30,8 +32,6 @@ NUMBERS = ("corrections", *SPOKEN, *(name for name, unit, _ in COLUMNS if unit))
 FACTORS_AFTER = "practice"
 REPEATED = "repeated"
 """First word of the reason of an attempt that does not count."""
-
-Row = dict[str, str]
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 COUNT = re.compile(r"\d{1,9}")
 PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))

@@ -15,19 +15,17 @@ from pointit.runtime.config.config import Config
 from pointit.schemas import Environment, TrackedObject
 
 T = TypeVar("T")
+Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
+Robot = Annotated[str, Field(description="quadrotor of the scenario")]
 
 TARGET = "red"
 """Kind of the target, whose colour strips, pages and simulated people know."""
 OTHER = "blue"
 """Kind of all others."""
-Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
-
 GAP_M = 0.6
 """Distance between two packages, m."""
 START = 0.1
 """Position of the hindmost package, share of the lane."""
-
-Robot = Annotated[str, Field(description="quadrotor of the scenario")]
 
 
 def pick(items: Sequence[T], rng: np.random.Generator) -> T:

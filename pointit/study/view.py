@@ -7,12 +7,11 @@ from typing import Literal, Protocol
 from pointit.study.questionnaire import Scale
 from pointit.study.study_step import StudyStep
 
-BREAK = "break, "
-"""Start of the state of a break; the rest is the time that is left."""
-
-
 Point = tuple[float, float]
 """x and y in {W}, m, to the centimetre."""
+
+BREAK = "break, "
+"""Start of the state of a break; the rest is the time that is left."""
 
 
 def flat(point_m: Sequence[float] | None) -> Point | None:

@@ -13,11 +13,11 @@ from pointit.study.questionnaire import NASA_TLX, SUS
 from pointit.study.table_file import NUMBER
 from pointit.study_report.reading import Trials
 
-RESAMPLES = 10_000
-LEVEL = 0.95
-
 Statistic = Callable[..., Any]
 """A statistic over the `axis` of an array, such as `numpy.median`."""
+
+RESAMPLES = 10_000
+LEVEL = 0.95
 
 
 class Table(list[dict[str, Any]]):

@@ -27,6 +27,8 @@ from pointit.study_report.table import Table, percentile_interval, resample_indi
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
 """Index of difficulty: log2(D / W + 1) of metres or degrees, or that of Kopper et al. (2010) of degrees."""
+Group = tuple[tuple[str, str], ...]
+"""Levels by factor, without the factors that set the distance or the width, of which difficulty is made."""
 
 WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
@@ -34,8 +36,6 @@ KOPPER_EXPONENT = 3
 """k of Kopper et al. (2010), for angles in degrees."""
 MAX_SIZE_RATIO = 1.05
 """Maximum ratio of distances, and of widths, that count as equal."""
-Group = tuple[tuple[str, str], ...]
-"""Levels by factor, without the factors that set the distance or the width, of which difficulty is made."""
 
 
 class Movement(NamedTuple):

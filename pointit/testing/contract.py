@@ -20,6 +20,8 @@ from pydantic import ValidationError
 from pointit.plugins import Config, ConfigError
 from pointit.runtime.virtual_time import VirtualTimeLoop
 
+C = TypeVar("C", bound="Contract")
+
 TIMEOUT_FACTORS = 6.0
 """A test that has not come to an end within this many times the contract's timeout hangs."""
 STUBBORN_S = 1.0
@@ -37,7 +39,6 @@ TRIES = 3
 MAX_SUMMARY = 100
 FILES = Path("/proc/self/fd")
 CLOSE = "Close in `finally` or `async with` what the plug-in opens, and cancel and await its tasks"
-C = TypeVar("C", bound="Contract")
 
 
 class CheckFailedError(AssertionError):

@@ -7,11 +7,10 @@ from pointit.schemas.base import MAX_ID, NAME_PATTERN, Message, Query
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Request, Topic
 
-VERSION = "1.0.0"
-"""Version of the set of keys. Every message has a version of its own."""
-
 Kind = type[Message] | type[Query]
 
+VERSION = "1.0.0"
+"""Version of the set of keys. Every message has a version of its own."""
 _ABOUT = (
     "What travels on PointIt's Zenoh bus. Addresses are relative to the session's namespace, "
     f"`pointit/<site>`. Payloads are msgpack maps with the field names; the Zenoh encoding is `{MEDIA_TYPE}` "

@@ -17,6 +17,8 @@ from pointit.schemas.text import first_of
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 P = TypeVar("P", bound=SchemaModel)
+Files = Mapping[str, bytes]
+JsonSchema = dict[str, Any]
 
 _STAMP_NS = 1_700_000_000_000_000_000
 _NARROW = 1000.0
@@ -29,13 +31,7 @@ WRITE = "`pointit topic schema --write`"
 
 SHIPPED = Path(__file__).with_name("shipped")
 """The committed catalogue, in a checkout and in an installed package."""
-
-Files = Mapping[str, bytes]
-
 _VERSIONED = re.compile(r"(messages|samples)/(\w+)\.v([1-9]\d{0,5})\.(json|msgpack)")
-
-JsonSchema = dict[str, Any]
-
 _PROSE = frozenset({"title", "description", "$id", "$schema"})
 
 _MAPS = frozenset({"properties", "$defs"})

@@ -18,12 +18,11 @@ from pointit.services.conveyor_sim.config import SCHEDULE_LENGTH_M, ConveyorSimC
 from pointit.services.conveyor_sim.network import Piece
 from pointit.services.conveyor_sim.traffic import TOLERANCE_M, Package, Traffic
 
-END = "end"
-"""Name of the step after the last one, when nothing more is fed."""
-
 _Share = Annotated[float, Field(ge=0, le=1e6)]
 _Interval = Annotated[float, Field(gt=0, le=3600)]
 
+END = "end"
+"""Name of the step after the last one, when nothing more is fed."""
 ROUNDING_S = 0.5e-9
 """Times are whole nanoseconds; sums of their floats are off by less than half a nanosecond."""
 

@@ -14,6 +14,9 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BeltLink
 
+Extent = dict[int, tuple[float, float]]
+"""Start and end by section; below 0 and beyond the section's length where it continues there."""
+
 NONE = -1
 """Instead of the index of a piece or junction: there is none."""
 
@@ -30,10 +33,6 @@ MAX_WIDENING = 3.0
 BENT = 1.05
 """Additional factor, since the angle may change along the way."""
 PAST_M = 1e-3
-
-Extent = dict[int, tuple[float, float]]
-"""Start and end by section; below 0 and beyond the section's length where it continues there."""
-
 SNAP_M = 1e-3
 """Places on a belt closer together than this are merged; shorter gaps are closed."""
 

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple, Self
 
 from pointit.services.conveyor_sim.network import NONE, SHARP, BeltRoutes, Network, Piece
 
-PAST_M = 1e-6
-
 Way = tuple[int, ...]
 """Pieces in order."""
 
+PAST_M = 1e-6
 TOLERANCE_M = 1e-9
 """Overlap of touching packages by rounding."""
 RETRY_M = 0.01

@@ -16,11 +16,10 @@ from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checker import GoalChecker
 from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
-MAX_PRESS_S = 2.0
-"""Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
-
 Output = Goal | Feedback
 
+MAX_PRESS_S = 2.0
+"""Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
 THERE = 1.5
 """Distance at which a second stay is still at the place of the first, in radii. People return without seeing
 the cursor, and two reaches differ by some degrees (pointing.md §7)."""

@@ -31,6 +31,8 @@ from pointit.services.goal.goal_confirmation import MAX_PRESS_S, CueFactory, is_
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
 from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
+Output = Goal | Feedback | Steering
+
 ANSWER_NS = 3 * NS_PER_S
 """Time within which a robot answers a request, or a goal."""
 DECIDED_NS = NS_PER_S // 2
@@ -44,9 +46,6 @@ HOW: dict[str, str] = {
     "quadrotor": "it takes off and follows where you point; press to land it there",
     "ground": "stay at places to set way-points, then press to send it",
 }
-
-Output = Goal | Feedback | Steering
-
 MAX_ROBOT_AGE_NS = 2 * NS_PER_S
 """Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
 TICK_NS = NS_PER_S // 5

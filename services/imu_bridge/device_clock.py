@@ -12,6 +12,9 @@ from itertools import pairwise
 
 from pointit.schemas import NS_PER_S
 
+Point = tuple[int, float]
+"""Device time and delay, both relative to the first sample's, ns."""
+
 BIN_NS = NS_PER_S
 """Device time of which the fastest arrival counts, ns."""
 BINS = 60
@@ -32,8 +35,6 @@ MAX_JUMPS = 3
 UNUSED_NS = 30 * NS_PER_S
 MAX_AGE_NS = NS_PER_S
 """Largest age of a stamp on arrival, ns."""
-Point = tuple[int, float]
-"""Device time and delay, both relative to the first sample's, ns."""
 
 
 class DeviceClock:

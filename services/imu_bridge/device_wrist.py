@@ -22,6 +22,12 @@ from pointit.services.imu_bridge.sources import (
     Signal,
 )
 
+Values = tuple[float, ...]
+Figure = tuple[str, float | None, str]
+"""Name, value and unit of a metric. None removes it."""
+WarningText = tuple[str, str]
+"""Topic and message of a warning. `""` clears it."""
+
 RATE_S = 5.0
 """Time over which the rate is averaged, s."""
 GAPS_S = 60.0
@@ -48,12 +54,6 @@ RATE = "rate"
 GAPS = "gaps"
 BATTERY = "battery"
 SIGNAL = "signal"
-Values = tuple[float, ...]
-Figure = tuple[str, float | None, str]
-"""Name, value and unit of a metric. None removes it."""
-WarningText = tuple[str, str]
-"""Topic and message of a warning. `""` clears it."""
-
 CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
     "pointit.services.imu_bridge.device_clock:DeviceClock"
 )

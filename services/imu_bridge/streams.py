@@ -9,6 +9,9 @@ from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.parameters import set_option
 from pointit.schemas.base import unit_quaternion
 
+Order = Literal["wxyz", "xyzw"]
+"""Order of a quaternion's numbers in a list."""
+
 MAX_SENSORS = 8
 """Number of sensors of a stream that are remembered."""
 MIN_READINGS = 3
@@ -19,9 +22,6 @@ FORGET_AFTER = 500
 MIN_READABLE = 0.8
 """Smallest share of readable characters in text."""
 _UNREADABLE = "\ufffd"
-
-Order = Literal["wxyz", "xyzw"]
-"""Order of a quaternion's numbers in a list."""
 ID_FIELDS = ("sensor", "id", "name", "device")
 """Names of fields that name the sensor."""
 MAX_NAME = 64

@@ -14,6 +14,9 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, LampLease, Loc
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig
 
+Change = Literal["none", "level", "lamps"]
+"""Effect of a hover: nothing is shown differently, a lamp is brighter or darker, or other lamps are lit."""
+
 MAX_LOCALIZATION_AGE_NS = 3 * NS_PER_S
 """Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
 MAX_PEOPLE = 64
@@ -24,10 +27,6 @@ HOVERED = 0.3
 with the progress of the selection."""
 STEP = 0.05
 """Change of brightness below which a lamp is left as it is."""
-
-Change = Literal["none", "level", "lamps"]
-"""Effect of a hover: nothing is shown differently, a lamp is brighter or darker, or other lamps are lit."""
-
 DARK: Rgb = (0, 0, 0)
 TARGET: Rgb = (255, 255, 255)
 """Colour of a lamp that a person localizes by."""

@@ -26,6 +26,8 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.environment import BESIDE_BELT_M
 from pointit.services.led_driver.config import StyleConfig
 
+Bytes = NDArray[np.uint8]
+
 END_M = 1e-3
 """Distance beyond a belt's end at which a pixel still belongs to it, the accuracy of maps."""
 MAX_PIXELS = 64 * 4096
@@ -34,8 +36,6 @@ _ROUNDING = 1e-6
 """Tolerance beyond an end of a strip, pixels."""
 _APART_M = 1.0
 """Gap between lines on the axis on which all lie one after the other. Look-ups reach no further."""
-
-Bytes = NDArray[np.uint8]
 PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
 """Patterns of the profile. A segment has the index."""
 _DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)

@@ -39,11 +39,11 @@ from pointit.services.led_driver.render import (
     tails,
 )
 
+T = TypeVar("T")
+
 NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one: a white cursor, solid."""
 WHITE: Rgb = (255, 255, 255)
-
-T = TypeVar("T")
 BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
 PASSED_LEVEL = 0.5

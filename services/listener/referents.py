@@ -37,6 +37,8 @@ from pointit.schemas import (
 from pointit.schemas.person import Deictic, ReferentKind
 from pointit.services.listener.stays import PointingMemory, Stay, TimingModel, chances, stays_of
 
+M = TypeVar("M", bound=Message)
+
 SURE = 0.85
 """Probability from which what is most probable is taken as meant."""
 ASKED = 0.25
@@ -47,9 +49,6 @@ EITHER = 0.6
 """Probability of two candidates together from which the person is asked which one is meant."""
 REACTION_S = 0.3
 """Time from seeing the light of a candidate to the answer to it, s."""
-
-M = TypeVar("M", bound=Message)
-
 MAX_REPORT_AGE_S = 3.0
 """Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
 CHEST_M = 1.2

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from pointit.schemas import NS_PER_S, Cursor
 
+Floats: TypeAlias = NDArray[np.float64]
+
 MEMORY_S = 10.0
 """Time for which cursors are kept, s. They are never written to a file or published."""
 MAX_CURSORS = 4096
 """Limit of cursors that are kept, whatever their rate."""
-
-Floats: TypeAlias = NDArray[np.float64]
-
 SPEED_S = 0.06
 """Time on both sides over which the speed is measured, s."""
 GAP_S = 0.3

@@ -32,6 +32,10 @@ from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.tracking import PoseTracker
 
+Change = Literal["", "set", "restarted"]
+"""No change, a new yaw origin, or a restarted device."""
+Method = Literal["fixed", "static_targets", "moving_target"]
+
 MAX_SIGMA_GROWTH = 1.2
 """Largest sigma of a yaw that was accepted, as a multiple of its sigma then: sigmas are cautious."""
 MAX_SIGMA_DEG = 25.0
@@ -42,16 +46,10 @@ MAX_POSE_AGE_S = 2.0
 
 BACK_NS = NS_PER_S
 """Device time that falls by more is a restart; by less, samples came out of order."""
-
-Change = Literal["", "set", "restarted"]
-"""No change, a new yaw origin, or a restarted device."""
-
 IDLE_S = 2.0
 """Longest wait between checks while no pose is tracked, s."""
 
 NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-Method = Literal["fixed", "static_targets", "moving_target"]
 
 
 class ExternalPose:

@@ -37,11 +37,11 @@ from pointit.services.localizer.procedure import LampProcedure, Procedure
 from pointit.services.localizer.static_targets import ObservationModel, StaticTargets, best_for_yaw
 from pointit.services.localizer.tracking import PoseTracker
 
-QUEUE_TIMEOUT_S = 300.0
-"""Limit of the wait for lamps that other people use, s."""
 Make = Callable[[int], LampProcedure | Refusal]
 """Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
 
+QUEUE_TIMEOUT_S = 300.0
+"""Limit of the wait for lamps that other people use, s."""
 MIN_RAYS = 10
 """Rays that an anchor needs."""
 

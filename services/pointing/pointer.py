@@ -23,6 +23,7 @@ from pointit.schemas import NS_PER_S, BodyMeasures, ImuSample, PointingOffset, P
 from pointit.schemas.base import unchecked
 
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+Verdict = Literal["fresh", "stale", "repeated"]
 
 UPPER_ARM_SHARE = 0.56
 """Upper arm as a share of the length from shoulder to wrist: 0.186 and 0.146 of the stature (Drillis and
@@ -41,9 +42,6 @@ FADE_RAD = math.radians(10.0)
 """Distance from straight up or down within which a correction fades, since azimuths are undefined there."""
 
 _LEVEL_AT_FADE = math.sin(FADE_RAD)
-
-Verdict = Literal["fresh", "stale", "repeated"]
-
 _calculated_ray = unchecked(PointingRay)
 
 

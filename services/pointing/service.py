@@ -13,13 +13,12 @@ from pointit.schemas.problems import LATE
 from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.pointer import Pointer
 
+log = logging.getLogger(__name__)
+
 MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
 """Cut-off of the filter at rest by its setting; pointing.md §2."""
 PROFILE_WAIT_S = 1.0
 """Longest wait for the person's measures at the start, before average ones are used, s."""
-
-log = logging.getLogger(__name__)
-
 METRICS_NS = NS_PER_S
 """Period of the metrics, as of Health."""
 

@@ -25,6 +25,11 @@ from pointit.services.pui.surfaces import PLACES, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceStart
 
+_WorldRay: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
+"""Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
+_Intersection: TypeAlias = tuple[SurfaceKind, Solid, str, Hit]
+"""Surface and solid of a cursor, id of what the ray meets, and where."""
+
 STEEPEST_RAD = math.pi / 2.0
 
 MAX_BIAS_RAD = math.radians(45.0)
@@ -39,11 +44,6 @@ WORKSPACE_ID = "workspace/"
 NO_WORKSPACE = WorkspaceStart()
 
 _calculated_cursor = unchecked(Cursor)
-
-_WorldRay: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
-"""Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
-_Intersection: TypeAlias = tuple[SurfaceKind, Solid, str, Hit]
-"""Surface and solid of a cursor, id of what the ray meets, and where."""
 
 
 class NearbyLamps:

@@ -19,6 +19,8 @@ from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.sink import Arrival, Pseudonyms, Sink
 from pointit.services.service_plugin import add_all_rows
 
+log = logging.getLogger(__name__)
+
 REPORT_S = 0.5
 PROGRESS_S = 10.0
 """Periods of metrics and of lines in the log, s."""
@@ -26,8 +28,6 @@ ALONE_S = 3.0
 """Time without any other service after which the log says so."""
 NOT_OF_SITE = ("recorder", "router")
 """Services that tell nothing of a session."""
-
-log = logging.getLogger(__name__)
 
 
 class Recorder(Service[RecorderConfig]):

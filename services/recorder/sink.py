@@ -25,14 +25,16 @@ from pointit.schemas import Configuration, DecodeError, Deployment, Message, Ser
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT, USER_ALIVE, Delivery, Presence, Topic
 
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+R = TypeVar("R")
+
 SHORT = 3
 """Names of fewer characters, and mere numbers, are replaced only where `-` and `_` do not continue them."""
 
 MAX_NAMES = 10_000
 """Most names that are learnt: anybody can send messages that have some."""
-
-log = logging.getLogger(__name__)
-
 BATCH_S = 0.1
 """Period at which the thread works: short, as it holds Python's lock meanwhile."""
 
@@ -57,9 +59,6 @@ INVALID = "they are not valid"
 FAULTY = "a fault of PointIt, see the log"
 TOO_MANY_KEYS = "there are too many keys"
 """Causes for which messages are left out."""
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class Pseudonyms:

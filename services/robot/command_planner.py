@@ -11,8 +11,6 @@ from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Lan
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.stop_reason import StopReason
 
-NOTHING = Steering(stamp_ns=0)
-
 Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
 """Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""
 
@@ -21,16 +19,6 @@ Mode = Literal["none", "follow", "goals", "land"]
 
 Action = Literal["wait", "take off", "follow", "go", "land", "stay", "stop", "let go"]
 """`go`: drive to the pending goal, if any. `stay`: stop. `let go`: release the robot."""
-
-ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
-    "landed": {"none": "wait", "follow": "take off", "goals": "take off", "land": "let go"},
-    "taking_off": {"none": "wait", "follow": "wait", "goals": "wait", "land": "wait"},
-    "landing": {"none": "stop", "follow": "stop", "goals": "stop", "land": "land"},
-    "following": {"none": "stay", "follow": "follow", "goals": "stay", "land": "land"},
-    "on_path": {"none": "stay", "follow": "follow", "goals": "go", "land": "land"},
-    "resting": {"none": "wait", "follow": "follow", "goals": "go", "land": "land"},
-}
-
 Hold = Literal["none", "kept", "passing", "freed"]
 """Reason to stand. Its user keeps it, or it has no user until the reason ends or a user chooses it."""
 
@@ -41,6 +29,15 @@ Change = Literal["-", "resume", "end", "note", "halt", "release"]
 """`end` ends the order. `note` ends it and stores the new reason. `halt` does both and stops the robot.
 `release` stops the robot and takes it from its user: all who want it must name it again."""
 
+NOTHING = Steering(stamp_ns=0)
+ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
+    "landed": {"none": "wait", "follow": "take off", "goals": "take off", "land": "let go"},
+    "taking_off": {"none": "wait", "follow": "wait", "goals": "wait", "land": "wait"},
+    "landing": {"none": "stop", "follow": "stop", "goals": "stop", "land": "land"},
+    "following": {"none": "stay", "follow": "follow", "goals": "stay", "land": "land"},
+    "on_path": {"none": "stay", "follow": "follow", "goals": "go", "land": "land"},
+    "resting": {"none": "wait", "follow": "follow", "goals": "go", "land": "land"},
+}
 HOLDS: Mapping[Hold, Mapping[Verdict, Change]] = {
     "none": {"safe": "-", "hold": "halt", "free": "release", "other_master": "release"},
     "kept": {"safe": "resume", "hold": "note", "free": "release", "other_master": "release"},

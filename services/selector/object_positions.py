@@ -13,16 +13,15 @@ from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
 from pointit.schemas.environment import ThingMode
 from pointit.schemas.pointing import LINES
 
+Indices = NDArray[np.int64]
+
 OWN = ""
 """Name of the selector's own clock. Others have the names of their trackers."""
 LEFT_AFTER_NS = NS_PER_S // 2
 """Time after which an object that is missing from its tracker's list has left, ns."""
 
-
 MAX_TRACKERS = 64
 """Limit of trackers. Beyond it the one silent for longest is forgotten."""
-
-Indices = NDArray[np.int64]
 
 
 class Departures:

@@ -37,14 +37,14 @@ from pointit.services.selector.selection_publisher import Output, event_of
 
 log = logging.getLogger(__name__)
 
-MAX_ANSWER_S = 0.6 * REQUEST_TIMEOUT_S
-"""Time after which a caller of `set_thing` gets a reply without the result of the act, s."""
-
 Put = Callable[[list[Output]], list[Output]]
 """Publishes outputs and returns them."""
 
 Use = Callable[[str | None, float | None], SelectorConfig]
 """Changes the method or its time, and returns the parameters in use. Raises ValueError or ConfigError."""
+
+MAX_ANSWER_S = 0.6 * REQUEST_TIMEOUT_S
+"""Time after which a caller of `set_thing` gets a reply without the result of the act, s."""
 
 
 class SiteRole:

@@ -16,6 +16,10 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, Tracke
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.object_positions import LineTable
 
+_Sights = tuple[Array, Array, Array, Array, Array]
+"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
+near a ray, rad, n each."""
+
 LEAVE_FACTOR = 1.5
 """The pointer leaves an object beyond this multiple of the object's tolerance."""
 
@@ -24,7 +28,6 @@ SPARSE_RAD = math.radians(10.0)
 
 SAME_M = 1e-9
 """Positions nearer to each other than this are equal, m."""
-
 
 NEAREST_M = 1e-3
 """Lower limit of the distance to the eyes, m."""
@@ -47,10 +50,6 @@ OPAQUE = frozenset({"box", "cylinder", "sphere"})
 """Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
 
 XYZ = np.ones(3)
-
-_Sights = tuple[Array, Array, Array, Array, Array]
-"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
-near a ray, rad, n each."""
 
 
 class OnLine(NamedTuple):

@@ -24,17 +24,14 @@ Event = Literal["selected", "deselected", "refused", "left"]
 
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
+Action = Literal["", "select", "deselect", "refuse"]
+"""Effect of staying on an object."""
+Kind = Literal["selected", "deselected", "refused"]
 
 ACTIONS = ("dwell", "button")
 """Causes by which a person selects or deselects the object that they point at."""
-
-Action = Literal["", "select", "deselect", "refuse"]
-"""Effect of staying on an object."""
-
 CHANGES: tuple[Action, ...] = ("select", "deselect")
 """Effects that change an object."""
-
-Kind = Literal["selected", "deselected", "refused"]
 
 
 class Output(NamedTuple):

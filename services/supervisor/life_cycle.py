@@ -16,6 +16,8 @@ from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
 
+State = Literal["idle", "localizing", "pointing"]
+
 LAST_WORD_PURPOSE = "interaction"
 """Name of the file of a person's last interaction."""
 GRACE_NS = 2 * NS_PER_S
@@ -26,9 +28,6 @@ UNSURE_YAW_RAD = math.radians(15.0)
 
 RETRY_NS = 5 * NS_PER_S
 """Delay of an automatic start after localizing has failed, ns."""
-
-State = Literal["idle", "localizing", "pointing"]
-
 SETTLE_NS = NS_PER_S
 """Time after the start for a known pose to arrive before autostart localizes the person, ns."""
 

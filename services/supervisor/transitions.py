@@ -20,6 +20,24 @@ from pointit.schemas.pointing import PressEffect
 from pointit.schemas.selection import SelectionManner
 from pointit.schemas.text import round_beyond
 
+Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
+
+Event = Literal[
+    "press", "double", "hold", "sample",
+    "target", "found", "refused", "cancelled", "restarted", "lost", "rejected",
+    "recovered", "anchor requested", "pose requested",
+    "silent", "timeout",
+]  # fmt: skip
+
+Condition = Literal[
+    "must localize", "localizes", "no pose", "has pose", "press ends", "may start", "may resume",
+]  # fmt: skip
+
+Effect = Literal[
+    "request pose", "request anchor", "cancel",
+    "allow autostart", "forbid autostart", "retry later", "resume soon",
+]  # fmt: skip
+
 CANCELLED = "Localizing was cancelled."
 STOPPED = "You stopped."
 REFUSED = "You could not be localized from this; point more steadily, or stand elsewhere, and try again."
@@ -64,25 +82,6 @@ OFFSET_PURPOSE = "offset"
 """Name of the file of a person's pointing offset."""
 MAX_RAD = math.radians(45.0)
 """Limit of the mean error of a person's pointing."""
-
-Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
-
-Event = Literal[
-    "press", "double", "hold", "sample",
-    "target", "found", "refused", "cancelled", "restarted", "lost", "rejected",
-    "recovered", "anchor requested", "pose requested",
-    "silent", "timeout",
-]  # fmt: skip
-
-Condition = Literal[
-    "must localize", "localizes", "no pose", "has pose", "press ends", "may start", "may resume",
-]  # fmt: skip
-
-Effect = Literal[
-    "request pose", "request anchor", "cancel",
-    "allow autostart", "forbid autostart", "retry later", "resume soon",
-]  # fmt: skip
-
 _ASK: tuple[Effect, ...] = ("allow autostart", "request pose")
 _STOP: tuple[Effect, ...] = ("cancel", "forbid autostart")
 _START: tuple[Effect, ...] = ("allow autostart",)

@@ -16,6 +16,9 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import AimConfig, ArmConfig
 from pointit.sim.aim import Aim, Tremor
 
+State = tuple[float, float, float]
+"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
+
 USUAL_REACH_RAD = math.radians(39.0)
 """Amplitude of reaches at which the scatter was measured. It is proportional to amplitude (Schmidt's law)."""
 LOW_DEG = -2.8
@@ -25,10 +28,6 @@ LOW_SD_DEG = 2.8
 REACH_SD_DEG = 1.0
 """Its standard deviation of reaches, degrees."""
 BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
-
-State = tuple[float, float, float]
-"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
-
 SECOND_SHARE = 1.0 / 3.0
 """Second pole of the wandering, as a share of the correlation time, so that little of it is above 2 Hz."""
 

@@ -16,6 +16,8 @@ from pointit.services.user_sim.config import AimConfig
 from pointit.services.user_sim.goal import PersonGoal
 from pointit.sim.aim import Stance
 
+Pair = tuple[float, float]
+
 MEMORY_S = 1.5
 """Time for which own movements are remembered, s."""
 GAIN = 0.9
@@ -36,8 +38,6 @@ LOST_SEARCHES = 2
 
 MAX_RAD = (math.radians(90.0), math.radians(40.0))
 """Limits of the correction of azimuth and elevation, rad."""
-
-Pair = tuple[float, float]
 
 
 class Correction:

@@ -28,6 +28,9 @@ from pointit.schemas.environment import BESIDE_BELT_M
 Kind = Literal["strip", "belt"]
 Key = tuple[Kind, str]
 T = TypeVar("T", Strip, Belt)
+Color = tuple[int, int, int]
+Span = tuple[Key, float, float]
+"""A line, and the interval of a thing on it, m."""
 
 MAX_PIXELS = 64 * 4096
 """Limit of the pixels of all strips, that of a frame."""
@@ -42,9 +45,6 @@ DARKEST = 0.04
 
 TINTS = 32
 """Number of distinct colours of a colormap."""
-
-Color = tuple[int, int, int]
-
 FULL = 1.5
 """Minimum brightness of a selected thing relative to others, which is at least 2 as drawn."""
 
@@ -82,8 +82,6 @@ BLINK_LOOKS = 8
 """Number of consecutive looks after which a dim pixel does not blink, but is a narrow cursor."""
 MIXED_PATTERNS = ("striped", "tailed")
 """Patterns with the owner's colour in the body."""
-Span = tuple[Key, float, float]
-"""A line, and the interval of a thing on it, m."""
 
 
 @dataclass(frozen=True, slots=True)

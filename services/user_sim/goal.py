@@ -13,6 +13,7 @@ from pointit.services.user_sim.eyes import Kind
 from pointit.services.user_sim.sight import SeenObject, Sight
 
 State = Literal["idle", "asked", "pointing"]
+Gesture = Literal["press", "double", "hold"]
 
 OFF_S = 2.0
 """Time for which the cursor is off before the person reacts, s."""
@@ -20,9 +21,6 @@ WAIT_S = 15.0
 """Time for a requested anchor to help before it is requested again, s."""
 CUE_PERIOD_S = 3.0
 """Time without a profile after which the person presses anyway, s."""
-
-Gesture = Literal["press", "double", "hold"]
-
 PURSUIT_S = 1.5
 """Time for which a thing is extrapolated after it was lost from view, s."""
 LOOK_NS = NS_PER_S // 10

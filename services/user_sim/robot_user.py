@@ -12,6 +12,8 @@ from pointit.services.user_sim.goal import IN_AIR_M, REST, WAIT_S, Gesture, Pers
 from pointit.services.user_sim.selecting import DecisionTimes
 from pointit.services.user_sim.sight import Sight
 
+Stage = Literal["choose", "aim", "asked", "steer", "sent"]
+
 AIM_S = 2.4
 """Usual time from turning to a robot to the press: reaction, reach, and a moment of holding, s."""
 ANSWER_S = 4.0
@@ -38,8 +40,6 @@ TURN_PAUSE_S = 10.0
 """Time for which they leave it to others, s."""
 OTHERS_TURN_S = 60.0
 """The same if they know of others who use it, s."""
-
-Stage = Literal["choose", "aim", "asked", "steer", "sent"]
 
 
 class _RobotUser(ABC):

@@ -11,6 +11,15 @@ from pointit.bridges.ros2.message_format import MAX_NAME, MAX_SHOWN, nodes
 from pointit.bridges.ros2.types.types import NO_HASH
 from pointit.schemas.text import first_of, one_line
 
+Matching = Literal["definition", "type"]
+"""Condition for messages to pass between endpoints of the same name: equal type and definition, or equal type
+name."""
+
+End = tuple[str, EndpointKind]
+"""Name and kind. An index, since comparing all pairs of endpoints would block the loop."""
+Counterparts = Mapping[Endpoint, Sequence[Endpoint]]
+"""By own endpoint: the endpoints of others in our domain at the other end."""
+
 COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "publisher": "subscriber",
     "subscriber": "publisher",
@@ -20,15 +29,6 @@ COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
 
 MAX_HASH = 21
 """Maximum characters of a type's hash in a message."""
-
-Matching = Literal["definition", "type"]
-"""Condition for messages to pass between endpoints of the same name: equal type and definition, or equal type
-name."""
-
-End = tuple[str, EndpointKind]
-"""Name and kind. An index, since comparing all pairs of endpoints would block the loop."""
-Counterparts = Mapping[Endpoint, Sequence[Endpoint]]
-"""By own endpoint: the endpoints of others in our domain at the other end."""
 
 
 @dataclass(frozen=True, kw_only=True)

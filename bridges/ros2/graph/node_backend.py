@@ -20,15 +20,13 @@ from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 
+Handler = Callable[[Graph], None]
+T = TypeVar("T")
+
 QUIET_S = 10.0
 """A warning about messages is cleared this long (s) after its last cause."""
-
-Handler = Callable[[Graph], None]
-
 MIN_CAPACITY = 64
 """Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
-
-T = TypeVar("T")
 
 
 class BackendWarnings:

@@ -5,15 +5,15 @@ from collections.abc import Iterable
 
 from pointit.runtime.errors import ConfigError
 
+Place = tuple[bool, str, int]
+"""True if the port is one of TCP's, host, port."""
+
 ENDPOINT = re.compile(r"(?P<protocol>\w+)/(?P<host>\[[^]]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#].*)?")
 """Endpoints with a port. Others are never compared."""
 HERE = frozenset({"127.0.0.1", "[::1]", "localhost", "0.0.0.0", "[::]"})  # noqa: S104 - compared, not bound
 """Hosts that are this machine, or include it."""
 STREAMS = frozenset({"tcp", "tls", "ws"})
 """Protocols that share the ports of TCP."""
-
-Place = tuple[bool, str, int]
-"""True if the port is one of TCP's, host, port."""
 
 
 def place_of(endpoint: str) -> Place | None:

@@ -18,10 +18,10 @@ from pointit.schemas import NS_PER_S, Environment, Message, RobotState, TrackedO
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 
-MARKER = "visualization_msgs/msg/Marker"
-
 Shape = Literal["arrow", "cube", "sphere", "cylinder", "line", "text", "triangles"]
+Place = Iterable[float]
 
+MARKER = "visualization_msgs/msg/Marker"
 SHAPES: dict[Shape, int] = {
     "arrow": 0,
     "cube": 1,
@@ -38,9 +38,6 @@ DELETE = 2
 DELETE_ALL = 3
 
 WHITE: Rgb = (255, 255, 255)
-
-Place = Iterable[float]
-
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
 STRIP_M = 0.02

@@ -9,6 +9,11 @@ from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.schemas import Health
 
+Line = tuple[int, str]
+"""Level and text."""
+Identity = tuple[str, ...]
+"""That of a finding."""
+
 INFO = 20
 """Levels of rcl_interfaces/Log, from here."""
 WARN = 30
@@ -27,11 +32,6 @@ MAX_REPORTS = 64
 
 LONG_S = 1e9
 """Observation time for `diagnose`: a restarted service does not run twice."""
-
-Line = tuple[int, str]
-"""Level and text."""
-Identity = tuple[str, ...]
-"""That of a finding."""
 
 
 @dataclass(slots=True)

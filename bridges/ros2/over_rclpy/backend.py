@@ -39,6 +39,8 @@ from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 
+End = TypeVar("End", bound=Closable)
+
 LOOK_S = 1.0
 """Interval of reading the graph, s."""
 
@@ -53,8 +55,6 @@ NEEDS = (
     "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
 )
 """Conditions for other nodes to be seen."""
-
-End = TypeVar("End", bound=Closable)
 
 
 class DdsWriter(RosEndpoint[DdsContext]):

@@ -27,15 +27,16 @@ from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.plugin_guard import WarningSink
 
-MAX_NODES = 2000
-"""Maximum number of nodes read."""
-WHOLE_EVERY = 4
-"""One of this many reads asks for everything, 0.3 ms a topic; the others ask only for lists of names."""
+log = logging.getLogger(__name__)
 
 Traits = tuple[tuple[str, tuple[str, ...]], ...]
 
 End = TypeVar("End")
 
+MAX_NODES = 2000
+"""Maximum number of nodes read."""
+WHOLE_EVERY = 4
+"""One of this many reads asks for everything, 0.3 ms a topic; the others ask only for lists of names."""
 REMEMBERED = 256
 """Maximum number of remembered messages of a topic; they come back within milliseconds."""
 
@@ -44,9 +45,6 @@ MAX_PADDING = 3
 
 COARSE_NS = 1000
 """Resolution of times, which a middleware may cut down to microseconds."""
-
-log = logging.getLogger(__name__)
-
 MAX_OPEN = 64
 """Maximum number of open requests to one service; further ones get an empty response."""
 LOOK_S = 0.05

@@ -30,11 +30,10 @@ from pointit.plugins import (
     TakeOff,
 )
 
-TICK_S = 0.05
-
-
 Actuator = Navigator | SetPointSender
 """Carries out commands."""
+
+TICK_S = 0.05
 
 
 class Ros2Driver:

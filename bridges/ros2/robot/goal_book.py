@@ -12,6 +12,8 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S
 
+Outcome = Literal["accepted", "active", "done", "cancelled", "refused", "failed"]
+
 MAX_GOALS = 32
 """Maximum number of goals remembered."""
 GRACE_NS = 2 * NS_PER_S
@@ -23,8 +25,6 @@ RETRY_NS = NS_PER_S // 2
 
 OPEN = {"sent", "silent", "accepted", "active"}
 """States of goals that the server may work on."""
-
-Outcome = Literal["accepted", "active", "done", "cancelled", "refused", "failed"]
 
 
 class GoalStatus(IntEnum):

@@ -18,6 +18,9 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.plugins import NS_PER_S, Command, Follow, FollowPath, OrderStatus, Report, RobotReport, Stop
 
+Feedback = Callable[[bytes, Any], None]
+Statuses = Callable[[list[tuple[bytes, int]]], None]
+
 CANCEL = "action_msgs/srv/CancelGoal"
 STATUS = "action_msgs/msg/GoalStatusArray"
 STATUS_QOS = Qos(depth=1, latched=True)
@@ -33,10 +36,6 @@ UNKNOWN_GOAL = 2
 """Constant of action_msgs/CancelGoal: it has no such goal."""
 TERMINATED = 3
 """Constant of action_msgs/CancelGoal: the goal has ended."""
-
-Feedback = Callable[[bytes, Any], None]
-Statuses = Callable[[list[tuple[bytes, int]]], None]
-
 AGAIN_M = 0.2
 """A place to follow that is nearer to the last goal is not a new goal."""
 AGAIN_NS = NS_PER_S

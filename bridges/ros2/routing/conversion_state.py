@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from pointit.forearm.forearm_yaw import ForearmYaw
 
 
+PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample | Steering
+
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
 
@@ -54,8 +56,6 @@ INPUT_TOPICS: tuple[Topic[Any], ...] = (
     *(topics.SELECTION, topics.MAP, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING, topics.IMU),
 )
 """Topics that the scene is built from."""
-
-PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample | Steering
 
 
 @dataclass(slots=True)

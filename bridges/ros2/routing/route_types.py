@@ -11,11 +11,11 @@ from pointit.bridges.ros2.routing.names import WORLD
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import Request, Topic
 
-MAX_BYTES = 16 * 1024
-"""Default maximum size of messages from ROS; decoding blocks the loop."""
-
 Converted = tuple[Any, ...]
 """ROS values in the order of sending, or `()` to send nothing."""
+
+MAX_BYTES = 16 * 1024
+"""Default maximum size of messages from ROS; decoding blocks the loop."""
 
 
 class ConversionContext(NamedTuple):

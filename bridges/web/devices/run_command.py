@@ -10,6 +10,8 @@ from typing import Any, cast
 
 from pointit.runtime.host.state_file import VARIABLE, state_directory
 
+JsonObject = dict[str, Any]
+
 BEGIN = (
     "from pointit.runtime.service.process import exit_with_parent; exit_with_parent(); "
     "from pointit.__main__ import begin; begin()"
@@ -20,8 +22,6 @@ STOP_TIMEOUT_S = 3.0
 MAX_LINE_BYTES = 64 * 1024
 ERROR = "Error: "
 """Beginning of the line with the reason for which a command ended."""
-
-JsonObject = dict[str, Any]
 
 
 async def run_command(

@@ -6,10 +6,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pointit.bridges.web.wire import DeviceLine
 
-MAX_DEVICES = 64
-
 Plugin = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", description="name of the device's plug-in")]
 Address = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f]*$")]
+
+MAX_DEVICES = 64
 
 
 class _Frozen(BaseModel):

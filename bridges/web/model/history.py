@@ -13,6 +13,8 @@ from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
 
 log = logging.getLogger(__name__)
 
+Identity = tuple[int, int, str, str]
+
 SELECTOR = "selector"
 
 BACK_NS = 86_400 * NS_PER_S
@@ -24,8 +26,6 @@ this much."""
 
 QUERY_TIMEOUT_S = 1.0
 """Timeout (s) of the query: pages wait for the first reply."""
-
-Identity = tuple[int, int, str, str]
 
 
 class EventHistory:

@@ -15,11 +15,10 @@ from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 from pointit.schemas.topics import BUTTON, POSE, SPEECH, STEP, WRIST
 
 Gesture = Literal["press", "double", "hold"]
+VoiceProblem = Literal["", "none", "language", "silent"]
+
 BROWSER = "browser"
 """Name of the recogniser of people's browsers in messages."""
-
-
-VoiceProblem = Literal["", "none", "language", "silent"]
 VOICE_PROBLEMS: Mapping[VoiceProblem, str] = {
     "none": "the browser has no voices; open the page in another browser, or use --announce speaker",
     "language": "the browser has no voice of the language; choose another one in its settings",

@@ -23,13 +23,12 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import RefusedError
 
 JsonObject = dict[str, Any]
+P = TypeVar("P", bound=BaseModel)
 
 CONTROL: tuple[Role, ...] = ("operator",)
 LOOK: tuple[Role, ...] = ("operator", "viewer")
 WRIST: tuple[Role, ...] = ("operator", "wrist")
 """Pages that may request an action: those that control, those that look on too, or wrists too."""
-
-P = TypeVar("P", bound=BaseModel)
 
 
 class ActionParameters(BaseModel):

@@ -19,6 +19,9 @@ from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.schemas import Health, pack
 from pointit.schemas.topics import Delivery, Topic
 
+Change = tuple[str, str, bytes | None]
+"""Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
+
 WINDOW_S = 3.0
 """Window (s) of which the fastest report counts."""
 
@@ -33,9 +36,6 @@ MAX_EVENTS = 1024
 
 HISTORY = 200
 """Number of past events that a new page gets, for its messages."""
-
-Change = tuple[str, str, bytes | None]
-"""Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
 
 class TokenBucket:

@@ -25,6 +25,8 @@ from pointit.schemas import Query, summarize_validation_error, topics
 
 log = logging.getLogger(__name__)
 
+M = TypeVar("M", bound=BaseModel)
+
 ACTIONS: tuple[Action[Any], ...] = (*ARM_ACTIONS, *SITE_ACTIONS)
 """All actions of this server."""
 
@@ -61,8 +63,6 @@ TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
 
 ONLY_LOOKS_ON = "this page only looks on; open it by the operator's link to control"
-
-M = TypeVar("M", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,9 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S, pack
 from pointit.schemas.text import round_beyond
 
+Frame = tuple[float, tuple[Change, ...], tuple[Change, ...], str]
+"""Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
+
 RATE_HZ = 30
 """Frames of a recorded second, Hz."""
 
@@ -35,9 +38,6 @@ PLAIN = "".join(set(map(chr, range(32, 127))) - set("%#<"))
 
 LONGEST_S = 7200.0
 """Longest recording: each second has `RATE_HZ` frames, whether anything was recorded then or not."""
-
-Frame = tuple[float, tuple[Change, ...], tuple[Change, ...], str]
-"""Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
 
 
 def page_file(past: Past, tick: Callable[[float], None] = lambda _: None, start_s: float = 0.0) -> str:

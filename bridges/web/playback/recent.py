@@ -30,12 +30,15 @@ from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE, USER_ALIVE, Deliv
 from pointit.services.registry import SHOWN, person_of
 from pointit.site.site_state import ActResults
 
-SHOWN_ROWS: tuple[Topic[Any] | Presence, ...] = (*SHOWN, SERVICE_ALIVE, USER_ALIVE)
-"""Rows of the topic table that pages need."""
-
 Key = tuple[str, str]
 """Key pattern, and what stands for its placeholder."""
+LaneKey = tuple[LaneKind, str]
+Item = tuple[int, int, str]
+"""Start and end, ns, and text."""
+Row = Topic[Any] | Presence
 
+SHOWN_ROWS: tuple[Topic[Any] | Presence, ...] = (*SHOWN, SERVICE_ALIVE, USER_ALIVE)
+"""Rows of the topic table that pages need."""
 NS_PER_MS = 1_000_000
 
 GRACE_NS = 2 * NS_PER_S
@@ -57,11 +60,6 @@ KINDS: tuple[LaneKind, ...] = (
 
 ROBOT = ROBOT_STATE.writers[0]
 """Service of a robot, one instance each."""
-
-LaneKey = tuple[LaneKind, str]
-Item = tuple[int, int, str]
-"""Start and end, ns, and text."""
-
 WINDOW_S = 600.0
 """Time that is kept, s."""
 
@@ -85,8 +83,6 @@ NUMBERS_BYTES = 14
 
 STATE_BYTES = 64
 """Memory of a key in the states of a chunk."""
-
-Row = Topic[Any] | Presence
 
 
 class Moment(NamedTuple):

@@ -41,6 +41,9 @@ from pointit.schemas.topics import SET_LAMP, SHOW_PIXELS, check_name
 
 log = logging.getLogger(__name__)
 
+Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
+"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
+
 DARK: Rgb = (0, 0, 0)
 TIMEOUT_S = 1.0
 """Limit of the time until a lamp shows what it was set to, s: the LED driver limits its flashes."""
@@ -59,9 +62,6 @@ ADVICE = (
 """Advice before the first and second view. Then the solver has one."""
 CHANGED = "the strips have changed meanwhile: load the page again"
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
-
-Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
-"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
 
 
 class ScanLights:

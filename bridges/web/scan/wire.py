@@ -13,14 +13,15 @@ from pydantic import Field, TypeAdapter
 from pointit.bridges.web.wire import WireModel
 from pointit.schemas.base import Fraction, Vec3
 
+ImagePosition = Annotated[float, Field(ge=-20_000, le=20_000)]
+ImageSize = Annotated[int, Field(ge=16, le=16_384)]
+
 MAX_SIGHTINGS = 2000
 """Limit of the sightings of one view; a body of a post has room for as many."""
 
 MAX_LIGHTS = 4096
 
 LightIndex = Annotated[int, Field(ge=0, lt=MAX_LIGHTS)]
-ImagePosition = Annotated[float, Field(ge=-20_000, le=20_000)]
-ImageSize = Annotated[int, Field(ge=16, le=16_384)]
 
 
 class ScanBegin(WireModel):

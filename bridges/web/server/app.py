@@ -24,6 +24,11 @@ from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Delivery, Topic
 
+log = logging.getLogger(__name__)
+
+OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
+Download = Callable[[Request], Awaitable[Response]]
+
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
 """
@@ -37,10 +42,6 @@ REFUSAL_S = 1.0
 """Delay (s) of a refusal for an address that has guessed too often."""
 PAST = "/ws/past"
 """Path of the websocket of pages that play the last minutes."""
-OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
-Download = Callable[[Request], Awaitable[Response]]
-
-log = logging.getLogger(__name__)
 MAX_BODY = 64 * 1024
 """Maximum size of a posted body."""
 

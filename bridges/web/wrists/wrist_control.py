@@ -19,6 +19,7 @@ from pointit.sim.aim import Stance, Tremor
 
 Stand = tuple[Vec3, float]
 """Feet in {W}, m, and the azimuth of {H}'s x axis in {W}, rad."""
+Hold = Literal["mouse", "phone", "headset"]
 
 CLEAR_M = 2.0
 """Distance from the nearest object for a person placed automatically, m."""
@@ -44,8 +45,6 @@ MAX_TREMOR_DEG = 5.0
 
 MAX_SESSIONS = 16
 """Maximum number of distinct phone sessions per person; the oldest are forgotten."""
-
-Hold = Literal["mouse", "phone", "headset"]
 
 
 def places(room: Environment) -> NDArray[np.float64]:

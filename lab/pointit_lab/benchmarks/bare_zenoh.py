@@ -23,9 +23,10 @@ import psutil
 import zenoh
 from zenoh.handlers import Callback
 
+CallbackKind = Literal["direct", "default"]
+
 PAYLOAD_BYTES = 200
 KEY = "bare/{}"
-CallbackKind = Literal["direct", "default"]
 ENVIRONMENT = dict(os.environ)
 """The environment before our bus chooses Zenoh's threads in it: bare processes have those of the user."""
 

@@ -24,6 +24,9 @@ from pointit_lab.loadtest.slopes import LoadSlope, fit
 from pointit_lab.loadtest.workers import Group, Worker
 from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 
+Drive: TypeAlias = Callable[[float], Awaitable[int]]
+"""Publishes samples of all wrists for that duration, s. Returns their number."""
+
 HOPS = 4
 """Messages from wrist to reader: imu, ray, cursor, frame."""
 
@@ -52,9 +55,6 @@ USERS = {
     "users_apart": "wrists in another process, CPU of the services' process",
 }
 """Titles of the measurements of people, by their names in the result."""
-
-Drive: TypeAlias = Callable[[float], Awaitable[int]]
-"""Publishes samples of all wrists for that duration, s. Returns their number."""
 
 
 def chain() -> list[Launch]:

@@ -17,14 +17,13 @@ from pointit_lab.evaluation.localization.over_people import OverPeople
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 from pointit_lab.evaluation.selection.difference import Interval
 
+AnyRow = TypeVar("AnyRow")
+
 PIPE_WIDTH = 100
 """Width without a terminal, unless COLUMNS in the environment is set."""
 
 WORDS_WIDTH = 16
 """Characters after which conditions and solvers wrap if there is little room."""
-
-AnyRow = TypeVar("AnyRow")
-
 _SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
 
 _SPREADS = "Errors are sizes: the median, and beside it p90 and rms."

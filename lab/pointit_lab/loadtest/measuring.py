@@ -22,11 +22,11 @@ from pointit_lab.loadtest.network.routers import plain_configuration, router_pro
 from pointit_lab.loadtest.network.tree import tree
 from pointit_lab.loadtest.rig import start_load_test
 
+Tell = Callable[[str], None]
+
 WARM_UP_S = 1.0
 
 IDENTITY = "load"
-
-Tell = Callable[[str], None]
 
 
 async def measure(load: Load, count: int, tell: Tell) -> LoadResult:

@@ -35,13 +35,12 @@ from pointit.site.site_state import SiteState
 
 Wanted = tuple[AnyTopic, str]
 """A row, and the value of its placeholder: a name, `*` for all, or `""` if it has none."""
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 EVERYTHING = "**"
 
 SILENCE_S = 2.0
 """Time without a message after which a notice is printed."""
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def resolve(typed: str) -> list[Wanted]:

@@ -24,6 +24,8 @@ from pointit.maps.model import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 
+F = TypeVar("F", bound=Callable[..., Any])
+
 COLORS = {"error": "red", "warning": "yellow"}
 MAX_PRINTED = 100
 """Maximum of printed findings; a file in millimetres or of another kind has thousands."""
@@ -31,9 +33,6 @@ SLOW_S = 2.0
 """Time after which a notice says that the map is being read, s."""
 LONGEST = 1000
 """Limit of one finding in characters, since it contains names from the file."""
-
-F = TypeVar("F", bound=Callable[..., Any])
-
 PIXELS_PER_M = 30
 STRIP_HEIGHTS_M = (1.0, 1.6)
 """Heights of the first strip on each wall, and of the second."""

@@ -35,14 +35,15 @@ from pointit.services.localizer.estimation.solution import SolverSettings
 from pointit.services.localizer.estimation.unfiltered_rays import directions, origins
 
 Point = tuple[float, float]
+Kind = Literal["lamp", "box", "screen", "table"]
+Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
+"""Asks a person to point, and returns the text of a map and the exit code."""
 
 FLOOR_SIGMA_M = 1.0
 """Standard deviation of a floor's height that is not known: the person's eye height finds it."""
 POINTS = {"lamps": "position", "strips": "line", "boxes": "center", "planes": "center"}
 """Key of the point or points of each section that can be placed."""
 OLD_NOTE = re.compile(r"^# (Origin of the scan|Placed): .*\n", re.MULTILINE)
-
-Kind = Literal["lamp", "box", "screen", "table"]
 CORNERS: dict[str, tuple[str, ...]] = {
     "lamp": ("",),
     "box": ("a corner of its top", "the next corner of its top", "the third corner of its top", "its foot"),
@@ -58,9 +59,6 @@ MAX_PLACES = 4
 SAME_PLACE_M = 0.5
 """Distance up to which a person stands where they stood."""
 TIMEOUT_S = 3.0
-
-Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
-"""Asks a person to point, and returns the text of a map and the exit code."""
 
 
 def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Point | None:

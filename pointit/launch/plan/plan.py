@@ -26,6 +26,9 @@ from pointit.schemas.topics import check_name
 from pointit.services import registry
 from pointit.services.supervisor.config import measures
 
+OnEvent: TypeAlias = Callable[[str, str], object]
+"""Takes an event line and the person whom it is about, `""` for nobody."""
+
 SHIPPED = resources.files("pointit.launch") / "scenarios"
 LONGEST_NAME = 60
 """Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
@@ -40,9 +43,6 @@ REALISTIC: dict[str, Any] = {
 }
 """Simulated person who is localized by pointing: a band with realistic drift (pointing.md §7), and they point
 at a lamp again when the cursor has drifted away."""
-
-OnEvent: TypeAlias = Callable[[str, str], object]
-"""Takes an event line and the person whom it is about, `""` for nobody."""
 
 
 class ScenarioPlace(Config):

@@ -20,6 +20,9 @@ from pointit.services import registry
 
 log = logging.getLogger(__name__)
 
+Warnings = Sequence[tuple[int, str]]
+"""Level and message of each."""
+
 STOP_TIMEOUT_S = 1.2
 """Time children get to end before they are killed."""
 LAST_WORDS = 2000
@@ -32,9 +35,6 @@ MAX_WARNINGS = 5
 """Warnings of a child that are passed on in an interval."""
 LEVELS = {"warning": logging.WARNING, "error": logging.ERROR, "critical": logging.CRITICAL}
 """Levels of a child's log that are passed on, by their names there."""
-
-Warnings = Sequence[tuple[int, str]]
-"""Level and message of each."""
 
 
 class Processes:

@@ -25,16 +25,15 @@ from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALI
 
 log = logging.getLogger(__name__)
 
+Found = tuple[str, int]
+"""A scenario, and a place of it, from 1 on."""
+
 PORTS_TO_TRY = 10
 """Consecutive ports from the default one that `run` tries."""
 CLOCK_TIMEOUT_S = 0.5
 """Timeout for the clock of a joined site; a site without `run` has none."""
 LISTEN_S = 0.3
 """Time to listen; retained state arrives at once."""
-
-Found = tuple[str, int]
-"""A scenario, and a place of it, from 1 on."""
-
 VIEWERS = "viewers"
 """Metric in a page's Health: number of open pages."""
 

@@ -29,19 +29,17 @@ from pointit.schemas.topics import DEPLOYMENT, SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
-SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
-"""An assignment with a secret value."""
-
 Line = tuple[Launch, tuple[str, ...]]
 """A service, and the command that restarts it."""
+Tell = Callable[[str], object]
+"""Shows a message to the operator: in the log, or above the view."""
 
+SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
+"""An assignment with a secret value."""
 PRESENCE_TIMEOUT_S = 0.3
 """Time to listen for services that are already present."""
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
-
-Tell = Callable[[str], object]
-"""Shows a message to the operator: in the log, or above the view."""
 
 
 class ServiceGroup:

@@ -15,10 +15,9 @@ from pointit.maps.file import MapError, read_clouds, to_message
 from pointit.maps.model import FenceEntry, MapFile
 from pointit.runtime.errors import ConfigError
 
-THINNEST_M = 0.001
-
 Point = tuple[float, float]
 
+THINNEST_M = 0.001
 ROBOT_M = 0.5
 """Width below which a volume to stay in has hardly room for a robot."""
 

@@ -20,12 +20,11 @@ from pointit.runtime.config.validation_message import join_names
 from pointit.schemas.environment import BESIDE_BELT_M
 from pointit.schemas.text import round_beyond
 
+Lanes = Mapping[str, Lane]
+
 AT_END_M = 0.05
 """Distance within which a position is at a line's end, m."""
 SAMPLES = 50
-
-Lanes = Mapping[str, Lane]
-
 DENSITY_SPREAD = 0.2
 LENGTH_SPREAD = 0.01
 LENGTH_M = 0.01

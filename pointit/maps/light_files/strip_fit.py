@@ -22,6 +22,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
 from pointit.schemas.text import describe_mistake
 
+Note = Callable[[str], object]
+"""Receives a sentence on what differs from the file."""
+
 MAX_STRIPS = 4000
 MAX_SLACK = 6.0
 """Step, in median steps, from which pixels without names of strips are refused if no gap is declared."""
@@ -33,9 +36,6 @@ EVEN = 0.05
 """Difference of two steps, in steps, up to which both are the same."""
 MAX_BENDS = 0.2
 """Share of steps round a bend, up to which a run is an even strip."""
-
-Note = Callable[[str], object]
-"""Receives a sentence on what differs from the file."""
 
 
 def first_pixels(strips: Mapping[str, StripEntry]) -> dict[str, int]:

@@ -9,6 +9,8 @@ from typing import Any, cast
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
+Json = Mapping[str, Any]
+
 MAX_CELLS = 1_000_000
 """Limit of the cells of a ledmap."""
 MAX_PIXELS = 16_384
@@ -21,7 +23,6 @@ GAP = -1
 _NO_PIXEL = 65535
 """Number from which on WLED takes a cell of a ledmap as a gap."""
 _EXAMPLE = '{"seg": [{"start": 0, "stop": 60, "n": "desk"}]}'
-Json = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)

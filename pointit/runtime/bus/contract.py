@@ -17,14 +17,8 @@ M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-EVENT_CAPACITY = 1024
-"""Number of events in a reader's queue. Beyond it, the oldest are dropped, counted and reported."""
-REQUEST_TIMEOUT_S = 2.0
-"""Default timeout of a request, s."""
-
 Handler = Callable[[M, str], None]
 """Takes a message and the value of the key's placeholder (`""` without a placeholder)."""
-
 
 Server = Callable[[Q, str], Awaitable[R]]
 """Takes a query and the value of the placeholder. Raises `RefusedError` with a sentence to refuse.
@@ -38,6 +32,10 @@ AnyTopic = Topic[Any]
 Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
 """Yields the retained states of a topic: value of the key's placeholder, and last message."""
 
+EVENT_CAPACITY = 1024
+"""Number of events in a reader's queue. Beyond it, the oldest are dropped, counted and reported."""
+REQUEST_TIMEOUT_S = 2.0
+"""Default timeout of a request, s."""
 MAX_IN_FLIGHT = 256
 """Maximum number of calls that one server answers at a time. Further callers are refused at once."""
 UNDECLARE_S = 0.25

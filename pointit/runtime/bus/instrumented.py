@@ -31,19 +31,19 @@ from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import Delivery, Request
 
-REFUSED_SHOWN_S = 5.0
-"""Time for which a warning about dropped messages is shown after the last of them, s."""
-MAX_DURATIONS = 65_536
-"""Maximum number of durations between two reports that are counted, the newest ones."""
+log = logging.getLogger(__name__)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
+
+REFUSED_SHOWN_S = 5.0
+"""Time for which a warning about dropped messages is shown after the last of them, s."""
+MAX_DURATIONS = 65_536
+"""Maximum number of durations between two reports that are counted, the newest ones."""
 MAX_REPLY = ServedRequest.max_bytes // 8
 """Maximum characters of a published reply. Each takes up to four bytes."""
 MAX_REFUSAL = 4096
-
-log = logging.getLogger(__name__)
 
 
 def steady_time() -> Callable[[], float]:

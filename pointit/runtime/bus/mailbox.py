@@ -17,12 +17,12 @@ from pointit.runtime.errors import describe
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
+log = logging.getLogger(__name__)
+
 MAX_ROUNDS = 16
 """Maximum number of hops in a chain per wake-up. Then other tasks of the loop run."""
 LOG_PERIOD_S = 1.0
 """Minimum interval of log lines per topic and kind of problem, and per failing handler, s."""
-
-log = logging.getLogger(__name__)
 
 
 class Drainable(Protocol):

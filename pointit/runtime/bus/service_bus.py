@@ -43,11 +43,11 @@ from pointit.schemas.problems import MAX_CODE, MAX_SUBJECT, Problem, Severity
 from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
+log = logging.getLogger(__name__)
+
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
-log = logging.getLogger(__name__)
 
 LOG_PERIOD_S = 1.0
 """Minimum interval of log lines about failing timers, s."""

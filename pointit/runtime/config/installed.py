@@ -8,11 +8,12 @@ from typing import Any, Generic, TypeVar
 
 from pointit.runtime.errors import ConfigError
 
+P = TypeVar("P")
+
 OURS = ("pointit", "pointit-lab")
 """This project's packages. Other packages cannot use their names."""
 _SETUP = Path(__file__).parents[3] / "scripts" / "setup"
 """Program of a checkout that installs it."""
-P = TypeVar("P")
 
 
 def installed_entry_points(group: str) -> EntryPoints:

@@ -13,15 +13,16 @@ import yaml
 
 from pointit.runtime.errors import ConfigError
 
-T = TypeVar("T", int, float)
-MAX_YAML_INT = 1000
-"""Characters of a whole number: Python does not show those with some thousands of digits."""
+log = logging.getLogger(__name__)
 
+T = TypeVar("T", int, float)
 Loader: Any = type(
     "Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"yaml_implicit_resolvers": {}}
 )
 """The one in C where PyYAML has it, a large map in a second instead of ten; with values as here."""
 
+MAX_YAML_INT = 1000
+"""Characters of a whole number: Python does not show those with some thousands of digits."""
 _TAG = "tag:yaml.org,2002:"
 MERGE = f"{_TAG}merge"
 TEXT = f"{_TAG}str"
@@ -44,9 +45,6 @@ FLAGS = dict.fromkeys(_TRUE, "true") | dict.fromkeys(_FALSE, "false")
 """Words of YAML 1.1 in lower case. All but `true` and `false` are text, which a bool field understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
-
-log = logging.getLogger(__name__)
-
 MAX_YAML_DEPTH = 100
 MAX_YAML_UNFOLDED = 200_000
 """Maximum number of values that come from aliases. Checking that many takes a second."""

@@ -13,15 +13,14 @@ from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.interfaces import interface_addresses
 from pointit.runtime.host.threads import in_daemon_thread
 
+Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
+"""Family, and the address that sockets of this family take, with the scope of a link-local one."""
+
 _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 """Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
 
 _TOWARDS_IPV6 = ("2001:db8::1", "fd00::1")
 """The same for IPv6: 2001:db8::1 is of no machine (RFC 3849)."""
-
-Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
-"""Family, and the address that sockets of this family take, with the scope of a link-local one."""
-
 MAX_SERVICES = 256
 """Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
 

@@ -16,14 +16,14 @@ from serial.tools import list_ports
 
 log = logging.getLogger(__name__)
 
+Work = Callable[[serial.Serial, threading.Event], None]
+"""Uses an open port until the event is set; raises `OSError` when the port is lost."""
+
 RETRY_FIRST_S = 0.2
 MAX_RETRY_S = 2.0
 """Delays between attempts to open a port, s: the first one, doubled up to the second one."""
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
-
-Work = Callable[[serial.Serial, threading.Event], None]
-"""Uses an open port until the event is set; raises `OSError` when the port is lost."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,12 +17,12 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
+T = TypeVar("T", bound=BaseModel)
+
 GROUP = 0o070
 """Rights of the group."""
 OTHERS = 0o007
 """Rights of others."""
-
-T = TypeVar("T", bound=BaseModel)
 VARIABLE = "POINTIT_STATE"
 """Names another state directory."""
 MAX_BYTES = 64 * 1024

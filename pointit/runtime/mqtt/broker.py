@@ -24,6 +24,11 @@ from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
 from pointit.schemas.text import one_line
 
+log = logging.getLogger(__name__)
+
+FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
+"""Returns the devices on the broker at a host and a port, after seconds at most."""
+
 PASSWORD = "MQTT_PASSWORD"  # noqa: S105 - the name of a variable
 CA_FILE = "MQTT_CA_FILE"
 """Variable with the file of the authority, where `ca_file` is not set."""
@@ -58,14 +63,10 @@ END_S = 0.3
 """Maximum time to take leave, s."""
 QUEUED_MESSAGES = 1000
 """Maximum number of unread messages."""
-log = logging.getLogger(__name__)
 _paho_log = logging.getLogger("pointit.paho")
 
 KINDS = ("_mqtt._tcp", "_secure-mqtt._tcp")
 """Services by which brokers announce themselves."""
-
-FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
-"""Returns the devices on the broker at a host and a port, after seconds at most."""
 
 
 async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> bool:

@@ -20,13 +20,14 @@ from pointit.schemas import KeyNameError, Message, Query, Reply
 from pointit.schemas.system import check_user, instance_of, split_instance
 from pointit.schemas.topics import ANY, SHARD_ALIVE, USER_ALIVE, Delivery, Request, Topic, check_name
 
-FORGET_S = 120.0
-"""Time without a message after which the default instance stops reading an absent user, s."""
+log = logging.getLogger(__name__)
+
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 
-log = logging.getLogger(__name__)
+FORGET_S = 120.0
+"""Time without a message after which the default instance stops reading an absent user, s."""
 
 
 class PeopleShare:

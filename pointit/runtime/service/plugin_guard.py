@@ -25,10 +25,12 @@ from pointit.runtime.host.state_file import StateFile, state_directory
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas.problems import EVENT_LOOP
 
+log = logging.getLogger(__name__)
+
 T = TypeVar("T", bound=BaseModel)
 
 ResultT = TypeVar("ResultT")
-log = logging.getLogger(__name__)
+
 FIRST_WAIT_S = 1.0
 """Delay before the restart after the first failure, s. It doubles after each further one."""
 MAX_WAIT_S = 30.0

@@ -35,6 +35,8 @@ from pointit.schemas.system import check_user
 from pointit.schemas.text import hide_secrets, plain
 from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
+log = logging.getLogger(__name__)
+
 EXIT_FAILED = 1
 END_TIMEOUT_S = 5.0
 """Time from a signal until the process is killed, s. Ending takes well below 2 s."""
@@ -46,9 +48,6 @@ SWITCH_INTERVAL_S = 0.0001
 STARTED_S = 5.0
 """Time after the start at which existing objects are frozen, s. By then a process has created its permanent
 objects. Full garbage collections, which block a process of 20 users for about 50 ms, skip frozen objects."""
-
-log = logging.getLogger(__name__)
-
 EXIT_FAULT = 70
 """An unforeseen error (sysexits' EX_SOFTWARE)."""
 SETS = "set_"

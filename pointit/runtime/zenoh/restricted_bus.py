@@ -28,6 +28,15 @@ from pointit.schemas.topics import ANY, REQUESTS, Request, topic_of
 
 log = logging.getLogger(__name__)
 
+Right = tuple[str, str]
+"""A verb (`reads` or `writes`) and a key relative to the site."""
+
+Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
+"""Opens a session of the same identity, and closes it."""
+
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
 
 SETTLE_S = 0.25
@@ -42,15 +51,6 @@ RETRY_S = (2.0, 5.0, 15.0, 60.0)
 while all its clients reconnect, and rules may change."""
 MAX_KEYS = 3
 """Maximum number of keys in a message."""
-
-Right = tuple[str, str]
-"""A verb (`reads` or `writes`) and a key relative to the site."""
-
-Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
-"""Opens a session of the same identity, and closes it."""
-
-Q = TypeVar("Q", bound=Query)
-R = TypeVar("R", bound=Reply)
 
 
 class PermissionProbe:

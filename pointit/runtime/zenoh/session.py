@@ -32,12 +32,11 @@ from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Credentials, Link, PassingRefusal, check_addresses, ports_of
 from pointit.schemas.topics import check_name
 
+log = logging.getLogger(__name__)
+
 OPEN_FILES = Path("/proc/self/fd")
 LINGER = struct.Struct("ii")
 """Value of `SO_LINGER`: 1 if a closed connection lingers, and for how many seconds."""
-
-log = logging.getLogger(__name__)
-
 CONNECT_TIMEOUT_MS = 1000
 """Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s. A router
 rejects only ten attempts a second: with a shorter limit, abandoned attempts would keep a router busy for ever

@@ -40,6 +40,9 @@ from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, quer
 from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE, Delivery
 
+Writer = tuple[str, int]
+"""Session id, and number of the writer in the session."""
+
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Delay before each query, s. An event that has not arrived after the last query counts as lost."""
 MAX_OF_FIRST = 3
@@ -49,10 +52,6 @@ MAX_GAPS = 32
 """Maximum number of writers queried at a time. Others are not queried, which bounds memory."""
 MAX_WRITERS = 1000
 """Maximum number of stored sequence numbers of writers. The oldest is evicted, which bounds memory."""
-
-Writer = tuple[str, int]
-"""Session id, and number of the writer in the session."""
-
 MAX_USERS = 256
 MAX_NAMES = 4096
 """Maximum number of names of a placeholder other than users, such as lamps and service instances."""

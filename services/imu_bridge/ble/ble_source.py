@@ -43,14 +43,14 @@ from pointit.services.imu_bridge.sources import (
     Signal,
 )
 
+log = logging.getLogger(__name__)
+
 SCAN_S = 5.0
 """Duration of a scan, s. After one without a result there is a warning, and the next begins."""
 COMPARE_S = 1.0
 """Time for which further wrists are searched when the first is found and no address was given, s."""
 NAMED = 5
 """Number of wrists within reach that a warning names."""
-
-log = logging.getLogger(__name__)
 SILENCE_S = 2.0
 """Time without a reading after which a connected wrist is configured again, then reset, s."""
 ASK_S = 60.0

@@ -34,11 +34,12 @@ from pointit.services.imu_bridge.ble.wrist import (
 )
 from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Reading
 
+Accelerometer = Literal["BMI160", "BMI270"]
+
 SERVICE = "326a9000-85cb-9195-d9dd-464cfbbae75a"
 COMMAND = "326a9001-85cb-9195-d9dd-464cfbbae75a"
 NOTIFY = "326a9006-85cb-9195-d9dd-464cfbbae75a"
 READ = 0x80
-Accelerometer = Literal["BMI160", "BMI270"]
 ACCELEROMETERS: dict[int, Accelerometer] = {1: "BMI160", 4: "BMI270"}
 """Accelerometers by the implementation that their module states."""
 READ_GYRO = bytes.fromhex("1380")

@@ -53,6 +53,8 @@ from pointit.services.imu_bridge.sources import (
     StepGesture,
 )
 
+log = logging.getLogger(__name__)
+
 NS_PER_MS = 1_000_000
 MAX_DELTA_MS = 10_000
 """Longest time between two frames that is believed, ms."""
@@ -62,8 +64,6 @@ MIN_SHARE = 0.2
 """Shortest swipe, as a share of the screen's width."""
 USUAL_WIDTH_PX = 450.0
 """Width of the screen of a watch that does not state it, px."""
-
-log = logging.getLogger(__name__)
 ID_COMPANY = 0xFFFF
 """Company under which the id of the watch is advertised."""
 ID_LENGTH = 4

@@ -12,6 +12,10 @@ from dataclasses import dataclass
 
 from pointit.geometry.vector import Vec3
 
+Value = int | float | bytes
+"""Varint without sign, float of 32 bits, or bytes of a message, a text or a packed list."""
+Quat = tuple[float, float, float, float]
+
 _VARINT = 0
 _FIXED64 = 1
 _BYTES = 2
@@ -21,9 +25,6 @@ MAX_VARINT_BYTES = 10
 MAX_FIELD = 2**29 - 1
 """Largest number of a field."""
 _FLOAT = struct.Struct("<f")
-Value = int | float | bytes
-"""Varint without sign, float of 32 bits, or bytes of a message, a text or a packed list."""
-
 ADVERTISED_SERVICE = "008e74d0-7bb3-4ac5-8baf-e5e372cced76"
 OUTPUT = "f9d60371-5325-4c64-b874-a68c7c555bad"
 INPUT = "f9d60372-5325-4c64-b874-a68c7c555bad"
@@ -42,7 +43,6 @@ LEFT = 2
 """The other hand."""
 MAX_HAPTIC_MS = 5000
 """Longest vibration, ms."""
-Quat = tuple[float, float, float, float]
 
 
 class MessageFields:

@@ -12,6 +12,8 @@ from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.sources import Battery, Signal
 from pointit.services.imu_bridge.streams import ContentError, unit_rotation
 
+Gesture = Literal["press", "double", "hold"]
+
 PORT = 6969
 LONGEST_DATAGRAM = 1500
 WHOLE_TRACKER = 255
@@ -26,7 +28,6 @@ FLAGS_ANSWER = struct.pack(">IQB", 22, 0, 0)
 OWOTRACK_BOARD = 13
 SHARED_MACS = frozenset({"00:00:00:00:00:00", "FF:FF:FF:FF:FF:FF", "00:45:00:00:00:00", "00:0F:00:0F:00:0F"})
 """Addresses that say nothing: none, owoTrack's before it has drawn its own, and that of every Wrangler."""
-Gesture = Literal["press", "double", "hold"]
 _ACTIONS: dict[int, Gesture] = {2: "double", 3: "press", 4: "hold", 5: "press"}
 """Gestures of user actions: full reset, yaw reset, mounting reset, pause."""
 _DOUBLE_TAP = 0x40

@@ -24,6 +24,8 @@ from pointit.services.imu_bridge.streams import (
     unit_rotation,
 )
 
+Gesture = Literal["press", "double", "hold"]
+
 LONGEST_LINE = 256
 """Longest line of a serial port, bytes; longer ones are discarded on arrival."""
 MAX_TIME_US = 2**53
@@ -52,7 +54,6 @@ _LABEL = re.compile(
 )
 _BUTTON = re.compile(r"(?:([^:]+):\s*)?(?:button|b)(?:[:,;\s]+(press|double|hold))?\Z", re.IGNORECASE)
 _PART = re.compile(r"\{(\w+)\}")
-Gesture = Literal["press", "double", "hold"]
 
 
 @dataclass(frozen=True, slots=True)

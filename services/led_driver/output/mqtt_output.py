@@ -41,6 +41,8 @@ from pointit.services.led_driver.output.light_protocol import (
 from pointit.services.led_driver.output.pixel_output import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
 
+Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
+
 LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
 BRIDGE = "/bridge/state"
@@ -49,8 +51,6 @@ STATUS_TOPIC = "pointit/status"
 """Topic that tells if the lamps are controlled, online or offline."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
-Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
-
 RETRY_S = 1.0
 """Wait after an error, s."""
 ACK_S = 5.0

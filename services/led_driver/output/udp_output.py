@@ -21,6 +21,9 @@ from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
 from pointit.services.led_driver.output.pixel_output import OutputHealth, PixelOutput
 from pointit.services.led_driver.outputs import FRAME_RATE, OutputConfig
 
+Universe = tuple[int, bytes]
+"""Number of a universe, and its values from the first slot on."""
+
 RATE_HZ = 40.0
 """Number of frames per second; DMX itself carries 44."""
 KEEP_ALIVE_S = 1.0
@@ -40,8 +43,6 @@ UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENE
 
 UNIVERSE_SLOTS = 512
 """Number of values of a universe, a byte each."""
-Universe = tuple[int, bytes]
-"""Number of a universe, and its values from the first slot on."""
 
 
 class Datagram(NamedTuple):

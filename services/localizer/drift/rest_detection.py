@@ -17,6 +17,9 @@ from pointit.schemas import NS_PER_S
 
 # Criteria of rest, and noise of people who hold still (pointing.md §7)
 
+_Turn = tuple[int, float, float, float]
+"""Time (ns) and turn up to it about x, y, z of {H}, averaged over a bin."""
+
 SHORTEST_S = 2.0
 """Shorter rests are ignored."""
 LONGEST_S = 10.0
@@ -47,9 +50,6 @@ HANGING_RAD = math.radians(-50.0)
 """Elevation below which the arm hangs and does not creep."""
 GATE = 3.0
 """Number of standard deviations of the tilt rate beyond which the arm moves."""
-
-_Turn = tuple[int, float, float, float]
-"""Time (ns) and turn up to it about x, y, z of {H}, averaged over a bin."""
 
 
 @dataclass(frozen=True, kw_only=True)

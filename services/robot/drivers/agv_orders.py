@@ -15,6 +15,9 @@ Version = Literal["1.1.0", "2.0.0", "2.1.0"]
 ActionType = Literal["cancelOrder", "stateRequest"]
 
 Point = tuple[float, float]
+Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
+Tell = Callable[[int, Outcome, str], None]
+"""Called with the number of a command, what became of it, and the reason."""
 
 SAME_M = 0.01
 """Distance below which two places are the same, m."""
@@ -30,10 +33,6 @@ SAME_TARGET_M = 0.1
 """Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
 NODES_AHEAD = 4
 """Maximum number of released nodes ahead of the AGV. Updates must arrive before the AGV brakes."""
-
-Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
-Tell = Callable[[int, Outcome, str], None]
-"""Called with the number of a command, what became of it, and the reason."""
 
 
 @dataclass(frozen=True, slots=True)

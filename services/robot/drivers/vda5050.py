@@ -66,6 +66,8 @@ if TYPE_CHECKING:
 
 
 TopicLevel = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^/#+\x00]*$")]
+MqttPublication = tuple[str, str]
+"""MQTT topic and payload."""
 
 REPEAT_S = 0.08
 """Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
@@ -78,10 +80,6 @@ FARTHEST_M = 1e6
 """Limit of coordinates, m."""
 SLOWEST_MPS = 0.05
 """Smallest speed that is ordered, m/s; at 0 an AGV would never arrive."""
-
-MqttPublication = tuple[str, str]
-"""MQTT topic and payload."""
-
 MAX_AGVS = 500
 """Limit of AGVs on one broker."""
 

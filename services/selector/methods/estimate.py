@@ -26,6 +26,12 @@ from pointit.services.selector.selection_methods import (
     SelectionProgress,
 )
 
+_Angles = tuple[float, float, float, float]
+"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
+centre."""
+_Sight = tuple[float, float]
+"""Azimuth and elevation, rad."""
+
 SIDEWAYS_RAD = math.radians(3.5)
 """Standard deviation of people's aim without feedback, sideways (pointing.md §3)."""
 UPWARDS_RAD = math.radians(3.5)
@@ -82,15 +88,7 @@ LEFT_S = 0.3
 LONGEST_GAP_S = 0.25
 MAX_CACHED = 4096
 """Limit of objects as seen from some eyes whose values are kept: most stand still, as do people's eyes."""
-
-_Angles = tuple[float, float, float, float]
-"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
-centre."""
-
 _FLAT = math.sqrt(2.0 * math.pi)
-
-_Sight = tuple[float, float]
-"""Azimuth and elevation, rad."""
 
 
 class EstimateConfig(MethodConfig):

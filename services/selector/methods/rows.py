@@ -7,14 +7,14 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Cursor, Step, TrackedObject
 
+Rows = Sequence[Sequence[str]]
+
 MIN_HEIGHT_M = 0.1
 """Minimum height of objects for which rows are made, m: trackers measure heights with errors."""
 CORE = 0.8
 """Share of an object's height, about its middle, that counts: objects that only touch are in two rows."""
 ROWS = {2: ("upper row", "lower row"), 3: ("upper row", "middle row", "lower row")}
 """Names of rows by their number."""
-
-Rows = Sequence[Sequence[str]]
 
 
 def rows_of(objects: Iterable[TrackedObject], origin_m: Vec3) -> Rows:

@@ -8,6 +8,8 @@ from pointit.geometry.rotation import inverse, rotate
 from pointit.plugins import Quaternion
 from pointit_lab.devices.wrists.wrist import Property, Sent, SimulatedWrist
 
+Hand = Literal["right", "left"]
+
 _OUTPUT = "f9d60371-5325-4c64-b874-a68c7c555bad"
 _INPUT = "f9d60372-5325-4c64-b874-a68c7c555bad"
 DISCONNECT = bytes.fromhex("320101")
@@ -15,7 +17,6 @@ DISCONNECT = bytes.fromhex("320101")
 PERIOD_MS = 20
 BEGAN_MS = 1_800_000_000_000
 """Unix time of the watch at its start, ms."""
-Hand = Literal["right", "left"]
 
 
 class SimulatedTouchSdkWatch(SimulatedWrist):

@@ -11,13 +11,13 @@ from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.recordings.json_lines import Line, check_samples, read_lines
 from pointit_lab.evaluation.recordings.table_file import check_text
 
-NAME = "belts_lab"
-FILE = "runs.jsonl"
-
 Interface = Literal["pointing", "mouse_gui"]
 
 _Seconds = Annotated[float, Field(ge=0, le=86_400)]
 _Change = tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0, le=1)]]
+
+NAME = "belts_lab"
+FILE = "runs.jsonl"
 
 
 class _Package(Line):

@@ -13,15 +13,13 @@ from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
 from pointit_lab.evaluation.recordings.table_file import Table, check_text, read_table, truncate
 
-NAME = "proximity_feedback"
-PREFIX = "user_"
-SAMPLE_HZ = 50.0
-
 Phase = Literal["open_loop_reach", "open_loop_hold", "feedback_reach", "feedback_hold"]
 """Phases in this order; the spot is visible only in the last two."""
 
+NAME = "proximity_feedback"
+PREFIX = "user_"
+SAMPLE_HZ = 50.0
 PHASES: tuple[Phase, ...] = get_args(Phase)
-
 
 NEAREST_M = 0.1
 """Minimum distance of a target, since one at the feet has no direction."""

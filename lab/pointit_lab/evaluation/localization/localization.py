@@ -24,10 +24,9 @@ from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.parallel import map_in_order
 from pointit_lab.evaluation.recordings.row import Row, arranged
 
-OURS = "pointit"
-
 Solver = Callable[[Pointings], Solution | Refusal | BaselineEstimate]
 
+OURS = "pointit"
 STATED = SolverSettings().unlimited()
 """The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
 be too optimistic."""

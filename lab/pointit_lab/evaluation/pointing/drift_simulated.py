@@ -16,6 +16,11 @@ from pointit.services.localizer.drift.rest_detection import RestDetector
 from pointit_lab.evaluation.pointing.drift_solvers import PLAIN, ratios
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
+Leap = Literal["", "in motion", "at rest", "after the last anchor"]
+"""Time of the leap: anywhere before the last anchor, or in a rest before an anchor; then in both."""
+Outcome = dict[str, tuple[float, float | None]]
+"""Error and stated sigma by solver, rad."""
+
 STEP_S = 1.0
 """Time step of the simulated drift."""
 
@@ -31,10 +36,6 @@ REST_PAUSE_S = 1.0
 
 LEAP_RAD = (math.radians(20.0), math.radians(90.0))
 """Range of the angle by which the yaw leaps once, to either side; bounds are without the leap."""
-
-Leap = Literal["", "in motion", "at rest", "after the last anchor"]
-"""Time of the leap: anywhere before the last anchor, or in a rest before an anchor; then in both."""
-
 USUAL = "3 min, 1 anchor/min"
 
 WRONG_ANCHOR = "3 min, 1 anchor/min, wrong anchor"
@@ -47,9 +48,6 @@ NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
 NORMAL_P90 = 1.6449
 """Its 90th percentile."""
-
-Outcome = dict[str, tuple[float, float | None]]
-"""Error and stated sigma by solver, rad."""
 
 
 @dataclass(frozen=True, kw_only=True)

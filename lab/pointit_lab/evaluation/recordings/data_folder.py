@@ -14,6 +14,8 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 from pointit_lab.evaluation.recordings.table_file import check_file, check_text, is_file, shown_path, truncate
 
+Entry = Mapping[str, Any]
+
 VARIABLE = "POINTIT_DATA"
 """Environment variable with the folder of recordings, if there is no option."""
 
@@ -31,9 +33,6 @@ EYE_HEIGHTS_M = (0.3, 3.0)
 
 MAX_YAW_DEG = 720.0
 """Limit of the absolute value: some recordings have unwrapped angles, but at most two turns."""
-
-Entry = Mapping[str, Any]
-
 _ENTRIES = TypeAdapter(list[dict[str, Any]])
 _WRAPPED = TypeAdapter(dict[str, Any])
 

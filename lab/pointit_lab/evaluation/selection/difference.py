@@ -12,6 +12,9 @@ from pointit.geometry.array_types import Array
 from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.row import Score
 
+Groups = Mapping[tuple[Condition, str], Sequence[Score]]
+"""Scores by condition and method, of the same trials in the same order."""
+
 FEWEST = 20
 """Trials, each with its own seed, below which no difference is reported."""
 SIGNIFICANCE = 0.05
@@ -20,9 +23,6 @@ TAIL = 20
 """Minimum number of resamples beyond each end of an interval."""
 CHUNK = 2000
 """Resamples drawn at once."""
-
-Groups = Mapping[tuple[Condition, str], Sequence[Score]]
-"""Scores by condition and method, of the same trials in the same order."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,9 @@ from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.user_sim.body import OpenLoopError
 from pointit.services.user_sim.config import AimConfig, ArmConfig
 
+Vector = NDArray[np.float64]
+MissKind = Literal["strip", "nothing"]
+
 RATE_HZ = 50.0
 LOST_S = 0.9
 """Time without any light after which a person tries beside."""
@@ -31,14 +34,10 @@ HALFWAY = 0.6
 """Share of the way from the thing that is shown to the one that is meant by which a person corrects."""
 POSE_RAD = (math.radians(1.5), math.radians(0.7))
 """Standard deviation of the error of the pose at the eyes: sideways by yaw and place, upwards by place."""
-
-Vector = NDArray[np.float64]
-
 EYES_M: Vec3 = (0.0, 0.0, 1.64)
 LIMIT_S = 8.0
 """Time after which a reach counts as nothing."""
 PERSON = "person"
-MissKind = Literal["strip", "nothing"]
 MISS_KINDS: tuple[MissKind, ...] = get_args(MissKind)
 HOLDS_S: dict[MissKind, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
 """Times for which people hold what is no thing."""

@@ -27,7 +27,7 @@ REJECTION_FILTER = (
     "zenoh_link_tls=warn,zenoh_link_quic=warn"
     ",zenoh_transport::unicast::establishment::accept=trace,zenoh_transport::unicast::manager=debug"
 )
-"""Log filter that Zenoh needs for this: a few lines for each connection."""
+"""Log filter with which Zenoh tells who is rejected: a few lines for each connection."""
 TARGET = "\x1b[2mzenoh_transport::"
 """Text after the thread in lines of Zenoh's own handshake, none of which contains keys of messages."""
 MAX_SHOWN = 3
@@ -138,7 +138,7 @@ FILTER = (
     "off,zenoh::net::routing::interceptor=trace,zenoh::net::routing::interceptor::qos_overwrite=off"
     f",{REJECTION_FILTER}"
 )
-"""Log filter that Zenoh needs for this."""
+"""Log filter with which Zenoh tells what is denied and who is rejected."""
 
 
 class RejectedConnections:

@@ -143,9 +143,11 @@ def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> s
         elevation_rad: elevation of the thing: the higher, the less a turn of azimuth moves the ray.
     """
     sideways_rad = right_rad * math.cos(elevation_rad)
-    turn, side = ("left", "right")
+    turn = "left"
+    side = "right"
     if right_rad > 0.0:
-        turn, side = ("right", "left")
+        turn = "right"
+        side = "left"
     if abs(sideways_rad) > math.pi / 2.0:
         return f"{name} is behind you: turn around by your {turn}"
     if abs(sideways_rad) > abs(up_rad):

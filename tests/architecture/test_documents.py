@@ -98,16 +98,6 @@ def unknown_scripts(text: str) -> set[str]:
     return {script for script in scripts if not (ROOT / script).is_file()}
 
 
-@pytest.mark.parametrize(
-    ("pages", "most"),
-    [("explanation/architecture.md", 150), ("decisions/*.md", 40), ("how-to/adding.md", 110)],
-)
-def test_pages_for_maintainers_stay_short(pages: str, most: int) -> None:
-    found = [*(ROOT / "docs").glob(pages)]
-    assert found
-    assert {path.name: lines for path in found if (lines := len(path.read_text().splitlines())) > most} == {}
-
-
 def test_the_path_of_a_sample_has_one_file_a_step() -> None:
     text = (ROOT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
     steps = re.findall(

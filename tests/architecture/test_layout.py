@@ -23,8 +23,6 @@ HOMES = {"services": ROOT / "services", "bridges": ROOT / "bridges"}
 """Folders of processes, by room."""
 SHELLS = {"__init__.py", "config.py", "service.py"}
 """Files of a service that are no core."""
-MIN_CONFIG_LINES = 60
-"""A shorter `config.py` stands in `service.py`, unless its parameters must load without an extra."""
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
 DEVICES = {
@@ -50,7 +48,8 @@ DEVICES = {
         "web": """
             devices/devices.py devices/run_command.py pages/action.py pages/arm_actions.py
             pages/page_requests.py pages/site_actions.py server/metrics_server.py server/app.py
-            server/certificate.py server/lan.py server/link_file.py server/paced_websocket.py pages/page_session.py
+            server/certificate.py server/lan.py server/link_file.py server/paced_websocket.py
+            pages/page_session.py
             model/history.py model/people.py wrists/phone.py server/listener.py playback/file_past.py
             playback/past_page.py model/map_editor.py model/separability.py scan/scan_server.py
             scan/session.py scan/solver_process.py""",
@@ -134,13 +133,6 @@ def test_every_service_has_its_files_and_a_core(row: Process) -> None:
     assert {path.name for path in folder.rglob("*.py")} - SHELLS, (
         f"{shown(folder)} has no core: the module named after its idea"
     )
-
-
-@rows
-def test_a_short_config_stands_in_the_service(row: Process) -> None:
-    config = folder_of(row) / "config.py"
-    lines = len(config.read_text(encoding="utf-8").splitlines()) if config.is_file() else None
-    assert row.extra or lines is None or lines >= MIN_CONFIG_LINES, "move it into service.py"
 
 
 @rows

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.machine import PYTHON, UV, Machine
 from tests.architecture.sources import ROOT
+from tests.scripts.machine import PYTHON, UV, Machine
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 

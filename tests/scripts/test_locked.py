@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.machine import PYTHON, Machine
-from tests.architecture.test_scripts import PIP
+from tests.scripts.machine import PYTHON, Machine
+from tests.scripts.test_scripts import PIP
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.machine import PYTHON, UV, Machine
 from tests.architecture.sources import ROOT
+from tests.scripts.machine import PYTHON, UV, Machine
 
 PIP = "python -m pip install --quiet --disable-pip-version-check"
 

@@ -1,10 +1,11 @@
 """Parameters of the page."""
 
 from typing import Literal
+from urllib.parse import urlsplit
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from pointit.runtime.address_config import AddressConfig
+from pointit.runtime.address_config import AddressConfig, described_error
 from pointit.runtime.config.config import Config
 from pointit.schemas.text import LANGUAGE
 
@@ -27,6 +28,11 @@ class WebConfig(AddressConfig):
         le=65535,
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
+    )
+    public_url: str = Field(
+        default="",
+        max_length=200,
+        description="address at which a reverse proxy serves the page, such as https://lab.example",
     )
     SECRETS = frozenset({"operator_token", "viewer_token", "scan_token"})
 
@@ -78,3 +84,22 @@ class WebConfig(AddressConfig):
         default_factory=dict[str, Place],
         description="by user: assumed pose of a person until their pose is known",
     )
+
+    @field_validator("public_url")
+    @classmethod
+    def _is_origin(cls, url: str) -> str:
+        """Return the address in small letters and without the slash at its end."""
+        if not url:
+            return ""
+        url = url.lower().removesuffix("/")
+        try:
+            parts = urlsplit(url)
+            is_address = bool(parts.hostname) and (parts.port is None or parts.port > 0)
+        except ValueError:
+            is_address = False
+        if not is_address or url != f"https://{parts.netloc}" or "@" in parts.netloc:
+            raise described_error(
+                "write https:// and a host, as in https://lab.example; the page needs a host of its own, and "
+                "what leaves this machine is encrypted"
+            )
+        return url

@@ -94,6 +94,8 @@ class Web(Service[WebConfig]):
         self._token = config.operator_token or new_token()
         access = Access(self._token, config.viewer_token or new_token())
         access.know_hosts([exposure_check.address(config, config.port)[0]])
+        if config.public_url:
+            access.know_proxy(config.public_url)
         recent = Recent(self.bus.site)
         self._model = SiteModel(
             self.NAME,

@@ -12,6 +12,7 @@ from importlib.metadata import EntryPoint
 from typing import Any, cast
 from urllib.parse import urlsplit
 
+from pointit.runtime.address_config import format_address
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, FoundDevice, PluginGroup
 from pointit.runtime.errors import ConfigError
@@ -194,7 +195,7 @@ def _url_of(service: NetworkService) -> str:
         is_usable = False
     if is_usable and "@" not in parts.netloc and stated.isprintable():
         return f"{parts.scheme}://{parts.netloc}"
-    return f"http://{service.address}:{service.port}"
+    return f"http://{format_address(service.address, service.port)}"
 
 
 HOME_ASSISTANT = DevicePlugin(

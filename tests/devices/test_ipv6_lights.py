@@ -11,6 +11,7 @@ import pytest
 from zeroconf import IPVersion
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
+from pointit.plugins.device_search import HOME_ASSISTANTS
 from pointit.runtime.clock import WallClock
 from pointit.runtime.host import name_lookup
 from pointit.runtime.host.name_lookup import resolve
@@ -139,3 +140,22 @@ async def test_a_light_that_is_announced_in_a_network_without_ipv4_is_found(
         await (await announcer.async_register_service(light))
         found = {(each.name, each.address) for each in await name_lookup.browse("_wled._tcp", 4.0)}
     assert ("desk-v6", "fd00::5") in found
+
+
+@pytest.mark.skipif(not name_lookup.found_addresses(socket.AF_INET6), reason="no IPv6 here")
+@pytest.mark.parametrize("version", [IPVersion.V4Only, IPVersion.All])
+async def test_home_assistant_that_announces_an_ipv6_address_alone_is_found(version: IPVersion) -> None:
+    home = AsyncServiceInfo(
+        "_home-assistant._tcp.local.",
+        "Home of IPv6._home-assistant._tcp.local.",
+        addresses=[socket.inet_pton(socket.AF_INET6, "fd00::7")],
+        port=8123,
+        properties={"location_name": "Home of IPv6", "version": "2026.11.1", "internal_url": ""},
+        server="home-v6.local.",
+    )
+    plugin = HOME_ASSISTANTS.get("home-assistant")
+    assert plugin.discover is not None
+    async with AsyncZeroconf(ip_version=version) as announcer:
+        await (await announcer.async_register_service(home))
+        found = {each.address: each.label for each in await plugin.discover(4.0)}
+    assert found["http://[fd00::7]:8123"] == "Home of IPv6, 2026.11.1, announced by fd00::7"

@@ -13,6 +13,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.wire import Role
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import one_line
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Names of this machine in a Host header."""
@@ -26,6 +27,10 @@ MAX_ADDRESSES = 1024
 """Maximum number of remembered addresses with wrong tokens; the oldest are dropped."""
 
 TOKEN_BYTES = 18
+
+MAX_ORIGIN = 100
+"""Maximum number of characters of a foreign address in a sentence."""
+PROXY_HELP = "The lines for nginx, Caddy and Traefik are in docs/how-to/network.md, *Behind a proxy*."
 
 CONTAINER = "container"
 """Environment variable that marks a container; set by PointIt's image and podman."""
@@ -75,12 +80,24 @@ class Access:
             (cookie_value(viewer), "viewer"),
         )
         self._hosts = set(LOOPBACK)
+        self._public_host = ""
         self._guesses: OrderedDict[str, dict[bytes, float]] = OrderedDict()
         """Digests of wrong tokens and when they were tried, by address."""
 
     def know_hosts(self, names: Iterable[str]) -> None:
         """Accept these names or addresses in the Host header too."""
         self._hosts.update(f"[{name}]" if ":" in name else name.lower() for name in names)
+
+    def know_proxy(self, public_url: str) -> None:
+        """Accept requests that a reverse proxy passes on from `public_url`, `https://HOST`."""
+        self._public_host = public_url.removeprefix("https://")
+        self.know_hosts([split_host(self._public_host)[0].strip("[]")])
+
+    def scheme(self, scheme: str, host: str) -> str:
+        """Return the scheme of a request to `host` at the browser: a proxy may have ended the encryption."""
+        encrypted = {"http": "https", "ws": "wss"}
+        is_public = bool(self._public_host) and host.lower() == self._public_host
+        return encrypted.get(scheme, scheme) if is_public else scheme
 
     def is_known_host(self, host: str) -> bool:
         """Return True if the Host header names this server: a foreign name may have been bound to it."""
@@ -133,6 +150,26 @@ class Access:
         if len(self._guesses) > MAX_ADDRESSES:
             self._guesses.popitem(last=False)
         return None
+
+
+def socket_problem(info: RequestInfo, origin: str) -> str:
+    """Return the reason for which the page of a browser at `origin` gets no websocket, with the remedy.
+
+    Args:
+        info: a request of that page which has reached the server.
+        origin: scheme, host and port of the page's address.
+    """
+    own = f"{info.scheme}://{info.host}"
+    if origin.lower() == own.lower():
+        return (
+            "The server is reached, and its websocket is not: let the proxy in front of PointIt pass "
+            f"websockets on. {PROXY_HELP}"
+        )
+    shown = one_line(origin, MAX_ORIGIN)
+    return (
+        f"This page is opened at {shown}, and the proxy in front of PointIt passes it on as {own}: let it "
+        f"pass on the Host, and start PointIt with --set web.public_url={shown}. {PROXY_HELP}"
+    )
 
 
 def split_host(host: str) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.playback.recent import Recent, RecentPast
-from pointit.bridges.web.server.access import Access, RequestInfo, cookie, headers
+from pointit.bridges.web.server.access import PROXY_HELP, Access, RequestInfo, cookie, headers, socket_problem
 from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, refusal
 from pointit.bridges.web.wire import OWN_FAULT, Role
 from pointit.recording.head import make_head
@@ -114,6 +114,7 @@ def application(
             routes=[
                 Route("/", page.index, methods=["GET"]),
                 WebSocketRoute("/ws", page.socket),
+                Route("/ws", page.socket_problem, methods=["GET"]),
                 WebSocketRoute(PAST, page.socket),
                 Route("/recording.mcap", page.recording, methods=["GET"]),
                 *others,
@@ -160,6 +161,14 @@ class _Page:
         else:
             await self._open_page(socket, role)
 
+    async def socket_problem(self, request: Request) -> Response:
+        """Say why the page gets no websocket: the browser shows it nothing of a refusal."""
+        info = info_of(request)
+        if self._access.admit(info, time.monotonic()) is None:
+            await self._slow_down(info)
+            return PlainTextResponse(NOT_ADMITTED, 403)
+        return PlainTextResponse(socket_problem(info, request.query_params.get("page", "")))
+
     async def recording(self, request: Request) -> Response:
         role = self._access.admit(info_of(request), time.monotonic())
         if role != "operator":
@@ -198,6 +207,8 @@ class SecurityMiddleware:
         """Serve one request or websocket."""
         if scope["type"] not in ("http", "websocket"):
             return
+        host = Headers(scope=scope).get("host", "")
+        scope["scheme"] = self._access.scheme(scope["scheme"], host)
         info = request_info(scope)
         scope["pointit.request_info"] = info
         answered = False
@@ -231,10 +242,15 @@ class SecurityMiddleware:
     def _objection(self, scope: Scope, info: RequestInfo) -> Response | None:
         if not self._access.is_known_host(info.host):
             return PlainTextResponse(
-                "this is not an address of the page; open the link that PointIt has printed", 403
+                "this is not an address of the page; open the link that PointIt has printed. Behind a proxy, "
+                f"set web.public_url to its address. {PROXY_HELP}",
+                403,
             )
         is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
-        if (scope["type"] == "websocket" or is_posted) and not self._access.is_own_origin(info):
+        is_foreign = not self._access.is_own_origin(info)
+        if scope["type"] == "websocket" and is_foreign:
+            return PlainTextResponse(socket_problem(info, info.origin), 403)
+        if is_posted and is_foreign:
             return PlainTextResponse("only a page of this server may do that", 403)
         if is_posted:
             length = Headers(scope=scope).get("content-length", "")

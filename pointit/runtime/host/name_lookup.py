@@ -99,7 +99,7 @@ class NetworkService(NamedTuple):
     name: str
     """Name of the instance, such as `wled-desk`."""
     address: str
-    """IPv4 address, or that of IPv6 where this machine has no other."""
+    """IPv4 address, or that of IPv6 if the service announces no other, with the scope of a link-local one."""
     port: int
     host: str
     """Name of the machine, such as `wled-desk.local`, or `""`."""
@@ -127,7 +127,10 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
             names.add(name)
 
     services: list[NetworkService] = []
-    version = IPVersion.V4Only if found_addresses() else IPVersion.V6Only
+    # a device of both may announce its IPv6 address alone, also by IPv4
+    version = IPVersion.All if found_addresses(socket.AF_INET6) else IPVersion.V4Only
+    if not found_addresses():
+        version = IPVersion.V6Only
     with contextlib.suppress(OSError):  # a machine without a network finds nothing
         async with AsyncZeroconf(ip_version=version) as zeroconf:
             browser = AsyncServiceBrowser(zeroconf.zeroconf, full_kind, handlers=[on_change])
@@ -136,9 +139,12 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
             await asyncio.gather(*(info.async_request(zeroconf.zeroconf, 500 * seconds) for info in infos))
             await browser.async_cancel()
             for info in infos:
-                for address in info.parsed_addresses(version)[:1]:
-                    name = info.name.removesuffix(f".{full_kind}")
-                    host = (info.server or "").rstrip(".")
-                    properties = info.decoded_properties
-                    services.append(NetworkService(name, address, info.port or 0, host, properties))
+                addresses = [ipaddress.ip_address(each) for each in info.parsed_scoped_addresses()]
+                if not addresses:
+                    continue
+                address = min(addresses, key=lambda each: (each.version, each.is_link_local))
+                name = info.name.removesuffix(f".{full_kind}")
+                host = (info.server or "").rstrip(".")
+                properties = info.decoded_properties
+                services.append(NetworkService(name, str(address), info.port or 0, host, properties))
     return services

@@ -318,6 +318,7 @@ function showLost(): void {
   show(at("lost"), isLost);
   const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
+    : connection.reason ? connection.reason
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
   write(at("lost-text"), isLost ? text : "");
 }

@@ -45,6 +45,8 @@ export class Connection {
   private clock = new SiteClock();
   /** The server is there and does not let this page in: it is not the one that the page was opened by. */
   isRefused = false;
+  /** Why the server that this page is from gives it no websocket, in its own words; "" if that is not known. */
+  reason = "";
   private socket: Socket | null = null;
   private path = PRESENT;
   private attempt = 0;
@@ -176,6 +178,7 @@ export class Connection {
     if (this.site.lostAt) note(this.site, "info", "page", "connected again");
     this.attempt = 0;
     this.isRefused = false;
+    this.reason = "";
     this.clock = new SiteClock();
     this.keeper.clear();
     this.site.timeline = this.site.playing = null;
@@ -209,9 +212,15 @@ export class Connection {
 
   /** Find out why the connection failed: a refused WebSocket has no reason. */
   private async findOut(): Promise<void> {
-    const status = await fetch("/", { cache: "no-store" }).then((answer) => answer.status, () => 0);
-    if (this.site.connected || this.isRefused === (status === 403)) return;
-    this.isRefused = status === 403;
+    const asked = `${PRESENT}?page=${encodeURIComponent(location.origin)}`;
+    const answer = await fetch(asked, { cache: "no-store" }).catch(() => null);
+    const isRefused = answer?.status === 403;
+    // of a server that answers the question; a proxy has pages of its own
+    const isTold = answer?.ok === true && (answer.headers.get("content-type") ?? "").startsWith("text/plain");
+    const reason = isTold ? await answer.text() : "";
+    if (this.site.connected || (this.isRefused === isRefused && this.reason === reason)) return;
+    this.isRefused = isRefused;
+    this.reason = reason;
     this.events.onState(false, this.attempt);
   }
 

@@ -23,7 +23,7 @@ from pointit.cli.common.lazy import (
     print_help_without_action,
     walk,
 )
-from pointit.runtime.host.text_output import escape_unencodable
+from pointit.runtime.host.text_output import assume_dumb_terminal, escape_unencodable
 
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
@@ -163,6 +163,7 @@ command = front()
 def main() -> NoReturn:
     """Run the command line; entry point of `pointit` and `python -m pointit`."""
     escape_unencodable()
+    assume_dumb_terminal()
     if len(sys.argv) == 1 and COMPLETE not in os.environ:
         click.echo("`pointit` alone is `pointit run`; `pointit --help` shows all commands", err=True)
         sys.argv.append("run")

@@ -22,7 +22,7 @@ from pointit.runtime.config.environment_variables import LOG_FORMAT, check_spell
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import EXIT_USAGE, ConfigError, PointItError, first_cause
-from pointit.runtime.host.text_output import escape_unencodable
+from pointit.runtime.host.text_output import assume_dumb_terminal, escape_unencodable
 from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of, link_options
@@ -168,6 +168,7 @@ def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
     `at_once`: skip `atexit` handlers of others, too.
     """
     escape_unencodable()
+    assume_dumb_terminal()
     try:
         run_command(command)
     except SystemExit as end:

@@ -11,7 +11,7 @@ from pointit.cli.common.completions import maps
 from pointit.cli.common.output import print_file
 from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.maps.home_assistant import SOURCE, import_entities
-from pointit.cli.maps.map_file import notify_if_slow, print_findings
+from pointit.cli.maps.map_file import WEB_ADDRESS_REMEDY, notify_if_slow, print_findings
 from pointit.maps import exchange
 from pointit.maps.checks.check import examined
 from pointit.maps.checks.lines import has_detours
@@ -126,6 +126,7 @@ def import_(
             url=url, token_file=token_file, patterns=entities, areas=areas, into=into, output=output
         )
         return
+    _check_is_no_address(source)
     if kind is None:
         raise click.UsageError(f"Missing option '--as'. Choose from: {', '.join(FORMATS)}")
     path = output or Path(f"{source.stem}.yaml")
@@ -147,6 +148,14 @@ def import_(
     if not has:
         raise ConfigError(f"{source}: gives a map with the errors above; correct the file")
     _write(output, content)
+
+
+def _check_is_no_address(source: Path) -> None:
+    """Raise ConfigError, with the way to its file, if `source` is an address of a web server."""
+    scheme, _, rest = str(source).partition(":/")  # a path has one slash where the address had two
+    if scheme in ("http", "https"):
+        url = f"{scheme}://{rest}"
+        raise ConfigError(f"{url}: not a file; {WEB_ADDRESS_REMEDY}")
 
 
 def _read_text(source: Path) -> str:

@@ -13,7 +13,7 @@ from pointit.cli.common.output import INTERRUPTED, print_file
 from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.common.site_link import notify_if_slow as notify_if_slow_site
 from pointit.cli.common.site_link import quiet
-from pointit.cli.maps.map_file import print_findings
+from pointit.cli.maps.map_file import WEB_ADDRESS_REMEDY, print_findings
 from pointit.maps.checks.check import examined
 from pointit.maps.edit import dump_yaml
 from pointit.maps.file import parse_map_file
@@ -110,6 +110,8 @@ def command(
     Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
     """
     name = node if node.startswith("/") else f"/{node}"
+    if "://" in node:
+        raise UnknownNameError(f"NODE {node!r}: not a ROS node; {WEB_ADDRESS_REMEDY}")
     if not TOPIC.match(name):
         raise UnknownNameError(
             f"NODE {node!r}: not a full node name; write one like /pui_node or /site1/pui_node"

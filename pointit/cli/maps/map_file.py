@@ -49,6 +49,11 @@ HEADER = """\
 """
 
 SUFFIXES = (".svg", ".png", ".pdf")
+WEB_ADDRESS_REMEDY = (
+    "fetch what a WLED has with `curl -o state.json http://WLED/json/state`, then `pointit map import "
+    "state.json --as segments`"
+)
+"""Way to a map for who gave the address of a web server."""
 
 
 def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> list[Point | None]:

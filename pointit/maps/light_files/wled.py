@@ -50,7 +50,7 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     """Return the segments with pixels: of a state, of presets, or the configured outputs.
 
     Args:
-        text: JSON of `/json/state`, `presets.json` or `cfg.json`.
+        text: JSON of `/json/state`, `/json` (the state and more), `presets.json` or `cfg.json`.
         preset: number of the preset. None: the only one, or any if all have the same segments.
 
     Raises:
@@ -58,6 +58,8 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     """
     data = read_json(text)
     state = cast("Json", data) if isinstance(data, dict) else {}
+    if isinstance(state.get("state"), dict):
+        state = state["state"]
     if preset is not None or (state and all(key.isdecimal() for key in state)):
         state = _preset(state, preset)
     elif outputs := list_of(inside(state, "hw", "led", "ins")):

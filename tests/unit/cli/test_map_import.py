@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
+from pointit.cli.main import command
 from pointit.cli.maps import map_file
 from pointit.cli.maps.exchange import export, import_
 from pointit.maps.file import read_map_file
@@ -76,3 +78,39 @@ def test_a_notice_is_printed_only_if_reading_takes_long(monkeypatch: pytest.Monk
         while not printed:
             pass
     assert printed == ["reading b …"]
+
+
+STATE: dict[str, Any] = {
+    "on": True, "bri": 128, "transition": 7, "ps": -1, "pl": -1, "mainseg": 0,
+    "nl": {"on": False, "dur": 60, "mode": 1, "tbri": 0, "rem": -1}, "udpn": {"send": False, "recv": True},
+    "seg": [{"id": 0, "start": 0, "stop": 60, "len": 60, "grp": 1, "spc": 0, "of": 0, "on": True, "n": "Shelf",
+             "col": [[255, 160, 0], [0, 0, 0], [0, 0, 0]], "fx": 0, "sx": 128, "pal": 0, "rev": False}],
+}  # fmt: skip
+"""Answer of WLED 0.15.1 to `/json/state`."""
+INFO = {"ver": "0.15.1", "leds": {"count": 60, "fps": 2, "maxpwr": 850, "seglc": [1]}, "name": "Kitchen"}
+
+
+@pytest.mark.parametrize("answer", [STATE, {"state": STATE, "info": INFO, "effects": ["Solid"]}])
+def test_answer_of_a_wled_becomes_its_strips(tmp_path: Path, answer: dict[str, Any]) -> None:
+    file = tmp_path / "state.json"
+    file.write_text(json.dumps(answer), encoding="utf-8")
+    result = CliRunner().invoke(command, ["map", "import", str(file), "--as", "segments"])
+    assert result.exit_code == 0, result.output
+    assert '"Shelf":' in result.output
+    assert "pixels: 60" in result.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["import", "http://192.168.1.9/json/state"],
+        ["import", "https://wled.local/json", "--as", "segments"],
+        ["fetch", "http://192.168.1.9/json/state"],
+    ],
+)
+def test_address_of_a_web_server_leads_to_its_file(words: list[str]) -> None:
+    result = CliRunner().invoke(command, ["map", *words])
+    assert result.exit_code
+    said = f"{result.output}{result.exception}"
+    assert "`curl -o state.json http://WLED/json/state`" in said
+    assert "`pointit map import state.json --as segments`" in said

@@ -17,7 +17,7 @@ from bleak.assigned_numbers import CharacteristicPropertyName
 from bleak.backends.characteristic import BleakGATTCharacteristic
 from bleak.backends.device import BLEDevice
 from bleak.backends.service import BleakGATTService, BleakGATTServiceCollection
-from bleak.exc import BleakError
+from bleak.exc import BleakError, BleakGATTProtocolError
 from bumble import core, gatt
 from bumble.device import Advertisement, Connection, Peer
 from bumble.hci import Address
@@ -139,7 +139,10 @@ class BumbleClient(Client):
         response: bool,
     ) -> None:
         self._require_connection()
-        await characteristic.obj.write_value(bytes(data), with_response=response)
+        try:
+            await characteristic.obj.write_value(bytes(data), with_response=response)
+        except core.ProtocolError as error:
+            raise BleakGATTProtocolError(error.error_code) from error
 
     async def start_notify(
         self, characteristic: BleakGATTCharacteristic, callback: Callable[[bytearray], None], **_options: Any

@@ -17,6 +17,7 @@ from typing import Any
 
 import psutil
 
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects, topics
@@ -74,7 +75,7 @@ class Command:
             name: value
             for name, value in os.environ.items()
             if not name.startswith("POINTIT_")
-            or name == "POINTIT_STATE"  # the test's own, not this machine's
+            or name in ("POINTIT_STATE", LOG_FORMAT)  # the test's own, not this machine's
         }
         whole = {**inherited, "TMPDIR": str(folder), **environment}
         self.process: subprocess.Popen[bytes] | ForkedProcess

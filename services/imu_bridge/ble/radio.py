@@ -149,13 +149,24 @@ def client_of(device: "BLEDevice", adapter: str, on_lost: Callable[[], None]) ->
 
 def describe_error(error: BaseException) -> str:
     """Return the reason for `error` of bleak or the operating system, and the remedy, in one clause."""
-    from bleak.exc import BleakBluetoothNotAvailableError  # noqa: PLC0415 - an extra
+    from bleak.exc import (  # noqa: PLC0415 - an extra
+        BleakBluetoothNotAvailableError,
+        BleakCharacteristicNotFoundError,
+        BleakGATTProtocolError,
+    )
 
     text = f"{type(error).__name__}: {error}".rstrip(": ")
     if isinstance(error, BleakBluetoothNotAvailableError):
         if error.reason.name.startswith("DENIED"):
             return _NO_PERMISSION
         return _OFF if error.reason.name == "POWERED_OFF" else _NO_ADAPTER
+    if isinstance(error, BleakCharacteristicNotFoundError):
+        return (
+            f"it lacks the characteristic {error.char_specifier}: update its firmware by its maker's app, or "
+            "name another one, if this is none of its kind"
+        )
+    if isinstance(error, BleakGATTProtocolError):
+        return f"it refuses a command ({error.args[-1]}): update its firmware by its maker's app"
     if isinstance(error, PermissionError) or "AccessDenied" in text or "NotPermitted" in text:
         return _NO_PERMISSION
     if isinstance(error, FileNotFoundError | ConnectionRefusedError) or "ServiceUnknown" in text:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.rival_publishers import RivalPublishers
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.names import frame_name, holds_frame
 from pointit.geometry import rotation, vector
@@ -70,6 +71,7 @@ class TransformBuffer:
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
         self._wanted: dict[str, None] = {}
+        self._rivals = RivalPublishers()
 
     def want(self, frame: str) -> None:
         """Remember that `frame` matters."""
@@ -150,7 +152,7 @@ class TransformBuffer:
         if len(self._links) >= MAX_TRANSFORMS:
             del self._links[next(iter(self._links))]  # the one not renewed for longest, which bounds memory
         self._links[child] = _Link(parent, Pose(position_m, turned), stamp_ns)
-        return ""
+        return "" if stamp_ns is None else self._rivals.describe(child, parent, position_m)
 
 
 def is_newer(stamp_ns: int | None, before_ns: int | None) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.rival_publishers import RivalPublishers
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.names import frame_name, holds_frame
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
@@ -99,6 +100,7 @@ class Poses:
         self._sent_ns: dict[str, int] = {}
         self._static: dict[str, Any] = {}
         """Static transforms in {W} by frame, also of people who may come later."""
+        self._rivals = RivalPublishers()
 
     def mocap(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/PoseStamped."""
@@ -169,6 +171,9 @@ class Poses:
             if not _is_in_room(each, context):
                 yield _other_frame(each, user, context)
                 continue
+            problem = self._rival(each)
+            if problem:
+                yield ConversionWarning(problem)
             context.state.person(user).tf_until_ns = context.stamp_ns + MAX_TF_AGE_NS
             since_ns = context.stamp_ns - self._sent_ns.get(user, -SOONEST_NS)
             if 0 <= since_ns < SOONEST_NS:
@@ -176,6 +181,14 @@ class Poses:
             self._sent_ns[user] = context.stamp_ns
             one = context._replace(name=user)
             yield from self._pose(each.transform.translation, each.transform.rotation, each.header.stamp, one)
+
+    def _rival(self, each: Any) -> str:
+        """Return a sentence if two nodes publish the frame of a transform, else `""`."""
+        frame = frame_name(each.child_frame_id)
+        position_m = checks.place(each.transform.translation, frame)
+        if isinstance(position_m, str):  # the pose is refused
+            return ""
+        return self._rivals.describe(frame, frame_name(each.header.frame_id), position_m)
 
     def _pose(self, at: Any, turned: Any, stamp: Any, context: ConversionContext) -> Taken:
         user = context.name

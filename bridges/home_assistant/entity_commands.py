@@ -5,7 +5,7 @@ import contextlib
 import logging
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import (
@@ -37,6 +37,15 @@ MAX_SLOW_CALLS = 2
 """Number of slow calls in a row after which a lamp shows no hover."""
 
 
+class PendingCall(NamedTuple):
+    """A call that is not sent yet."""
+
+    call: ServiceCall
+    result: asyncio.Future[None]
+    check_in_time: Callable[[], None]
+    """Raises ActFailedError if it must not be sent any more."""
+
+
 class EntityCommands:
     """Sends calls to entities while a connection is open."""
 
@@ -60,8 +69,8 @@ class EntityCommands:
         self._state_of = states
         self._hovered = hovered
         self._connection: HomeAssistantConnection | None = None
-        self._pending: dict[str, tuple[ServiceCall, asyncio.Future[None]]] = {}
-        """Newest call of each entity that is not sent yet, and its result."""
+        self._pending: dict[str, PendingCall] = {}
+        """Newest call of each entity that is not sent yet."""
         self._ended: set[str] = set()
         """Entities that show this hover no more: they were switched, or its time is over."""
         self._slow_calls: Counter[str] = Counter()
@@ -97,8 +106,8 @@ class EntityCommands:
             worker.cancel()
         await asyncio.gather(*workers, return_exceptions=True)
         self._workers.clear()  # one that was cancelled before its first step is still there
-        for _call, result in self._pending.values():
-            result.cancel()
+        for pending in self._pending.values():
+            pending.result.cancel()
         self._pending.clear()
         if not is_lost:
             with contextlib.suppress(TimeoutError):
@@ -107,18 +116,22 @@ class EntityCommands:
         if self._feedback is not None:
             self._feedback.reset()
 
-    async def run(self, call: ServiceCall) -> None:
+    async def run(self, call: ServiceCall, check_in_time: Callable[[], None]) -> None:
         """Send `call`, instead of one of the same entity that waits. Return when Home Assistant has run it.
+
+        `check_in_time` is called before it is sent, as in `Act`.
 
         Raises:
             ActFailedError: If it was not run. A sentence with the remedy.
         """
         if self._connection is None:
             raise ActFailedError("unavailable", LOST)
-        if call.entity in self._pending and not self._pending[call.entity][1].done():
-            self._pending[call.entity][1].set_exception(replaced_act(call.entity))
+        earlier = self._pending.get(call.entity)
+        if earlier is not None and not earlier.result.done():
+            earlier.result.set_exception(replaced_act(call.entity))
         result: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        pending = self._pending[call.entity] = (call, result)
+        pending = PendingCall(call, result, check_in_time)
+        self._pending[call.entity] = pending
         self._ended.add(call.entity)
         self.wake(call.entity)
         try:
@@ -168,9 +181,13 @@ class EntityCommands:
             await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
             if entity not in self._pending:  # its time was over meanwhile
                 return True
-            call, result = self._pending.pop(entity)
+            call, result, check_in_time = self._pending.pop(entity)
             try:
+                check_in_time()
                 await connection.call(call)
+            except ActFailedError as error:  # it is too late
+                if not result.done():
+                    result.set_exception(error)
             except (RefusedError, TimeoutError, NoHomeAssistantError) as error:
                 if not result.done():
                     result.set_exception(_failure(call, error))

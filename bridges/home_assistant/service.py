@@ -81,7 +81,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Cause for which nothing can be switched, or `""`."""
         self._is_starting = False
         """Home Assistant has not loaded everything yet: entities may be missing until it has."""
-        self._acts: dict[str, object] = {}
+        self._acts: dict[str, Act] = {}
         """Newest act on each entity that is being carried out."""
         self._hovers: dict[str, tuple[str, float]] = {}
         """Hovered thing of each person, and the time of the message."""
@@ -240,7 +240,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         state = "unknown" if is_on is None else "on" if is_on else "off"
         return ThingState(id="", state=state, limit_s=limit_s)
 
-    async def switch(self, thing: Thing, action: HomeAction, *, on: bool) -> None:
+    async def switch(self, thing: Thing, action: HomeAction, act: Act) -> None:
         """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
         reported = self.state_of(action)
         entity = action.entity
@@ -249,15 +249,15 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         is_on = self._is_on(action)
         wanted = None
         if thing.mode == "switch":
-            wanted = on
+            wanted = act.on
         elif is_on is not None and not action.action:
             wanted = not is_on
         if is_on is wanted and wanted is not None and not action.action and entity not in self._acts:
             return
-        act = self._acts[entity] = object()
+        self._acts[entity] = act
         self._announce_change()  # to an earlier act on it
         try:
-            await self._commands.run(action.call(on=wanted))
+            await self._commands.run(action.call(on=wanted), act.check_in_time)
             if wanted is not None and is_on is not None and not (action.action and wanted):
                 await self._wait_until(
                     action, act, is_on=wanted, timeout_s=reported.limit_s - RESULT_MARGIN_S
@@ -266,7 +266,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             if self._acts.get(entity) is act:
                 del self._acts[entity]
 
-    async def _wait_until(self, action: HomeAction, act: object, *, is_on: bool, timeout_s: float) -> None:
+    async def _wait_until(self, action: HomeAction, act: Act, *, is_on: bool, timeout_s: float) -> None:
         """Wait until an entity is on or off: that a call succeeds proves nothing. Raises ActFailedError."""
         try:
             async with asyncio.timeout(timeout_s):
@@ -359,7 +359,7 @@ class HomeTarget:
 
     async def carry_out(self, act: Act, /) -> None:
         """Switch or run it. Raises ActFailedError if it does not follow."""
-        await self._home.switch(self._thing, self._action, on=act.on)
+        await self._home.switch(self._thing, self._action, act)
 
 
 def _similar_names(entity: str, names: Collection[str]) -> str:

@@ -376,6 +376,7 @@ class FunctionTarget:
         acts = self._running.items()
         if earlier := [call for call, each in acts if each.thing == act.thing and each.on != act.on]:
             await asyncio.wait(earlier)
+        act.check_in_time()
         call = asyncio.create_task(_call(self._function, act.event, self._name))
         self._running[call] = act
         call.add_done_callback(self._running.pop)

@@ -114,6 +114,7 @@ class Program:
         values = values_of(act)
         arguments = [filled(argument, values) for argument in self.arguments]
         name = shlex.join(arguments)
+        act.check_in_time()
         try:
             program = await asyncio.create_subprocess_exec(
                 *arguments, stdin=nothing, stdout=output, stderr=output, start_new_session=True
@@ -211,6 +212,7 @@ class Webhook:
         code = cast("FailureCode", "no_answer")
         for pause_s in (0.0, *PAUSES_S):
             await asyncio.sleep(pause_s)
+            act.check_in_time()
             try:
                 async with asyncio.timeout(TIMEOUT_S):
                     try:

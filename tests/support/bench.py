@@ -5,7 +5,8 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
-from pointit.runtime.virtual_time import is_virtual
+from pointit.runtime.virtual_time import START_NS as VIRTUAL_START_NS
+from pointit.runtime.virtual_time import VirtualTimeLoop, is_virtual
 from pointit.testing import bench
 from pointit.testing.bench import START_NS, Bench, ManualClock, in_virtual_time, memory_bench
 from tests.support.pace import Patience, VirtualPatience
@@ -19,11 +20,20 @@ __all__ = [
     "in_virtual_time",
     "memory_bench",
     "repeated",
+    "stand_still",
     "until",
 ]
 
 PATIENCE_S = 30.0
 """A condition that comes true ends its wait at once: long patience costs time in a test that fails only."""
+
+
+def stand_still(duration_s: float) -> None:
+    """Let virtual time pass while nothing in the loop runs, as in a process that is stopped and continued."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop), "only virtual time can be moved"
+    loop.virtual.passed_s += duration_s
+    loop.virtual.now_ns = VIRTUAL_START_NS + round(loop.virtual.passed_s * 1e9)
 
 
 @asynccontextmanager

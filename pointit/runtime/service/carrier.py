@@ -12,6 +12,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError
+from pointit.runtime.service.pause_watch import PauseWatch
 from pointit.schemas import NS_PER_S, ActResult, Environment, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import REPEATED_REASON, FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
@@ -46,6 +47,9 @@ class Act:
     event: SelectionEvent
     tell_started: Callable[[], None] = _ignore
     """To be called by a target when the act runs for long: people are told that it has started."""
+    check_in_time: Callable[[], None] = _ignore
+    """To be called by a target before each try, and when it has waited. Raises ActFailedError if people may
+    have been told by now that the act failed. What is taken back is always in time."""
 
     @property
     def thing(self) -> str:
@@ -81,6 +85,8 @@ class Carrier:
         self._name = name
         self._targets: Mapping[str, Sequence[Target]] = {}
         self._running: dict[asyncio.Task[None], Act] = {}
+        self._pause_watch = PauseWatch()
+        """Watches this process while an act runs."""
         self._results: dict[str, ActResult] = {}
         """Result of the last act on each thing that has ended."""
         self._failed: dict[str, Sequence[Target]] = {}
@@ -119,6 +125,7 @@ class Carrier:
         for task in acts:
             self._end(task, ActFailedError("error", f"{self._name} ended before it was done"))
         await asyncio.gather(*acts, return_exceptions=True)
+        self._pause_watch.stop()
         with contextlib.suppress(PointItError):  # the bus is closed
             self.use({})
         self._presence.close()
@@ -134,7 +141,12 @@ class Carrier:
             )
             self._tell_result(event, ActFailedError("no_answer", late))
             return
-        act = Act(event, lambda: self._put_result(event, "started"))
+        received_s = asyncio.get_running_loop().time()
+        act = Act(
+            event,
+            tell_started=lambda: self._put_result(event, "started"),
+            check_in_time=lambda: self._check_in_time(event, received_s),
+        )
         acts = [(task, each) for task, each in self._running.items() if each.thing == act.thing]
         if len(acts) >= MAX_AT_ONCE:
             self._tell_result(event, ActFailedError("busy", f"{MAX_AT_ONCE} acts on it still run: wait"))
@@ -142,15 +154,37 @@ class Carrier:
         earlier = [task for task, each in acts if each.on != act.on or task.cancelling()]
         for each in earlier:
             self._end(each, ActFailedError("replaced", "it was switched again before it was done"))
-        task = asyncio.create_task(self._carry_out(act, earlier), name=f"act on {act.thing}")
+        self._pause_watch.start()
+        task = asyncio.create_task(self._carry_out(act, earlier, received_s), name=f"act on {act.thing}")
         self._running[task] = act
-        task.add_done_callback(self._running.pop)
+        task.add_done_callback(self._on_act_ended)
+
+    def _on_act_ended(self, task: asyncio.Task[None]) -> None:
+        del self._running[task]
+        if not self._running:
+            self._pause_watch.stop()
+
+    def _check_in_time(self, event: SelectionEvent, received_s: float) -> None:
+        """Check that nobody has been told yet that the act of `event` failed.
+
+        Raises:
+            ActFailedError: If its limit is over, or this process stood still so long that it was taken for
+                dead.
+        """
+        if event.takes_back:
+            return
+        if self._pause_watch.has_paused_since(received_s):
+            raise ActFailedError("no_answer", f"{self._name} stood still before it was done: point again")
+        targets = self._targets.get(event.object_id, ())
+        limit_s = _merged(event.object_id, targets).limit_s if targets else 0.0
+        if asyncio.get_running_loop().time() - received_s >= limit_s:
+            raise ActFailedError("no_answer", f"not done within {limit_s:g} s")
 
     def _end(self, task: asyncio.Task[None], problem: ActFailedError) -> None:
         if not task.cancelling() and task.cancel():
             self._tell_result(self._running[task].event, problem)
 
-    async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
+    async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]], received_s: float) -> None:
         if earlier:  # the newest one counts: none of them may change its target after it
             await asyncio.wait(earlier)
         targets = self._targets.get(act.thing, ())
@@ -162,10 +196,17 @@ class Carrier:
             self._tell_result(act.event, problem)
             return
         limit_s = _merged(act.thing, targets).limit_s
+        try:
+            act.check_in_time()  # it has waited for the loop, and for the earlier ones
+        except ActFailedError as problem:
+            self._failed[act.thing] = targets
+            self._tell_result(act.event, problem)
+            return
+        end_s = received_s + limit_s
         results: list[BaseException | None] = []
         try:
             # nobody waits for what is taken back, which may have to wait for the end of the act before
-            async with asyncio.timeout(None if act.event.takes_back else limit_s):
+            async with asyncio.timeout_at(None if act.event.takes_back else end_s):
                 results = await asyncio.gather(
                     *(each.carry_out(act) for each in targets), return_exceptions=True
                 )

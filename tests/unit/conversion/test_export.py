@@ -134,10 +134,10 @@ def test_a_list_is_one_cell_of_json(tmp_path: Path) -> None:
 
 
 def test_no_text_of_a_recording_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
-    bad = models.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
+    bad = models.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', kind="@kind")
     export_csv([said(0.0, topics.SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "events.csv")
-    assert (row["object_id"], row["user"]) == ('\'=HYPERLINK("x")', "'@anna")
+    assert (row["object_id"], row["kind"]) == ('\'=HYPERLINK("x")', "'@kind")
 
 
 def test_tables_are_not_overwritten_unless_told_and_then_no_old_one_stays(tmp_path: Path) -> None:

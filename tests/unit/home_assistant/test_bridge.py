@@ -14,7 +14,7 @@ from pointit.maps.file import parse_map_file
 from pointit.maps.model import things_of
 from pointit.schemas import Announced, Environment
 from pointit.schemas.topics import ANNOUNCED, HEALTH, MAP
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import Bench, memory_bench, stand_still, until
 from tests.support.home_assistant import HomeSite, MemoryHome, config_of, reading, start, thing
 
 COUNT = 300
@@ -265,3 +265,21 @@ async def test_while_home_assistant_starts_people_are_told_to_wait_and_then_it_w
         home.set(LAMP, "off")
         await asyncio.sleep(2.0)
         assert (site.states["desk"].state, site.states["desk"].reason) == ("off", "")
+
+
+async def test_act_behind_another_call_is_not_sent_after_the_process_stood_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({LAMP: ("on", {"brightness": 100})})
+    async with bridge(home, tmp_path, monkeypatch, thing("desk", LAMP)) as (bench, site, _health):
+        home.latency_s = 1.0
+        site.hover("desk")
+        await until(lambda: bool(home.calls), what="the call of the hover")
+        site.point("desk", on=False)
+        await bench.settle()
+        stand_still(3.0)
+        await until(lambda: bool(site.results), what="the result")
+        await asyncio.sleep(10.0)
+        assert site.told == "no_answer: home-assistant stood still before it was done: point again"
+        assert home.states[LAMP]["state"] == "on"
+        assert "light.turn_off" not in {service for service, _entity, _data in home.calls}

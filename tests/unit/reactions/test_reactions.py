@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import httpcore
 import pytest
 
 from pointit.cli.things.run_things import THINGS_PART
@@ -16,13 +17,14 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import VARIABLE
-from pointit.schemas import Environment, Health
+from pointit.schemas import Environment, Health, SelectionEvent
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import ACT_RESULTS, HEALTH, MAP, SELECTION_EVENTS
+from pointit.services.reactions import http_status
 from pointit.services.reactions.service import Reactions, ReactionsConfig
 from pointit.services.reactions.targets import GRACE_S, STARTED_S, Program, Reaction, reactions_in
 from tests.support.acts import act_on, failure_of
-from tests.support.bench import in_virtual_time, memory_bench, until
+from tests.support.bench import in_virtual_time, memory_bench, stand_still, until
 
 SIZE_M = (0.2, 0.2, 0.2)
 ROOM = Environment(
@@ -258,3 +260,33 @@ def test_a_things_name_in_a_file_of_reactions_is_its_literal_text(tmp_path: Path
     path = tmp_path / "reactions.yaml"
     path.write_text("no: echo 1\n01: echo 2\n1: [echo 3, echo 4]\n1.10: echo 5\n")
     assert [each.thing for each in reactions_in(str(path))] == ["no", "01", "1", "1", "1.10"]
+
+
+@in_virtual_time
+async def test_webhook_is_not_called_again_after_its_process_was_stopped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    calls: list[float] = []
+
+    async def stopped_during_call(_pool: object, _request: object) -> tuple[int, str]:
+        calls.append(asyncio.get_running_loop().time())
+        await asyncio.sleep(0.5)
+        stand_still(8.0)  # people were told meanwhile that it failed
+        raise httpcore.NetworkError("reset")
+
+    monkeypatch.setattr(http_status, "post", stopped_during_call)
+    async with memory_bench() as bench:
+        results = bench.collect(ACT_RESULTS)
+        bench.start(Reactions, ReactionsConfig(on=("screws=http://127.0.0.1:9/order",)))
+        await bench.settle()
+        bench.put(MAP, ROOM)
+        await bench.settle()
+        stamp_ns = bench.clock.now_ns()
+        event = SelectionEvent(
+            stamp_ns=stamp_ns, event="selected", object_id="screws", user="anna", carriers=("reactions",)
+        )
+        bench.put(SELECTION_EVENTS, event)
+        await until(lambda: bool(results))
+        await asyncio.sleep(60.0)
+    assert len(calls) == 1
+    assert [(each.result, each.code) for each in results] == [("failed", "no_answer")]

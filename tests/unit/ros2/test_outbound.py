@@ -300,7 +300,7 @@ def test_strips_are_told_by_their_numbers_in_ros_colours(table: Routes) -> None:
 
 def test_health_is_diagnostics_without_what_ros_texts_cannot_hold(table: Routes) -> None:
     health = models.Health(
-        stamp_ns=NOW_NS, service="pui", instance="p\0ui", pid=1, host="site", figures=(DRIFT,)
+        stamp_ns=NOW_NS, service="pui", instance="pui", pid=1, host="si\0te", figures=(DRIFT,)
     )
     (value,) = sent(out(table, "diagnostics"), health, furnished(), "pui")
     (status,) = value.status

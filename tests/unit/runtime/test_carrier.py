@@ -14,7 +14,7 @@ from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, ActResult, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
-from tests.support.bench import START_NS, Bench, in_virtual_time, memory_bench, until
+from tests.support.bench import START_NS, Bench, in_virtual_time, memory_bench, stand_still, until
 
 
 class Lamp:
@@ -32,6 +32,21 @@ class Lamp:
         if self.error is not None:
             raise self.error
         self.state = self.state.model_copy(update={"state": "on" if act.on else "off"})
+
+
+class Unreachable:
+    """A target that is tried once a second until `tries` have failed."""
+
+    def __init__(self, tries: int) -> None:
+        self.state = ThingState(id="", limit_s=30.0)
+        self.tries = tries
+        self.acts: list[Act] = []
+
+    async def carry_out(self, act: Act) -> None:
+        for _ in range(self.tries):
+            act.check_in_time()
+            self.acts.append(act)
+            await asyncio.sleep(1.0)
 
 
 class Site:
@@ -253,3 +268,85 @@ async def test_a_name_is_that_of_one_carrier() -> None:
     await carrier.close()
     await check_carrier(bus, "home")
     await bus.close()
+
+
+@in_virtual_time
+async def test_act_is_not_tried_again_when_its_process_stood_still() -> None:
+    async with site() as home:
+        target = Unreachable(tries=3)
+        home.carrier.use({"lamp": [target]})
+        await home.act()
+        stand_still(8.0)
+        await until(lambda: bool(home.results))
+        assert len(target.acts) == 1
+        assert home.told == [("failed", "no_answer", "home stood still before it was done: point again")]
+        await home.act(number=2)
+        await until(lambda: len(home.results) == 2)
+        assert (len(target.acts), home.told[-1][0]) == (4, "done"), "later acts are not hurt"
+
+
+@in_virtual_time
+async def test_act_is_tried_again_after_a_pause_that_nobody_notices() -> None:
+    async with site() as home:
+        target = Unreachable(tries=3)
+        home.carrier.use({"lamp": [target]})
+        await home.act()
+        stand_still(1.5)
+        await until(lambda: bool(home.results))
+        assert (len(target.acts), home.told[0][0]) == (3, "done")
+
+
+@in_virtual_time
+async def test_act_that_waited_beyond_its_limit_does_not_begin() -> None:
+    class SlowToEnd(Lamp):
+        async def carry_out(self, act: Act) -> None:
+            try:
+                await super().carry_out(act)
+            finally:
+                if act.on:
+                    await asyncio.sleep(6.0)
+
+    async with site() as home:
+        lamp = SlowToEnd(takes_s=1.0)
+        home.carrier.use({"lamp": [lamp]})
+        await home.act()
+        await home.act(number=2, on=False)
+        await until(lambda: len(home.results) == 2)
+        assert [each.on for each in lamp.acts] == [True]
+        assert home.told == [
+            ("failed", "replaced", "it was switched again before it was done"),
+            ("failed", "no_answer", "not done within 5 s"),
+        ]
+
+
+@in_virtual_time
+async def test_act_that_waited_within_its_limit_ends_at_that_limit() -> None:
+    class SlowToEnd(Lamp):
+        async def carry_out(self, act: Act) -> None:
+            self.acts.append(act)
+            try:
+                await asyncio.sleep(60.0)
+            finally:
+                if act.on:
+                    await asyncio.sleep(3.0)
+
+    async with site() as home:
+        lamp = SlowToEnd()
+        home.carrier.use({"lamp": [lamp]})
+        began_s = asyncio.get_running_loop().time()
+        await home.act()
+        await home.act(number=2, on=False)
+        await until(lambda: len(home.results) == 2)
+        assert [each.on for each in lamp.acts] == [True, False]
+        assert asyncio.get_running_loop().time() - began_s == pytest.approx(5.0, abs=0.1)
+
+
+@in_virtual_time
+async def test_act_is_taken_back_although_the_process_stood_still() -> None:
+    async with site() as home:
+        target = Unreachable(tries=3)
+        home.carrier.use({"lamp": [target]})
+        await home.act(on=False, reason="not done: another carrier has failed")
+        stand_still(8.0)
+        await until(lambda: bool(home.results))
+        assert (len(target.acts), home.told[0][0]) == (3, "done")

@@ -1,21 +1,19 @@
 """Opens ROS 2 bags: a folder with its metadata.yaml, or one of its files. Damaged ones are refused."""
 
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pointit.recording.container import (
     DAMAGED,
-    MAX_RECORD_BYTES,
     Chunk,
     DamagedError,
     Opcode,
-    ZstdDecompressor,
-    ZstdError,
     read,
     records,
     unpack,
@@ -23,9 +21,17 @@ from pointit.recording.container import (
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.unpacking import (
+    MAX_BYTES,
+    UNPACKERS,
+    TooLargeError,
+    UnpackError,
+    copy_zstd,
+    unpack_zstd,
+)
 
 try:
-    from rosbags.rosbag2 import Reader
+    from rosbags.rosbag2 import Reader, storage_mcap
 except ImportError as error:
     raise ConfigError(f"ROS 2 bags need {remedy('ros2')}") from error
 
@@ -42,8 +48,16 @@ MAX_RATIO = 20
 """Maximum size of an unpacked file relative to the packed one."""
 RESERVE_BYTES = 1 << 30
 """Space that unpacked files leave free on their disk, bytes."""
-BLOCK_BYTES = 1 << 20
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+# rosbags unpacks what its index names, which may be another place than those of the chunks, without a limit
+storage_mcap.DECOMPRESSORS.update(
+    {
+        name: lambda data, _stated_size, unpack_data=unpack_data: unpack_data(data, MAX_BYTES)
+        for name, unpack_data in UNPACKERS.items()
+    }
+)
 
 
 class BagConnection(NamedTuple):
@@ -184,7 +198,7 @@ def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
 
 
 def _check_chunks(path: Path) -> None:
-    """Check that an MCAP file is whole, and that its chunks unpack to no more than `MAX_RECORD_BYTES`.
+    """Check that an MCAP file is whole, and that its chunks unpack to no more than the limit.
 
     Raises: DamagedError: If not.
     """
@@ -192,8 +206,8 @@ def _check_chunks(path: Path) -> None:
         for place in records(file):
             if place.opcode == DAMAGED:
                 raise DamagedError("it is damaged in the middle")
-            if place.opcode == Opcode.CHUNK and (chunk := read(file, place, Chunk)).compression == "zstd":
-                unpack(chunk)
+            if place.opcode == Opcode.CHUNK:
+                unpack(read(file, place, Chunk), packings=UNPACKERS)
 
 
 def _check_pages(path: Path) -> None:
@@ -208,6 +222,26 @@ def _check_pages(path: Path) -> None:
     size = path.stat().st_size
     if not head.startswith(b"SQLite format 3\0") or size != pages * page_bytes:
         raise DamagedError(f"has {size} bytes, and its head states {pages} pages of {page_bytes}")
+    _check_tables(path)
+
+
+def _check_tables(path: Path) -> None:
+    """Check that an SQLite file has plain tables only.
+
+    A view or a generated column needs no bytes of the file, and can yield rows without end.
+
+    Raises: DamagedError: If not.
+    """
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        database.execute("PRAGMA trusted_schema = OFF")
+        kinds = database.execute("SELECT name, type, sql FROM sqlite_schema WHERE type != 'index'").fetchall()
+        for name, kind, sql in kinds:
+            is_plain = kind == "table" and not str(sql).upper().startswith("CREATE VIRTUAL")
+            columns = (
+                database.execute("SELECT hidden FROM pragma_table_xinfo(?)", [name]) if is_plain else [(1,)]
+            )
+            if any(hidden for (hidden,) in columns):
+                raise DamagedError(f"its {kind} {str(name)[:20]!r} is computed, and no plain table")
 
 
 def _unpack(path: Path, folder: Path) -> Path:
@@ -218,14 +252,12 @@ def _unpack(path: Path, folder: Path) -> Path:
     by_hand = f"`zstd -d {path}` unpacks it: give the unpacked file"
     try:
         with path.open("rb") as packed, unpacked.open("wb") as file:
-            reader = ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-            while block := reader.read(BLOCK_BYTES):
-                if file.tell() + len(block) > max_bytes:
-                    limit = f"{MAX_RATIO} times its size" if max_bytes == ratio_bytes else "the free space"
-                    raise ConfigError(f"{path}: unpacks to more than {limit} ({max_bytes} bytes); {by_hand}")
-                file.write(block)
-    except ZstdError as error:
-        raise ConfigError(f"{path}: cannot be unpacked ({error}): copy it again; {by_hand}") from error
+            copy_zstd(packed, file, max_bytes)
+    except TooLargeError as error:
+        limit = f"{MAX_RATIO} times its size" if max_bytes == ratio_bytes else "the free space"
+        raise ConfigError(f"{path}: unpacks to more than {limit} ({max_bytes} bytes); {by_hand}") from error
+    except UnpackError as error:
+        raise ConfigError(f"{path}: {error}: copy it again; {by_hand}") from error
     return unpacked
 
 
@@ -233,7 +265,6 @@ def unpack_message(data: bytes) -> bytes:
     """Return a serialized message, unpacked if it is compressed and can be."""
     if not data.startswith(_ZSTD_MAGIC):
         return data
-    with suppress(ZstdError, MemoryError):
-        reader = ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(data)
-        return reader.read(MAX_RECORD_BYTES)
+    with suppress(UnpackError):
+        return unpack_zstd(data)
     return data

@@ -9,11 +9,12 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import IO, NamedTuple, TypeVar
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.unpacking import MAX_BYTES, UNPACKERS, TooLargeError, UnpackError
 
 try:
     from mcap.data_stream import ReadDataStream
@@ -21,14 +22,13 @@ try:
     from mcap.opcode import Opcode
     from mcap.records import Channel, Chunk, Metadata, Schema
     from mcap.writer import MCAP0_MAGIC, CompressionType, Writer  # noqa: F401 - those of writer.py
-    from zstandard import ZstdDecompressor, ZstdError
 except ImportError as error:
     raise ConfigError(f"recordings need {remedy('record')}") from error
 
 
 Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
 
-MAX_RECORD_BYTES = 32 * 1024 * 1024
+MAX_RECORD_BYTES = MAX_BYTES
 """Most bytes of a record, and of a chunk unpacked."""
 
 MAX_RECORDS = 50_000
@@ -156,24 +156,27 @@ def parse(content: bytes, kind: type[Record]) -> Record:
     return found
 
 
-def unpack(chunk: Chunk) -> bytes:
-    """Return the records in `chunk`.
+def unpack(chunk: Chunk, packings: Collection[str] = ("zstd",)) -> bytes:
+    """Return the records in `chunk`, which is not packed, or by one of `packings`.
 
     Raises:
-        DamagedError: They are too large, damaged, or packed in an unknown way.
+        DamagedError: They are too large, damaged, or packed in another way.
     """
-    if chunk.compression == "zstd":
+    data = chunk.data
+    if chunk.compression:
+        if chunk.compression not in packings:
+            known = " or ".join(packings)
+            raise DamagedError(
+                f"a chunk of it is packed with {chunk.compression[:16]!r}, and only {known} is read"
+            )
         try:
-            with ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(chunk.data) as unpacked:
-                data = unpacked.read(MAX_RECORD_BYTES + 1)
-        except (ZstdError, MemoryError) as error:
+            data = UNPACKERS[chunk.compression](chunk.data, MAX_RECORD_BYTES)
+        except TooLargeError as error:
+            raise DamagedError(f"a chunk of it {error}") from error
+        except UnpackError as error:
             raise DamagedError("a chunk of it cannot be unpacked") from error
-    elif not chunk.compression:
-        data = chunk.data
-    else:
-        raise DamagedError(f"a chunk of it is packed with {chunk.compression[:16]!r}, and only zstd is read")
     if len(data) > MAX_RECORD_BYTES:
-        raise DamagedError(f"a chunk of it unpacks to more than {MAX_RECORD_BYTES} bytes")
+        raise DamagedError(f"a chunk of it has more than {MAX_RECORD_BYTES} bytes")
     if len(data) != chunk.uncompressed_size:
         raise DamagedError("a chunk of it is damaged: it unpacks to another size than it says")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:

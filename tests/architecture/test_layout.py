@@ -64,7 +64,7 @@ DEVICES = {
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
-    *("pointit.runtime.host.state_file", "pointit.runtime.host.store"),
+    *("pointit.runtime.host.state_file", "pointit.runtime.host.store", "pointit.runtime.host.unpacking"),
     *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

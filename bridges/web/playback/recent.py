@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from pointit.bridges.web.wire import Lane, LaneKind, Timeline
 from pointit.recording.entries import AnyRow, Body, Entry
+from pointit.runtime.host.unpacking import unpack_zlib
 from pointit.schemas import (
     NS_PER_S,
     ActOutcome,
@@ -315,7 +316,7 @@ class _Chunk:
 
     def moments(self) -> Iterator[Moment]:
         """Yield the messages."""
-        data = zlib.decompress(self._packed)
+        data = unpack_zlib(self._packed, sum(self._lengths))
         offset = 0
         for time_ns, place, length in zip(self._times, self._places, self._lengths, strict=True):
             yield Moment(time_ns, *self._keys[place], data[offset : offset + length])

@@ -3,6 +3,7 @@
 Each refusal names a command. The tests run it, or the part of it that Python has, and import the result.
 """
 
+import contextlib
 import shutil
 import sqlite3
 import struct
@@ -12,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import lz4.frame
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -19,10 +21,11 @@ from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from zstandard import ZstdCompressor
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, storage_mcap
+from zstandard import ZstdCompressor, ZstdDecompressor
 
 from pointit.conversion import bag_file
+from pointit.runtime.host.unpacking import MAX_BYTES, UNPACKERS, TooLargeError
 from pointit.schemas.topics import IMU
 from tests.unit.conversion.session import at
 from tests.unit.conversion.test_import_bag import ROTATION, TYPES, bag, imported, run, turned
@@ -248,7 +251,7 @@ def unpacked(path: Path) -> Path:
     """Run `zstd -d`."""
     target = path.with_suffix("")
     with path.open("rb") as packed, target.open("wb") as file:
-        bag_file.ZstdDecompressor().copy_stream(packed, file)
+        ZstdDecompressor().copy_stream(packed, file)
     return target
 
 
@@ -300,6 +303,51 @@ def test_chunk_that_unpacks_to_too_much_is_refused_before_it_is_in_memory(tmp_pa
         writer.finish()
     assert source.stat().st_size < 10_000
     assert "a chunk of it unpacks to more than 33554432 bytes" in refused(source)
+
+
+def test_lz4_chunk_that_unpacks_to_too_much_is_refused_before_it_is_in_memory(tmp_path: Path) -> None:
+    source = tmp_path / "bomb.mcap"
+    with source.open("wb") as file:
+        writer = McapWriter(file, chunk_size=1 << 30, compression=CompressionType.LZ4)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(ROTATION[1], "ros2msg", b"")
+        channel = writer.register_channel(ROTATION[0], "cdr", schema)
+        writer.add_message(channel, at(0.0), bytes(40_000_000), publish_time=at(0.0))
+        writer.finish()
+    assert source.stat().st_size < 200_000
+    assert "a chunk of it unpacks to more than 33554432 bytes" in refused(source)
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_reader_of_bags_unpacks_under_the_limit_whatever_its_index_says(packing: str) -> None:
+    zeros = bytes(2 * MAX_BYTES)
+    bomb = ZstdCompressor().compress(zeros) if packing == "zstd" else lz4.frame.compress(zeros)
+    with pytest.raises(TooLargeError):
+        storage_mcap.DECOMPRESSORS[packing](bomb, len(zeros))
+    assert {*storage_mcap.DECOMPRESSORS} == {"", *UNPACKERS}, "another packing needs a limit, too"
+
+
+ENDLESS_ROWS = """
+CREATE VIEW messages AS
+WITH RECURSIVE endless(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM endless)
+SELECT id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM endless
+"""
+LARGE_ROWS = """
+CREATE TABLE messages(
+    id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB GENERATED ALWAYS AS (zeroblob(500000000))
+)
+"""
+
+
+@pytest.mark.parametrize("computed", [ENDLESS_ROWS, LARGE_ROWS], ids=["view", "generated column"])
+def test_database_whose_messages_are_computed_is_refused(tmp_path: Path, computed: str) -> None:
+    source = bag(tmp_path / "take", SAID[:3], StoragePlugin.SQLITE3)
+    (file,) = source.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("DROP TABLE messages")
+        database.execute(computed)
+        database.commit()
+    assert "'messages' is computed, and no plain table" in refused(file)
 
 
 def test_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import contextlib
 import json
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, cast, get_args
 
 from mcp.server.mcpserver import MCPServer
@@ -71,11 +71,15 @@ class HandshakeCheck:
 class TokenMiddleware:
     """Lets requests in by the page's tokens: with its host, no foreign origin, as operator or viewer."""
 
-    def __init__(self, apps: Mapping[Role, ASGIApp], access: Access) -> None:
+    def __init__(
+        self, apps: Mapping[Role, ASGIApp], access: Access, follow_tokens: Callable[[], None]
+    ) -> None:
+        """Serve `apps` by role. `follow_tokens` gives `access` the present tokens before each request."""
         self._apps = {
             role: RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY) for role, app in apps.items()
         }
         self._access = access
+        self._follow_tokens = follow_tokens
         self._requests: Counter[Role] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -84,6 +88,7 @@ class TokenMiddleware:
             return
         asked = request_info(scope)
         now_s = time.monotonic()
+        self._follow_tokens()
         role = self._access.admit(asked, now_s) if asked.bearer else None
         if not self._access.is_known_host(asked.host) or (
             asked.origin and not self._access.is_own_origin(asked)
@@ -132,8 +137,15 @@ def _timed(receive: Receive) -> Receive:
 class HttpServer:
     """Serves a server of the protocol at a port of this machine."""
 
-    def __init__(self, server: MCPServer[Any], access: Access, host: str, port: int) -> None:
-        """Bind the port.
+    def __init__(
+        self,
+        server: MCPServer[Any],
+        access: Access,
+        host: str,
+        port: int,
+        follow_tokens: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Bind the port. `follow_tokens` is called before each request, and may change those of `access`.
 
         Raises:
             ConfigError: If other machines could reach it.
@@ -155,7 +167,7 @@ class HttpServer:
                 host=host,
             )
             self._managers.append(server.session_manager)
-        self.app = TokenMiddleware(apps, access)
+        self.app = TokenMiddleware(apps, access, follow_tokens)
         """ASGI application, which works while `run` does."""
         self._listener = Listener(self.app, bind(host, port, "--listen"))
         self.url = f"{url('http', host, self._listener.port)}{PATH}"

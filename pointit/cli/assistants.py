@@ -8,7 +8,7 @@ import click
 from pointit.api.connection import connect as join
 from pointit.cli.common.site_link import address, quiet, site_options
 from pointit.commands import ConfigError, host_port, remedy, run_until_shutdown
-from pointit.launch.page import FILE, stored_tokens
+from pointit.launch.page import FILE, TokenFile
 from pointit.launch.plan.launches import PAGE
 from pointit.runtime.host.extras import has_extra
 from pointit.runtime.host.state_file import site_folder
@@ -62,9 +62,17 @@ async def _serve(
         from pointit.assistants.http_server import HttpServer  # noqa: PLC0415
         from pointit.bridges.web.server.access import Access  # noqa: PLC0415
 
-        tokens, notes = stored_tokens(site)
-        http = HttpServer(server, Access(tokens.operator, tokens.viewer), *listen)
-        for note in notes:
+        # a page that is started later may replace the tokens, and those of its links must be let in here
+        token_file = TokenFile(site)
+        tokens = token_file.current()
+        access = Access(tokens.operator, tokens.viewer)
+
+        def follow_tokens() -> None:
+            present = token_file.current()
+            access.change_tokens(present.operator, present.viewer)
+
+        http = HttpServer(server, access, *listen, follow_tokens)
+        for note in token_file.notes:
             click.echo(note, err=True)
         click.echo(f"{http.url}: tokens in {site_folder(site, PAGE) / FILE}; Ctrl-C ends it")
         await stack.enter_async_context(connection.opened())

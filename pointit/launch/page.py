@@ -20,7 +20,7 @@ from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.name_lookup import lan_addresses, resolve
-from pointit.runtime.host.state_file import site_folder, write_atomically
+from pointit.runtime.host.state_file import create_atomically, site_folder, write_atomically
 from pointit.runtime.service.service import AnyService, Launch, Scope, Service
 from pointit.services import registry
 
@@ -74,18 +74,67 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[PageTokens, Sequen
     notes: list[str] = []
     if not renew:
         try:
-            return _read(path), ()
-        except FileNotFoundError:
+            return _read_or_create(path), ()
+        except FileNotFoundError:  # it cannot be created
             pass
         except (OSError, ValueError) as error:
             why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
             notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
     tokens = PageTokens()
     try:
-        write_atomically(path, f"{tokens.model_dump_json()}\n".encode())
+        write_atomically(path, _content(tokens))
     except ConfigError as error:
         notes.append(f"the link of the page is valid for this run only: {error}")
     return tokens, notes
+
+
+class TokenFile:
+    """The tokens of the pages of a site as their file has them now, for a process that shares them."""
+
+    def __init__(self, site: str) -> None:
+        """Read the file, or create it, as `stored_tokens` does."""
+        self._path = site_folder(site, PAGE) / FILE
+        self._tokens, self.notes = stored_tokens(site)
+        self._identity = self._file_identity()
+
+    def current(self) -> PageTokens:
+        """Return the tokens. The file is read again if it was replaced, such as by `--new-link` of a page.
+
+        While it is missing or cannot be trusted, the last ones are valid.
+        """
+        identity = self._file_identity()
+        if identity != self._identity:
+            with contextlib.suppress(OSError, ValueError):
+                self._tokens = _read(self._path)
+                self._identity = identity
+        return self._tokens
+
+    def _file_identity(self) -> tuple[int, int, int] | None:
+        try:
+            status = self._path.stat()
+        except OSError:
+            return None
+        return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def _content(tokens: PageTokens) -> bytes:
+    return f"{tokens.model_dump_json()}\n".encode()
+
+
+def _read_or_create(path: Path) -> PageTokens:
+    """Return the tokens in the file at `path`, which is created if it is missing.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it cannot be trusted, as of `_read`, or created.
+    """
+    try:
+        return _read(path)
+    except FileNotFoundError:
+        pass
+    with contextlib.suppress(ConfigError):  # it cannot be written, which the caller tries again, and tells
+        create_atomically(path, _content(PageTokens()))
+    return _read(path)  # of another process that has created it meanwhile
 
 
 def _read(path: Path) -> PageTokens:

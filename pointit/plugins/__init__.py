@@ -46,7 +46,8 @@ to a thread (`asyncio.to_thread`). `run` ends when it is cancelled, within a sec
 a plug-in waits and connects again by itself if its device is gone.
 """
 
-from typing import Any
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
@@ -93,9 +94,6 @@ from pointit.services.imu_bridge.sources import (
     Source,
     StepGesture,
 )
-from pointit.services.led_driver.output.pixel_output import PixelOutput
-from pointit.services.led_driver.output.serial_output import SerialOutput, SerialOutputConfig
-from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, UdpOutputConfig
 from pointit.services.led_driver.outputs import (
     OUTPUTS,
     AnyOutput,
@@ -133,13 +131,43 @@ from pointit.services.selector.selection_methods import (
     SelectionProgress,
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
-from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.goal import PersonGoal
-from pointit.services.user_sim.service import UserSim
 from pointit.site.following import follow_site, follow_topics
 from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import Vocabulary
 from pointit.speech.recogniser import RECOGNISERS, Audio, Recogniser, RecogniserPlugin
+
+if TYPE_CHECKING:
+    from pointit.services.led_driver.output.pixel_output import PixelOutput
+    from pointit.services.led_driver.output.serial_output import SerialOutput, SerialOutputConfig
+    from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, UdpOutputConfig
+    from pointit.services.user_sim.config import UserSimConfig
+    from pointit.services.user_sim.goal import PersonGoal
+    from pointit.services.user_sim.service import UserSim
+
+_LED_OUTPUT = "pointit.services.led_driver.output"
+_HOMES = {
+    "Datagram": f"{_LED_OUTPUT}.udp_output",
+    "PersonGoal": "pointit.services.user_sim.goal",
+    "PixelOutput": f"{_LED_OUTPUT}.pixel_output",
+    "SerialOutput": f"{_LED_OUTPUT}.serial_output",
+    "SerialOutputConfig": f"{_LED_OUTPUT}.serial_output",
+    "UdpOutput": f"{_LED_OUTPUT}.udp_output",
+    "UdpOutputConfig": f"{_LED_OUTPUT}.udp_output",
+    "UserSim": "pointit.services.user_sim.service",
+    "UserSimConfig": "pointit.services.user_sim.config",
+}
+"""Modules that are loaded at the first use of a name: they take long, and few plug-ins need them."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
+
 
 __all__ = [
     "GROUPS",

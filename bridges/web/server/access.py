@@ -75,14 +75,16 @@ class Access:
     """The tokens, and wrong guesses by address."""
 
     def __init__(self, operator: str, viewer: str) -> None:
-        self._secrets: tuple[tuple[str, Role], ...] = (
-            (cookie_value(operator), "operator"),
-            (cookie_value(viewer), "viewer"),
-        )
+        self._secrets: tuple[tuple[str, Role], ...] = ()
+        self.change_tokens(operator, viewer)
         self._hosts = set(LOOPBACK)
         self._public_host = ""
         self._guesses: OrderedDict[str, dict[bytes, float]] = OrderedDict()
         """Digests of wrong tokens and when they were tried, by address."""
+
+    def change_tokens(self, operator: str, viewer: str) -> None:
+        """Accept these tokens from now on, and no others."""
+        self._secrets = ((cookie_value(operator), "operator"), (cookie_value(viewer), "viewer"))
 
     def know_hosts(self, names: Iterable[str]) -> None:
         """Accept these names or addresses in the Host header too."""

@@ -77,6 +77,27 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: 
         part.write_bytes(content)
 
 
+def create_atomically(path: Path, content: bytes) -> bool:
+    """Create `path` with `content`, for its owner only. Return False, and change nothing, if it exists.
+
+    Of several processes that do so at once, one succeeds.
+
+    Raises:
+        ConfigError: If it cannot be written. Names the file.
+    """
+    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
+    write_atomically(part, content)
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        return False
+    except OSError:  # a file system without links
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return True
+
+
 @contextlib.contextmanager
 def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False) -> Generator[Path]:
     """Yield the path of a new file. It replaces `path` when the body ends, or is deleted if the body raises.

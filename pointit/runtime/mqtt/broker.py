@@ -311,6 +311,7 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
         logger=_paho_log,
     )
     paho: Any = client._client  # noqa: SLF001  # aiomqtt has no other way
+    ignore_closed_sockets(client)
     _skip_invalid_topics(paho)
     connection = BrokerClient(client, options.get("username") or "", session_hint)
     opening = asyncio.ensure_future(client.__aenter__())
@@ -329,6 +330,39 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
                 await opening
                 await client.__aexit__(None, None, None)
         paho._sock_close()  # noqa: SLF001 - aiomqtt leaves it open if an exception ended the connection
+
+
+def ignore_closed_sockets(client: Any) -> None:
+    """Have an `aiomqtt.Client` that is not connected yet watch no sockets that are closed by then."""
+    client._loop = _LoopWithoutClosedSockets(client._loop)  # noqa: SLF001 - aiomqtt has no other way
+
+
+class _LoopWithoutClosedSockets:
+    """The loop of a client, which ignores sockets that are closed by the time they are to be watched.
+
+    aiomqtt watches a socket by a callback in the next round of the loop. If the broker goes away before,
+    the socket is closed by then, and the loop would log a traceback.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the loop itself."""
+        return getattr(self._loop, name)
+
+    def call_soon_threadsafe(self, callback: Callable[..., object], *arguments: Any) -> asyncio.Handle:
+        """Call `callback` in the next round."""
+        is_watching = callback in (self._loop.add_reader, self._loop.add_writer)
+        if is_watching:
+            return self._loop.call_soon_threadsafe(_watch_if_open, callback, *arguments)
+        return self._loop.call_soon_threadsafe(callback, *arguments)
+
+
+def _watch_if_open(watch: Callable[..., object], number: int, *arguments: Any) -> None:
+    """Call `watch`, `add_reader` or `add_writer` of a loop, unless the socket of this `number` is closed."""
+    with contextlib.suppress(OSError, ValueError):  # of the selector; ValueError: -1
+        watch(number, *arguments)
 
 
 def _skip_invalid_topics(paho: Any) -> None:

@@ -129,6 +129,14 @@ async def test_over_http_it_takes_the_tokens_of_the_page_and_ends_with_ctrl_c(co
     ):
         _, why = await called(client, "who_is_here")
         assert f"site lab at {nowhere} does not answer" in why
+    new, _ = stored_tokens("lab", renew=True)  # as a page does by --new-link
+    async with httpx2.AsyncClient(timeout=PATIENCE_S) as http:
+        statuses = [
+            (await http.post(address, headers={"Authorization": f"Bearer {token}"})).status_code
+            for token in (tokens.viewer, new.viewer)
+        ]
+    assert statuses[0] == 401
+    assert statuses[1] != 401
     ended = await server.stop(code=0)
     assert tokens.operator not in ended.out + ended.err
 

@@ -25,16 +25,9 @@ SENDER = "anna"
 """The person who sends it. Ben is somebody else."""
 ROBOT = "quad"
 OTHER_SERVICES = (
-    "keeper",
-    "recorder",
-    "reactions",
-    "speaker",
-    "robot",
-    "conveyor-sim",
-    "web",
-    "foxglove",
-    "ros2",
-)
+    "keeper", "recorder", "reactions", "speaker", "robot", "selector", "conveyor-sim",
+    "web", "foxglove", "ros2",
+)  # fmt: skip
 """Services that run in addition to those of the scenario, as far as it does not have them."""
 OF_PEOPLE = ("goal", "listener", "localizer", "imu-bridge")
 STARTED_S = 3.0
@@ -106,7 +99,8 @@ async def site(scenario: str, users: Sequence[str]) -> AsyncGenerator[RunningSer
     present = {launch.instance for launch in launches}
     for name in OTHER_SERVICES:
         kind = process(name).load()
-        launch = Launch(service=kind, config=kind.CONFIG(), name=ROBOT if kind.SEVERAL else "")
+        is_named = kind.SEVERAL and not kind.SHARDS
+        launch = Launch(service=kind, config=kind.CONFIG(), name=ROBOT if is_named else "")
         if launch.instance not in present:
             launches.append(launch)
     for name in OF_PEOPLE:

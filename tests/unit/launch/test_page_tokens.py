@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.page import stored_tokens
+from pointit.launch import page
+from pointit.launch.page import TokenFile, stored_tokens
 
 
 def kept_at(state: Path, site: str = "lab") -> Path:
@@ -67,3 +68,43 @@ def test_where_nothing_can_be_kept_it_is_said(own_state: Path) -> None:
     tokens, notes = stored_tokens("lab")
     assert tokens.operator
     assert "the link of the page is valid for this run only" in notes[-1]
+
+
+def test_token_file_follows_a_page_that_renews_the_link(own_state: Path) -> None:
+    file = TokenFile("lab")
+    old = file.current()
+    assert (stored_tokens("lab"), file.notes) == ((old, ()), ())
+    new, _ = stored_tokens("lab", renew=True)
+    assert file.current() == new != old
+    kept_at(own_state).unlink()
+    assert file.current() == new, "a link is not revoked by a file that is missing"
+    newest, _ = stored_tokens("lab")
+    assert file.current() == newest != new
+
+
+def test_token_file_that_others_can_read_changes_nothing(own_state: Path) -> None:
+    file = TokenFile("lab")
+    old = file.current()
+    stored_tokens("lab", renew=True)
+    kept_at(own_state).chmod(0o644)
+    assert file.current() == old
+    kept_at(own_state).chmod(0o600)
+    assert file.current() == stored_tokens("lab")[0] != old
+
+
+def test_two_processes_that_start_at_once_have_the_same_tokens(
+    own_state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other one creates the file between our look and our writing."""
+    create = page.create_atomically
+
+    def create_later(path: Path, content: bytes) -> bool:
+        monkeypatch.setattr(page, "create_atomically", create)
+        first, _ = stored_tokens("lab")
+        tokens.append(first)
+        return create(path, content)
+
+    tokens: list[page.PageTokens] = []
+    monkeypatch.setattr(page, "create_atomically", create_later)
+    assert stored_tokens("lab") == (tokens[0], ())
+    assert [path.name for path in kept_at(own_state).parent.iterdir()] == ["tokens.json"]

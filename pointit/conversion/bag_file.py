@@ -51,13 +51,17 @@ RESERVE_BYTES = 1 << 30
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
+def _limit(unpack_data: Callable[[bytes, int], bytes]) -> Callable[[bytes, int], bytes]:
+    """Return `unpack_data` with our limit, in place of the size that a file states."""
+
+    def unpack_limited(data: bytes, _stated_size: int) -> bytes:
+        return unpack_data(data, MAX_BYTES)
+
+    return unpack_limited
+
+
 # rosbags unpacks what its index names, which may be another place than those of the chunks, without a limit
-storage_mcap.DECOMPRESSORS.update(
-    {
-        name: lambda data, _stated_size, unpack_data=unpack_data: unpack_data(data, MAX_BYTES)
-        for name, unpack_data in UNPACKERS.items()
-    }
-)
+storage_mcap.DECOMPRESSORS.update({name: _limit(unpacker) for name, unpacker in UNPACKERS.items()})
 
 
 class BagConnection(NamedTuple):

@@ -26,5 +26,5 @@ def test_data_are_unpacked_in_one_module() -> None:
                 names |= {each.name for each in node.names} & UNPACKING_CALLS
             elif isinstance(node, ast.Attribute):
                 names = {node.attr} & UNPACKING_CALLS
-            found += [f"{module}:{node.lineno}: {name}" for name in names]
+            found += [f"{module}: {name}" for name in names]
     assert not found, f"use {LIMITED}"

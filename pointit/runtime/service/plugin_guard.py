@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
@@ -48,6 +48,8 @@ STALL_S = 0.5
 """Time for which a plug-in may block the loop, s."""
 OWN_STALL_S = 3.0
 """The same for our own services, s: doctor calls them silent by then."""
+MODULE_BODY = "<module>"
+"""Name of the code of a module while it is loaded."""
 SHOWN_S = 30.0
 """Time for which health reports it, s."""
 _watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = weakref.WeakKeyDictionary()
@@ -326,11 +328,12 @@ class StallWatch:
 
     def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
         frames = sys._current_frames()  # noqa: SLF001  # documented, for this
-        found = find_blocking_package(frames.get(self._loop_thread), self._packages)
-        if found is None:
+        blocking_code = find_blocking_code(frames.get(self._loop_thread), self._packages)
+        if blocking_code is None:
             return
-        package, where = found
-        if "." in package and sign.wait(OWN_STALL_S - STALL_S):
+        package, where, loaded_module = blocking_code
+        is_ours = "." in package
+        if is_ours and sign.wait(OWN_STALL_S - STALL_S):
             return
         sinks = dict(self._packages[package])
         who = " or ".join(sorted(set(sinks.values())))
@@ -338,12 +341,14 @@ class StallWatch:
         while not sign.wait(PERIOD_S):
             if self._loop.is_closed():
                 return
-        remedy = (
-            "end what floods it, or report this" if "." in package else "it must call what blocks in a thread"
-        )
-        sentence = (
-            f"{who} has blocked the event loop for {time.monotonic() - asked_s:.1f} s at {where}: {remedy}"
-        )
+        remedy = "it must call what blocks in a thread"
+        if is_ours and loaded_module:
+            remedy = "this machine is busy, or its disk is slow: end other programs there"
+        elif is_ours:
+            remedy = "report this place"
+        purpose = f", which loads {loaded_module}" if loaded_module else ""
+        blocked_s = time.monotonic() - asked_s
+        sentence = f"{who} has blocked the event loop for {blocked_s:.1f} s at {where}{purpose}: {remedy}"
         with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
             for sink in sinks:
                 self._loop.call_soon_threadsafe(self._report, sink, sentence, who)
@@ -353,13 +358,31 @@ class StallWatch:
         self._loop.call_later(SHOWN_S, sink.clear, EVENT_LOOP, label)
 
 
-def find_blocking_package(frame: FrameType | None, packages: Collection[str]) -> tuple[str, str] | None:
-    """Return the package whose code runs in `frame` or called it, with file and line, or None."""
+class BlockingCode(NamedTuple):
+    """Code that runs in an event loop."""
+
+    package: str
+    where: str
+    """File, line and function."""
+    loaded_module: str = ""
+    """Module that it loads, or `""` if it loads none."""
+
+
+def find_blocking_code(frame: FrameType | None, packages: Collection[str]) -> BlockingCode | None:
+    """Return the function of one of `packages` that runs in `frame` or called it, or None.
+
+    The body of a module is no function: who loads it runs, of whatever package the module is.
+    """
+    loaded_module = ""
     while frame is not None:
-        module = f"{frame.f_globals.get('__name__', '')}."
-        package = next((each for each in packages if module.startswith(f"{each}.")), "")
-        if package:
-            code = frame.f_code
-            return package, f"{Path(code.co_filename).name}:{frame.f_lineno} in {code.co_name}"
+        module = frame.f_globals.get("__name__", "")
+        code = frame.f_code
+        if code.co_name == MODULE_BODY:
+            loaded_module = module
+        else:
+            package = next((each for each in packages if f"{module}.".startswith(f"{each}.")), "")
+            if package:
+                where = f"{Path(code.co_filename).name}:{frame.f_lineno} in {code.co_name}"
+                return BlockingCode(package, where, loaded_module)
         frame = frame.f_back
     return None

@@ -224,8 +224,8 @@ async def _run_once(
     kind = launch.service
     own_bus = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     takeover = TakeoverMonitor(bus, launch.instance)
-    if launch.plugin or kind.__module__.startswith("pointit."):
-        watch_for_stalls(kind.__module__, launch.plugin or launch.instance, own_bus, is_service=True)
+    if launch.plugin:
+        watch_for_stalls(kind.__module__, launch.plugin, own_bus, is_service=True)
     try:
         service = kind(launch.config, Context(bus=own_bus, clock=clock, user=launch.user, name=launch.name))
         health = own_bus.account(HEALTH)
@@ -233,6 +233,9 @@ async def _run_once(
         own_bus.announce(SERVICE_ALIVE, launch.instance)
         if launch.user and kind.MAKES_USER_PRESENT and not launch.plugin:
             own_bus.announce(USER_ALIVE, launch.user)
+        if not launch.plugin and kind.__module__.startswith("pointit."):
+            # not before: nobody waits for a service that is not present yet, and its modules are loaded
+            watch_for_stalls(kind.__module__, launch.instance, own_bus, is_service=True)
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:
             running = service.run() if guard is None else guard.run(service.run)

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Iterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -153,7 +154,7 @@ async def send_requests(services: RunningServices) -> list[str]:
     return failures
 
 
-def permitted_requests() -> Iterator[tuple[Request, str]]:
+def permitted_requests() -> Iterator[tuple[Request[Any, Any], str]]:
     """Yield the requests that `SENDER` may send, with the name in the key, but for the scenario's own."""
     asks = rights_of("user", SENDER).asks
     for request in REQUESTS:

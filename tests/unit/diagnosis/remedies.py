@@ -25,7 +25,7 @@ ACTS = {
     "idle arm": "take it in the page",
     "load": "end other programs there",
     "blocking call": "it must call what blocks in a thread",
-    "flood": "end what floods it",
+    "flood": "report this place",
     "full disk": "make room there",
     "clock": "synchronize both by NTP: `timedatectl set-ntp true`",
     "second process": "end all but one",

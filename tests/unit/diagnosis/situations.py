@@ -335,7 +335,7 @@ SITUATIONS: tuple[Situation, ...] = (
                      blocks("method 'slow' of strangers", "it must call what blocks in a thread")),),
               "warning", "selector", "process 10 of machine desk"),
     Situation("Home Assistant floods the run", one_process,
-              (Fault("flood", HA, blocks(HA, "end what floods it, or report this")),),
+              (Fault("flood", HA, blocks(HA, "report this place")),),
               "warning", "selector", HA),
     Situation("the disk is full", router_with_people, (Fault("full disk", "/state", full_disk),),
               "disk", "selector"),

@@ -168,7 +168,9 @@ def block(stop):
         assert other.last == sink.last
         await until(lambda: not (sink.shown or other.shown))
         called = find_culprit_in(block)
-        assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), "also below its calls"
+        assert called == ("strangers_blocking", "strangers_blocking.py:3 in block", ""), (
+            "also below its calls"
+        )
 
 
 @pytest.mark.wall_time
@@ -184,14 +186,41 @@ async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
     module.block(lambda: "flooded blocks the event loop" in caplog.text)
     await until(lambda: bool(sink.last))
     assert sink.last.startswith("flooded has blocked the event loop for ")
-    assert sink.last.endswith("end what floods it, or report this")
+    assert sink.last.endswith(" in block: report this place")
 
 
-def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str, str] | None:
-    found: list[tuple[str, str] | None] = []
+def test_module_that_is_loaded_accuses_its_importer_and_not_its_own_service() -> None:
+    """A plug-in of another package loads modules of the package of a service."""
+    packages = {"pointit.services.flooded", "strangers"}
+    found: list[plugin_guard.BlockingCode | None] = []
+    look = (
+        "import sys; from pointit.runtime.service import plugin_guard\n"
+        f"found(plugin_guard.find_blocking_code(sys._getframe(), {packages}))"
+    )
+
+    def load(importer: str) -> None:
+        module = types.ModuleType("pointit.services.flooded.serial_output")
+        vars(module).update(found=found.append)
+        caller = types.ModuleType(importer)
+        vars(caller).update(run=lambda: exec(compile(look, "serial_output.py", "exec"), vars(module)))  # noqa: S102
+        exec("def begin():\n    run()", vars(caller))  # noqa: S102
+        caller.begin()
+
+    load("strangers.driver")
+    load("somebody.else")
+    assert found == [
+        plugin_guard.BlockingCode(
+            "strangers", "<string>:2 in begin", "pointit.services.flooded.serial_output"
+        ),
+        None,
+    ]
+
+
+def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> plugin_guard.BlockingCode | None:
+    found: list[plugin_guard.BlockingCode | None] = []
 
     def look() -> bool:
-        found.append(plugin_guard.find_blocking_package(sys._getframe(), {"strangers_blocking"}))
+        found.append(plugin_guard.find_blocking_code(sys._getframe(), {"strangers_blocking"}))
         return True
 
     block(look)

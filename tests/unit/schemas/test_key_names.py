@@ -52,7 +52,8 @@ def key_fields() -> Iterator[Any]:
 def test_names_of_keys_are_checked_in_every_message(kind: type[SchemaModel], name: str) -> None:
     field = kind.model_fields[name]
     is_list = "tuple" in str(field.annotation)
-    adapter: TypeAdapter[Any] = TypeAdapter(typing.Annotated[field.annotation, *field.metadata])
+    annotation: Any = field.annotation
+    adapter: TypeAdapter[Any] = TypeAdapter(typing.Annotated[annotation, *field.metadata])
     adapter.validate_python(("anna",) if is_list else "anna")
     for text in NO_NAMES[1:]:
         with pytest.raises(ValidationError):

@@ -93,8 +93,10 @@ class RunPage(Beside):
     WHAT: ClassVar[str] = "page"
     ONE_IS_ENOUGH: ClassVar[bool] = True
 
-    def __init__(self, page: Page, *, opens_browser: bool = False) -> None:
+    def __init__(self, page: Page, *, opens_browser: bool = False, has_processes: bool = False) -> None:
+        """Create it. `has_processes`: every service of the run has a process of its own."""
         self.page = page
+        self._has_processes = has_processes
         self._opens_browser = opens_browser
         self._link: Path | None = None
         """The file that holds its link."""
@@ -108,8 +110,8 @@ class RunPage(Beside):
         return self.page.instance
 
     def needs_own_process(self, link: Link) -> bool:
-        """Return True if others may open it, or the site of `link` is secured, whose machines are several."""
-        return self.page.is_open_to_others or link.credentials is not None
+        """Return True if others may open it, as on a secured site, or every service has a process."""
+        return self.page.is_open_to_others or link.credentials is not None or self._has_processes
 
     def launch(self) -> Launch:
         """Return its launch. Slow, unless it has a process of its own: imports the server."""
@@ -202,7 +204,11 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ru
     if options["new_link"] and page.config.operator_token != tokens.operator:
         notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
     config = page.config.model_copy(update={"run_output": page.config.run_output or choices.output})
-    beside = RunPage(dataclasses.replace(page, config=config), opens_browser=not options["no_browser"])
+    beside = RunPage(
+        dataclasses.replace(page, config=config),
+        opens_browser=not options["no_browser"],
+        has_processes=bool(options.get("processes")),
+    )
     return RunAddition(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
 
 

@@ -151,9 +151,14 @@ async def public_page(path: Path) -> AsyncGenerator[PublicPage]:
                 return bus
 
             onlooker = await join()
-            present: set[str] = set()
-            onlooker.watch(SERVICE_ALIVE, lambda name, here: (present.add if here else present.discard)(name))
-            await until(lambda: "web" in present, START_S, "the page")
+            has_page = asyncio.Event()
+
+            def on_presence(name: str, present: bool) -> None:
+                if present and name == "web":
+                    has_page.set()
+
+            onlooker.watch(SERVICE_ALIVE, on_presence)
+            await until(has_page.is_set, START_S, "the page")
             (tokens,) = state.rglob(FILE)
             token = json.loads(tokens.read_text())["viewer"]
             site = PublicPage(commands, f"http://127.0.0.1:{port}/?token={token}")

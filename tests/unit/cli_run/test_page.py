@@ -191,6 +191,10 @@ def test_page_in_the_process_of_a_run_has_few_viewers(settings: tuple[str, ...],
     assert launched.most_viewers == limit
 
 
+def test_page_beside_processes_has_its_own_process() -> None:
+    assert RunPage(page_with(), has_processes=True).needs_own_process(Link(listen=("tcp/127.0.0.1:1",)))
+
+
 def test_page_of_a_secured_site_has_its_own_process(tmp_path: Path) -> None:
     now = datetime.now(UTC)
     file = LinkFile(

@@ -7,6 +7,7 @@ up to 256 kB or thousands of messages. It never stops for frames that are no mes
 import asyncio
 from typing import Any
 
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import Frame
 
@@ -57,6 +58,20 @@ class PacedWebSocket(WebSocketsSansIOProtocol, asyncio.BufferedProtocol):
         if self._is_over_limit:
             self.transport.pause_reading()
         return message
+
+    async def send(self, message: Any) -> None:
+        """Send a message of the application.
+
+        Raises:
+            ClientDisconnected: If the connection is closing. uvicorn raises RuntimeError after it has closed
+                one that does not answer pings, of which the application does not know yet.
+        """
+        try:
+            await super().send(message)
+        except RuntimeError as error:
+            if not self.close_sent:
+                raise
+            raise ClientDisconnected from error
 
     def handle_ping(self) -> None:
         """Answer a ping, which counts."""

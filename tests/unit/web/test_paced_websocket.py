@@ -4,8 +4,10 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Any
 
+import pytest
 import pytest_asyncio
 import uvicorn
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.server import ServerState
 from websockets.frames import Frame, Opcode
 
@@ -136,6 +138,13 @@ async def test_messages_after_a_close_by_the_server_are_limited(connection: Conn
 
     assert not connection.transport.reads
     assert sent <= CONTROL_BURST * len(MESSAGE) + READ_BYTES
+
+
+async def test_client_counts_as_gone_after_a_ping_without_an_answer(connection: Connection) -> None:
+    connection.protocol.keepalive_timeout()
+
+    with pytest.raises(ClientDisconnected):  # an OSError, by which Starlette tells that a client has gone
+        await connection.protocol.send({"type": "websocket.send", "text": "too late"})
 
 
 async def test_reading_resumes_with_the_allowance(connection: Connection) -> None:

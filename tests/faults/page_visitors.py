@@ -68,8 +68,7 @@ async def ping(socket: ClientConnection) -> None:
 
     async def ping_again() -> None:
         while True:
-            waiter = await socket.ping()
-            waiter.cancel()
+            asyncio.ensure_future(await socket.ping()).cancel()  # nobody waits for the pong
 
     await _both(acknowledge(socket), ping_again())
 

@@ -142,8 +142,12 @@ async def test_supervised_child_is_not_started_again_when_its_parameters_are_ref
 ) -> None:
     monkeypatch.setattr("pointit.runtime.service.plugin_guard.FIRST_WAIT_S", 0.01)
     group = supervised()
+
+    def spoil(*_: object) -> str:
+        return "window_s: soon\n"
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(BaseModel, "model_dump_json", lambda *_: "window_s: soon\n")
+        patch.setattr(BaseModel, "model_dump_json", spoil)
         await group.__aenter__()
     try:
         await until(lambda: all(watch.done() for watch in group._watches), PATIENCE_S, "an end")

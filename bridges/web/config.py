@@ -50,7 +50,10 @@ class WebConfig(AddressConfig):
     rate_hz: float = Field(default=60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
     record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
-        default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+        default=100,
+        ge=1,
+        le=10_000,
+        description="maximum number of open pages, of a page in the process of a run 16 unless set; more are refused",
     )
     announce: Literal["", "page", "phone"] = Field(
         default="",

@@ -129,6 +129,7 @@ from pointit.schemas.system import (
     Health,
     KeyHealth,
     Quantiles,
+    ScenarioOffer,
     ServedRequest,
 )
 
@@ -143,8 +144,8 @@ __all__ = [
     "Passed", "Plane", "PointAnchor", "PointingOffset", "PointingRay", "Quantiles", "Query",
     "ReadHistory", "ReadHistoryReply", "Referent", "Referents", "ReleaseObject", "RememberedBias",
     "Reply", "ReservedObject", "ResetConveyor", "RobotKind", "RobotPhase", "RobotPlan", "RobotState",
-    "RunScenario", "Say", "SchemaError", "SchemaModel", "SelectedObject", "Selection", "SelectionEvent",
-    "SelectionManner",
+    "RunScenario", "Say", "ScenarioOffer", "SchemaError", "SchemaModel", "SelectedObject", "Selection",
+    "SelectionEvent", "SelectionManner",
     "SendRobot", "ServedRequest", "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod",
     "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing",
     "SetTolerance", "SetToleranceReply", "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",

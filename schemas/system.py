@@ -21,6 +21,12 @@ SERVICE_USERS = frozenset({"conveyor-sim", "home-assistant", "mqtt", "reactions"
 DURATION_BOUNDS_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Upper bounds of the buckets of durations, s. 50 ms is the limit of `pointit load` from wrist to light."""
 
+MAX_TITLE = 60
+"""Maximum characters of a scenario's title."""
+
+MAX_ABOUT = 200
+"""Maximum characters of the sentence on a scenario."""
+
 BODY = "body "
 """Prefix of the figure of a rigid body of motion capture: 1 if it is used, 0 if not."""
 
@@ -164,10 +170,21 @@ class ExpectedService(SchemaModel):
         return instance_of(self.service, self.user or self.name)
 
 
+class ScenarioOffer(SchemaModel):
+    """A scenario that a run accepts in place of the running one, as a menu shows it."""
+
+    name: Id
+    title: Annotated[str, Field(max_length=MAX_TITLE, description="in a few words, such as `Lamps`")]
+    about: Annotated[str, Field(max_length=MAX_ABOUT, description="what happens there, in one sentence")] = ""
+    is_shipped: Annotated[
+        bool, Field(description="comes with PointIt: `pointit run` takes its name, not a path")
+    ] = False
+
+
 class Deployment(Message):
     """Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones."""
 
-    version: ClassVar[int] = 5
+    version: ClassVar[int] = 6
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""
@@ -186,6 +203,8 @@ class Deployment(Message):
         str,
         Field(max_length=200, description="instruction to a newcomer who points, in one sentence, or empty"),
     ] = ""
+    title: Annotated[str, Field(max_length=MAX_TITLE, description="of the running scenario")] = ""
+    offers: Annotated[Many[ScenarioOffer], Field(description="those of `scenarios`, for a menu")] = ()
 
     def believed(self, name: str) -> "Deployment":
         """Return the part that the writer of `deployment/{name}` may state: a run all, a person their own.
@@ -209,6 +228,8 @@ class Deployment(Message):
                 "localizes": False,
                 "target_kinds": (),
                 "goal": "",
+                "title": "",
+                "offers": (),
                 "name": name,
             }
         )

@@ -119,6 +119,7 @@ class FindingLine(WireModel):
     """A finding and its remedy."""
 
     severity: Literal["error", "warning", "note"]
+    code: Annotated[str, Field(description="of `pointit doctor`, such as `silent`")]
     service: str
     sentence: str
     remedy: str
@@ -197,6 +198,9 @@ class Answer(WireModel):
     id: Id
     reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty if refused")] = None
     error: Annotated[str, Field(description="reason of the refusal; empty if done")] = ""
+    is_stale: Annotated[
+        bool, Field(description="refused, since the page knows an older state: it has to read it again")
+    ] = False
     _reply_text: str = PrivateAttr(default="")
     """JSON text of a shared reply, or `""`."""
 

@@ -430,7 +430,7 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_sentence: dict[str, list[Finding]] = defaultdict(list)
     for each in symptoms:
         if each.code == "warning":
-            by_sentence[each.sentence.removeprefix("says: “").removesuffix("”")].append(each)
+            by_sentence[each.said or each.sentence].append(each)
     yield from (_first_of(group, "warning") for group in by_sentence.values() if len(group) > 1)
 
 

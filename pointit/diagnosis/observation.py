@@ -218,6 +218,8 @@ class Finding:
     """Code of the service's problem (`schemas.problems`), or `""`."""
     subject: str = ""
     """Machine, identity, writer or process that it is about, or `""`."""
+    said: str = ""
+    """The service's own words, without those of the finding around them, or `""`."""
 
     @property
     def identity(self) -> tuple[str, ...]:

@@ -80,6 +80,7 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
                 topic=one_line(problem.topic),
                 problem=problem.code,
                 subject=subject,
+                said=sentence,
             )
         if health.status == "degraded" and not health.all_problems:
             sentence = "reports itself as degraded without a reason"

@@ -48,6 +48,10 @@ DIGITS = 6
 LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 
 
+class StaleMapError(RefusedError):
+    """The map file has changed since the caller read it: read it again."""
+
+
 def write_new(path: Path, text: str | bytes) -> None:
     """Write `text` to a new file, which is there once it is complete.
 
@@ -222,7 +226,7 @@ def _apply(data: Data, edits: Sequence[Edit]) -> Names:
         entries: Data = data.get(edit.section) or {}
         entry = entries.get(edit.name)
         if not isinstance(entry, dict):
-            raise RefusedError(f"{edit.section}.{edit.name} is not in the file; load the map again")
+            raise StaleMapError(f"{edit.section}.{edit.name} is not in the file; load the map again")
         if isinstance(edit, SetValue):
             _set(cast("Data", entry), edit.key, edit.value)
         elif isinstance(edit, Remove):

@@ -285,7 +285,7 @@ class Arbiter:
         if -age_ns > MAX_AHEAD_NS:
             return f"{kind} cannot be given: the clock of your machine is {-age_s:.0f} s ahead, set it right"
         if tracked is None:
-            return f"{claim.object_id} has left"
+            return f"{kind} has left"
         action, taken_by = self._ownership.action(user, claim.object_id, now_ns)
         if not action:
             return f"{kind} is selected already"

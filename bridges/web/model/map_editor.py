@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pointit.bridges.web.model.site_model import shown_path, with_shown_path
-from pointit.maps.edit import Edit, edited, write_new
+from pointit.maps.edit import Edit, StaleMapError, edited, write_new
 from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file
 from pointit.maps.model import MapFile
 from pointit.runtime.bus.contract import Bus
@@ -106,7 +106,8 @@ def _opened(name_or_path: str) -> Generator[tuple[Path, bytes]]:
                 f"{path.name} is not on the machine of this page; open a page where `pui` runs"
             ) from error
         except PointItError as error:
-            raise RefusedError(with_shown_path(str(error), path)) from error
+            refusal = StaleMapError if isinstance(error, StaleMapError) else RefusedError
+            raise refusal(with_shown_path(str(error), path)) from error
 
 
 def _digest(content: bytes) -> str:
@@ -141,7 +142,7 @@ def _read(name_or_path: str) -> dict[str, Any]:
 
 def _after(path: Path, content: bytes, edits: Sequence[Edit], digest: str) -> bytes:
     if _digest(content) != digest:
-        raise RefusedError(f"{path} was changed by somebody else since it was loaded here: load it again")
+        raise StaleMapError(f"{path} was changed by somebody else since it was loaded here: load it again")
     return edited(content, edits, path)
 
 

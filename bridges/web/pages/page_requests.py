@@ -19,6 +19,7 @@ from pointit.bridges.web.pages.arm_actions import ARM_ACTIONS
 from pointit.bridges.web.pages.site_actions import SITE_ACTIONS
 from pointit.bridges.web.scan import wire as scan_wire
 from pointit.bridges.web.wire import OWN_FAULT, Answer, Ask, Hello, Role
+from pointit.maps.edit import StaleMapError
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import Query, summarize_validation_error, topics
@@ -88,7 +89,7 @@ async def answer_request(context: ActionContext, page: str, role: Role, ask: Ask
     try:
         return Answer.of_reply(ask.id, await _reply(context, page, role, ask))
     except PointItError as error:
-        return Answer(id=ask.id, error=str(error))
+        return Answer(id=ask.id, error=str(error), is_stale=isinstance(error, StaleMapError))
     except Exception:
         log.exception("%s asked %s and was not answered", page, ask.deed or ask.key)
         return Answer(id=ask.id, error=OWN_FAULT)

@@ -387,7 +387,8 @@ def run(
         beside=[beside for each in added for beside in each.beside],
         watchers=[watcher for each in added for watcher in each.watchers],
         scenario=name,
-        scenarios=() if program is None else program.offered,
+        title=chosen.title_as(name),
+        offers=() if program is None else program.offered,
         localizes=choices.localize,
         another=None if program is None else program.plan,
     )

@@ -21,7 +21,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import OptionalPart
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
-from pointit.schemas import Environment, KeyNameError, RunScenario
+from pointit.schemas import Environment, KeyNameError, RunScenario, ScenarioOffer
+from pointit.schemas.system import MAX_ABOUT, MAX_TITLE
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import check_name
 from pointit.services import registry
 from pointit.services.supervisor.config import measures
@@ -55,6 +57,11 @@ class ScenarioPlace(Config):
 class Scenario(Config):
     """Contents of a scenario file."""
 
+    title: str = Field(
+        default="",
+        max_length=MAX_TITLE,
+        description="title in menus, such as `Lamps: point at them`; by default the file's name",
+    )
     about: str = Field(description="one sentence")
     explained: str = Field(
         default="", description="description of the events and of what to watch, some sentences"
@@ -73,6 +80,15 @@ class Scenario(Config):
     def source(self) -> str:
         """Return the name of its file, for error messages."""
         return self._source
+
+    def title_as(self, name: str) -> str:
+        """Return its title in menus, or that of a file called `name` which gives none."""
+        return self.title or name.replace("_", " ")[:MAX_TITLE]
+
+    def offer(self, name: str, *, is_shipped: bool) -> ScenarioOffer:
+        """Return the entry of a menu for this scenario, which runs request by `name`."""
+        about = one_line(self.about, MAX_ABOUT)
+        return ScenarioOffer(name=name, title=self.title_as(name), about=about, is_shipped=is_shipped)
 
     def place_of(self, index: int) -> ScenarioPlace:
         """Return the place of the person `index`, counted from 0. Places repeat if there are more people."""
@@ -109,7 +125,8 @@ class Scenario(Config):
         things = read_map_file(path).things
         scenario.site["pui"]["map"] = str(path)
         scenario.user["user-sim"]["target_kinds"] = [each.label or name for name, each in things.items()]
-        return scenario.model_copy(update={"duration_s": None, "goal": ""})
+        own = {"title": "", "about": "your own map of things: point at them", "goal": "", "duration_s": None}
+        return scenario.model_copy(update=own)
 
 
 def scenario_names() -> list[str]:
@@ -267,8 +284,10 @@ class Plan:
     """Factories of further observers of each scenario, beside those of optional packages."""
     scenario: str = ""
     """Name of the running scenario, or `""` for one person's part."""
-    scenarios: Sequence[str] = ()
-    """Names of the scenarios that can be requested instead."""
+    title: str = ""
+    """Title of the running scenario, or `""` for one person's part."""
+    offers: Sequence[ScenarioOffer] = ()
+    """Scenarios that can be requested instead."""
     localizes: bool = False
     """People are localized by pointing at lamps."""
     another: "Callable[[RunScenario, Plan], Plan] | None" = None

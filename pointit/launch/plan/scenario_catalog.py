@@ -1,5 +1,6 @@
 """The scenarios that a run can switch to, each with the command line's choices, and checks of their maps."""
 
+import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from pointit.maps.environment import broken_references, environment
 from pointit.maps.file import map_path, read_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
-from pointit.schemas import Environment, RunScenario
+from pointit.schemas import Environment, RunScenario, ScenarioOffer
 from pointit.schemas.system import split_instance
 from pointit.services.pui.config import PuiConfig
 
@@ -74,11 +75,17 @@ class ScenarioCatalog:
         return cls(sources=shipped | {name: source}, choices=choices, room=_room(scenario))
 
     @property
-    def offered(self) -> tuple[str, ...]:
-        """Return the names of the scenarios that can run with the choices, on the map they name."""
-        if not self.choices.settings and not self.choices.files:
-            return tuple(self.sources)
-        return tuple(name for name, source in self.sources.items() if self._can_run(source))
+    def offered(self) -> tuple[ScenarioOffer, ...]:
+        """Return the scenarios that can run with the choices, on the map they name."""
+        must_fit = bool(self.choices.settings or self.choices.files)
+        offers: list[ScenarioOffer] = []
+        for name, source in self.sources.items():
+            with contextlib.suppress(ConfigError):  # one that cannot run is not offered
+                scenario = read_scenario(source)
+                if must_fit:
+                    self._check_runs(scenario)
+                offers.append(scenario.offer(name, is_shipped=source == name))
+        return tuple(offers)
 
     def plan(self, query: RunScenario, plan: Plan) -> Plan:
         """Return the plan of the requested scenario, which replaces `plan`, checked as at a start.
@@ -88,7 +95,8 @@ class ScenarioCatalog:
         """
         source = self.sources.get(query.scenario)
         if source is None:
-            raise ConfigError(f"no scenario {query.scenario!r}; there are {', '.join(self.offered)}")
+            names = ", ".join(each.name for each in self.offered)
+            raise ConfigError(f"no scenario {query.scenario!r}; there are {names}")
         scenario = read_scenario(source)
         localizes = plan.localizes if query.localizes is None else query.localizes
         choices = self._fitting(scenario, localize=localizes)
@@ -102,19 +110,16 @@ class ScenarioCatalog:
             launches=launches,
             target_kinds=scenario.target_kinds,
             goal=scenario.goal,
+            title=scenario.title_as(query.scenario),
             duration_s=plan.duration_s if plan.is_limited else scenario.duration_s,
             localizes=localizes,
             notes=(*self._ignored(scenario), *assumed_places(launches, choices)),
         )
 
-    def _can_run(self, source: str) -> bool:
-        try:
-            scenario = read_scenario(source)
-            choices = self._fitting(scenario, localize=self.choices.localize)
-            check_launches(scenario_launches(scenario, choices, 1))
-        except ConfigError:
-            return False
-        return True
+    def _check_runs(self, scenario: Scenario) -> None:
+        """Check that it can run with the choices. Raises ConfigError."""
+        choices = self._fitting(scenario, localize=self.choices.localize)
+        check_launches(scenario_launches(scenario, choices, 1))
 
     def _fitting(self, scenario: Scenario, *, localize: bool) -> Choices:
         choices = self.choices

@@ -161,7 +161,7 @@ async def test_each_scenario_is_run_from_the_page(browser: Browser, site: SitePa
     await page.get_by_role("button", name=f"Run: {first}").click()
     await page.get_by_role("button", name="Run", exact=True).click()
     await window.has_told(f"{first} is running.")
-    await expect(page.get_by_role("button", name="Back to Strips")).to_be_visible()
+    await expect(page.get_by_role("button", name="Back to the last one")).to_be_visible()
     await window.is_shown()
     await window.until("window.pointit.site.conveyor?.left > 0", "a package has come out", 60)
     assert await page.evaluate("window.alarms") == []

@@ -61,7 +61,7 @@ def plan_of(
     plan = Plan(
         name=name, scenario=name, launches=scenario_launches(scenario, Choices(), people),
         link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)), target_kinds=scenario.target_kinds,
-        scenarios=program.offered, another=program.plan,
+        offers=program.offered, another=program.plan,
         beside=[RunPage(replace(page_of(Settings(), asked={"port": 0}), load=lambda: service))],
     )  # fmt: skip
     return replace(plan, **said)
@@ -241,7 +241,7 @@ async def test_what_cannot_begin_lets_the_other_begin_again() -> None:
 
 
 async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
-    async with going(replace(plan_of("scenario_2", people=0), another=None, scenarios=())) as run:
+    async with going(replace(plan_of("scenario_2", people=0), another=None, offers=())) as run:
         with pytest.raises(RefusedError, match="--site-only"):
             await run.asks("scenario_1")
 

@@ -29,7 +29,7 @@ def beginning(
         launches=scenario_launches(scenario, chosen, people),
         link=Link(),
         localizes=chosen.localize,
-        scenarios=program.offered,
+        offers=program.offered,
         duration_s=scenario.duration_s,
         **said,
     )
@@ -125,7 +125,9 @@ def test_a_scenario_of_ones_own_can_be_come_back_to(tmp_path: Path) -> None:
     text = "about: mine\nduration_s: 9\nplaces: [{position_m: [0, 0, 0]}]\n"
     mine = written(tmp_path, f"{text}site: {{pui: {{map: lab}}}}\nuser: {{pointing: {{}}}}\n", "mine.yaml")
     program, plan = beginning(str(mine))
-    assert set(plan.scenarios) == {*scenario_names(), "mine"}
+    assert {each.name for each in plan.offers} == {*scenario_names(), "mine"}
+    (own,) = (each for each in plan.offers if not each.is_shipped)
+    assert (own.name, own.title, own.about) == ("mine", "mine", "mine")
     other = program.plan(RunScenario(scenario="scenario_1"), plan)
     back = program.plan(RunScenario(scenario="mine"), other)
     assert (back.name, back.duration_s) == ("mine", 9.0)
@@ -173,7 +175,8 @@ def written(folder: Path, text: str, name: str = "room.yaml") -> Path:
 def offered(*settings: str, files: tuple[Path, ...] = ()) -> tuple[str, ...]:
     choices = Choices(settings=settings, files=files)
     scenario = read_scenario("scenario_2")
-    return ScenarioCatalog.beginning_with("scenario_2", "scenario_2", scenario, choices).offered
+    offered = ScenarioCatalog.beginning_with("scenario_2", "scenario_2", scenario, choices).offered
+    return tuple(each.name for each in offered)
 
 
 def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:

@@ -163,7 +163,7 @@ def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> Non
 def test_a_claim_of_what_has_left_is_refused() -> None:
     site = a_site(("anna",))
     site.step(0.1, {})
-    assert refusals(site, "anna", claimed(site, "z")) == ["z has left"]
+    assert refusals(site, "anna", claimed(site, "z")) == ["object has left"]
 
 
 @pytest.mark.parametrize(("action", "is_selected"), [("select", True), ("deselect", False)])

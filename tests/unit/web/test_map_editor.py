@@ -8,7 +8,7 @@ import pytest
 
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.site_model import shown_path, with_shown_path
-from pointit.maps.edit import Add, Edit, SetValue
+from pointit.maps.edit import Add, Edit, SetValue, StaleMapError
 from pointit.maps.file import load_map
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError, RefusedError
@@ -122,9 +122,9 @@ async def test_a_map_behind_a_link_is_saved_where_the_link_leads(site: Site, tmp
 async def test_a_file_that_somebody_else_changed_is_not_overwritten(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
     theirs = put(site.map, ROOM + "# theirs\n")
-    with pytest.raises(RefusedError, match="was changed by somebody else since"):
+    with pytest.raises(StaleMapError, match="was changed by somebody else since"):
         await site.editor.check([HIGHER], digest)
-    with pytest.raises(RefusedError, match="was changed by somebody else since"):
+    with pytest.raises(StaleMapError, match="was changed by somebody else since"):
         await site.editor.save([HIGHER], digest, "")
     assert text_of(site.map) == theirs
 

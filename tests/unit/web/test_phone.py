@@ -108,7 +108,13 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
     async with bench.connect(phone) as socket:
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
-        assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
+        assert await heard(socket) == {
+            "kind": "answer",
+            "id": 7,
+            "reply": {"message": "done"},
+            "error": "",
+            "is_stale": False,
+        }
     bench.error = "the localizer is busy"
     localize = "localizer/{user}/start"
     (answer,) = await posted(phone, {"kind": "ask", "id": 8, "key": localize, "name": "ben"})

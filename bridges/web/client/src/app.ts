@@ -44,7 +44,7 @@ import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
 import { HeadsetArm } from "./headset_arm";
-import { called, nextStepOf, outcome, plainly, stateTitle, friendly } from "./words";
+import { called, nextStepOf, outcome, stateTitle, friendly } from "./words";
 
 declare global {
   interface Window {
@@ -223,8 +223,8 @@ function tell(change: SiteEvent): void {
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
   }
   else if (event.event === "refused" && isOwn) {
-    const why = friendly(site, plainly(event)) || "it could not be selected.";
-    controls.toasts.show("info", capital(why.startsWith(what) ? why : `${what}: ${why}`));
+    const why = friendly(site, event.reason) || "it could not be selected.";
+    controls.toasts.show("info", `${capital(what)} is not changed: ${why}`);
   }
 }
 

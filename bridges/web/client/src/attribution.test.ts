@@ -72,7 +72,7 @@ test("another scenario asks first only where a person would lose something", () 
 });
 
 test("services that leave or start with a scenario are no outage", () => {
-  const finding = (part: Partial<FindingLine>): FindingLine => ({ severity: "error", service: "", sentence: "10 of 11 services are gone together", remedy: "look there", follows: false, ...part });
+  const finding = (part: Partial<FindingLine>): FindingLine => ({ severity: "error", code: "unreachable", service: "", sentence: "10 of 11 services are gone together", remedy: "look there", follows: false, ...part });
   const findings = [finding({}), finding({ service: "pui", follows: true })];
   assert.match(outage({ status: statusOf({ findings }) }), /^10 of 11 services are gone together; look there/);
   for (const run of ["starts", "over"] as const) assert.equal(outage({ status: statusOf({ findings, run }) }), "");

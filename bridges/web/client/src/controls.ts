@@ -4,7 +4,7 @@ import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
 import type { Connection } from "./site/connection";
 import { byName, capital } from "./format";
-import type { CancelLocalization, SelectionEvent, Step } from "./messages";
+import type { CancelLocalization, ScenarioOffer, SelectionEvent, Step } from "./messages";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
@@ -98,7 +98,7 @@ export class Controls {
   may(key: RequestKey): boolean {
     const { site } = this;
     if (!site.connected || !site.hello?.requests.includes(key)) return false;
-    if (key === "run/scenario") return this.scenarios.length > 0;
+    if (key === "run/scenario") return this.offers.length > 0;
     return this.isPresent(SERVERS[key]) || this.isPresent(SERVERS[key], this.user);
   }
 
@@ -106,10 +106,16 @@ export class Controls {
     return this.site.connected && (this.site.hello?.deeds.includes(deed) ?? false);
   }
 
-  /** Scenarios that can be run. */
-  get scenarios(): readonly string[] {
-    for (const { scenarios } of this.site.deployments.values()) if (scenarios.length) return scenarios;
+  /** Scenarios that can be run, with their titles. */
+  get offers(): readonly ScenarioOffer[] {
+    for (const { offers } of this.site.deployments.values()) if (offers?.length) return offers;
     return [];
+  }
+
+  /** Title of the running scenario, or of one that can be run. */
+  titleOf(scenario: string): string {
+    const running = [...this.site.deployments.values()].find((each) => each.scenario === scenario);
+    return capital(this.offers.find(({ name }) => name === scenario)?.title || running?.title || scenario.replaceAll("_", " ")); // old recordings have no titles
   }
 
   /** Name of the running scenario, or "". */

@@ -9,8 +9,8 @@ const EFFECTS: Readonly<Record<string, string>> = {
   pui: "Cursors and lights do not move",
   selector: "Nothing can be selected",
 };
-/** How the diagnosis calls one that hangs. */
-const SILENT = "is present but has not reported";
+/** Code of the diagnosis for one that hangs. */
+const SILENT = "silent";
 
 type Known = Pick<Site, "status">;
 
@@ -31,7 +31,7 @@ export function outage({ status }: Known): string {
   if (site) return `${capital(site.sentence)}; ${site.remedy}`;
   for (const [service, effect] of Object.entries(EFFECTS)) {
     const isGone = status?.services.some(({ instance, present }) => instance === service && !present) ?? false;
-    const cause = status?.findings.find((each) => each.service === service && each.severity === "error" && (isGone || each.sentence.startsWith(SILENT)));
+    const cause = status?.findings.find((each) => each.service === service && each.severity === "error" && (isGone || each.code === SILENT));
     if (cause) return `${effect}: ${service} ${cause.sentence}${cause.remedy ? `; ${cause.remedy}` : ""}`;
   }
   return "";

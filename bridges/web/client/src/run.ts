@@ -3,7 +3,7 @@
 import type { Controls } from "./controls";
 import { show, write } from "./dom";
 import { thingsOf, type Site } from "./site/site";
-import { isShipped, movingOf, nounOf } from "./words";
+import { movingOf, nounOf } from "./words";
 
 /** Time without a run after which it has ended, ms; a change of the scenario is shorter. */
 const OVER_MS = 4_000;
@@ -55,7 +55,7 @@ export interface RunEnd {
 export function makeRunEnd(host: HTMLElement, controls: Controls): RunEnd {
   const { site } = controls;
   const text = host.querySelector("p")!;
-  let result = "", scenario = "", since = Infinity;
+  let result = "", scenario = "", isShipped = false, since = Infinity;
 
   const self = {
     isOver: false,
@@ -64,11 +64,12 @@ export function makeRunEnd(host: HTMLElement, controls: Controls): RunEnd {
       since = isOver ? Math.min(since, now) : Infinity;
       self.isOver = isOver && (!site.connected || now - since >= OVER_MS);
       if (controls.scenario && controls.scenario !== scenario) [scenario, result] = [controls.scenario, ""];
+      if (controls.scenario) isShipped = controls.offers.some((each) => each.name === scenario && each.is_shipped);
       const score = scoreOf(site, (kind) => controls.isWanted(kind));
       // the kinds to select end with the deployment, the counts with their service
       if (!isOver && controls.scenario) result = score ? `: ${scoreWords(score, controls.targetKinds)} were selected` : "";
       show(host, self.isOver);
-      const again = isShipped(scenario) ? ` Start it again in a terminal: pointit run ${scenario}` : " Start it again where it was started.";
+      const again = isShipped ? ` Start it again in a terminal: pointit run ${scenario}` : " Start it again where it was started.";
       write(text, self.isOver ? `The run has ended${result}.${again}` : "");
     },
   };

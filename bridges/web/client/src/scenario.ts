@@ -2,8 +2,8 @@
 
 import type { Controls } from "./controls";
 import { el, icon, mark, renew, sheet, show, write } from "./dom";
+import { sentence } from "./format";
 import { losses } from "./losses";
-import { scenarioSentence, scenarioTitle } from "./words";
 
 /** Timeout of a scenario's start, ms. */
 const PATIENCE_MS = 45_000;
@@ -28,9 +28,9 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   const { site } = controls;
   const name = el("span", { className: "scenario-name" }), shown = el("span", {});
   const open = el("button", { type: "button", "aria-haspopup": "dialog", onclick: () => openMenu() }, shown, icon("chevron"));
-  const sentence = el("p", {});
+  const starting = el("p", {});
   host.append(name, open);
-  progress.append(el("div", { className: "spinner", "aria-hidden": "true" }), sentence);
+  progress.append(el("div", { className: "spinner", "aria-hidden": "true" }), starting);
 
   const list = el("ul", { className: "scenarios" });
   const title = el("h2");
@@ -44,16 +44,16 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   let isAccepted = false;
 
   function openMenu(): void {
-    const offered = [...controls.scenarios], { scenario } = controls;
+    const { offers, scenario } = controls;
     write(title, "What to run");
     show(list, true);
     show(question, false);
     list.dataset.signature = "";
-    renew(list, `${offered.join()} ${scenario}`, () => offered.map((each) => {
-      const isNow = each === scenario, text = isNow ? "Restart" : "Run";
+    renew(list, JSON.stringify([offers, scenario]), () => offers.map((each) => {
+      const isNow = each.name === scenario, text = isNow ? "Restart" : "Run", shownTitle = controls.titleOf(each.name);
       return el("li", isNow ? { "aria-current": "true" } : {},
-        el("div", {}, el("strong", { text: scenarioTitle(each) }), isNow ? el("span", { className: "tag", text: "runs now" }) : null, el("p", { text: scenarioSentence(each) })),
-        el("button", { type: "button", "aria-label": `${text}: ${scenarioTitle(each)}`, onclick: () => run(each) }, icon("play"), el("span", { text })));
+        el("div", {}, el("strong", { text: shownTitle }), isNow ? el("span", { className: "tag", text: "runs now" }) : null, el("p", { text: sentence(each.about) })),
+        el("button", { type: "button", "aria-label": `${text}: ${shownTitle}`, onclick: () => run(each.name) }, icon("play"), el("span", { text })));
     }));
     if (!dialog.open) dialog.showModal();
     list.querySelector<HTMLElement>("[aria-current] button")?.scrollIntoView({ block: "nearest" });
@@ -62,7 +62,7 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   function run(scenario: string, as: RunOptions = {}): void {
     const all = losses(controls), isSame = scenario === controls.scenario;
     if (!all.length) return void start(scenario, as);
-    write(title, isSame ? `Restart “${scenarioTitle(scenario)}”?` : `Run “${scenarioTitle(scenario)}”?`);
+    write(title, isSame ? `Restart “${controls.titleOf(scenario)}”?` : `Run “${controls.titleOf(scenario)}”?`);
     lost.replaceChildren(...all.map((text) => el("li", { text })));
     yes.textContent = isSame ? "Restart" : "Run";
     yes.onclick = () => void start(scenario, as);
@@ -101,8 +101,8 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
     const before = back, { scenario } = controls;
     back = null;
     const isOther = before !== null && before.scenario !== scenario, people = before?.as.users === 1 ? "1 person" : `${before?.as.users} people`;
-    controls.toasts.show("done", `${scenarioTitle(scenario)} is running.`, before && before.as.users
-      ? { action: { name: `Back to ${isOther ? scenarioTitle(before.scenario).replace(/:.*/, "") : people}`, run: () => run(before.scenario, before.as) } } : {});
+    controls.toasts.show("done", `${controls.titleOf(scenario)} is running.`, before && before.as.users
+      ? { action: { name: `Back to ${isOther ? "the last one" : people}`, run: () => run(before.scenario, before.as) } } : {});
   }
 
   return {
@@ -111,18 +111,18 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
       const may = controls.may("run/scenario"), { scenario } = controls, isStarting = to !== "" || site.status?.run === "starts";
       show(open, may || (dialog.open && isStarting));
       show(name, open.hidden && scenario !== "");
-      write(name, scenarioTitle(scenario));
-      write(shown, scenarioTitle(to || scenario));
+      write(name, controls.titleOf(scenario));
+      write(shown, controls.titleOf(to || scenario));
       mark(open, "aria-label", `${shown.textContent ?? ""}. Choose what to run`);
       if (to && isThere()) {
         to = "";
         tellStarted();
       } else if (to && performance.now() - since > PATIENCE_MS) {
-        controls.toasts.show("error", `${scenarioTitle(to)} did not start in time; the health page shows what is missing.`);
+        controls.toasts.show("error", `${controls.titleOf(to)} did not start in time; the health page shows what is missing.`);
         to = "";
       }
       show(progress, isStarting && site.connected && !site.timeline);
-      write(sentence, isStarting ? `Starting “${scenarioTitle(to || scenario)}” …` : "");
+      write(starting, isStarting ? `Starting “${controls.titleOf(to || scenario)}” …` : "");
     },
   };
 }

@@ -8,32 +8,6 @@ import type { LogLine, Person, Site } from "./site/site";
 /** Names in one sentence; one more is not worth a count. */
 const MOST_NAMES = 3;
 
-/** Titles of scenarios, with a sentence each; others are shown by their names. */
-const SCENARIOS: Record<string, readonly [title: string, sentence: string]> = {
-  scenario_1: ["Lamps: point at them", "Each lamp shows by its colour how near you point."],
-  scenario_2: ["Strips: move the cursor", "A light on the LED strips follows where you point."],
-  scenario_3: ["Strips: select the red segments", "Coloured segments run along the strips; stay on each red one until it is full."],
-  scenario_4: ["Conveyor: select the red packages", "Packages run over a conveyor; those that you select leave at bay 1."],
-  scenario_5: ["Quadrotor: fly it by pointing", "Take the quadrotor by a press; it hovers where you point, and lands there."],
-  scenario_6: ["Ground robot: send it by pointing", "Take the robot by a press, point out its way, and send it."],
-  send_a_robot: ["Floor: choose a place for a robot", "Point at a place, then elsewhere, then there again: it becomes a goal. No robot drives here."],
-  shelf: ["Shelf: things that react", "Stay on a box until it fires; the radio is a switch, the kettle wants a press."],
-};
-
-export function scenarioTitle(name: string): string {
-  return SCENARIOS[name]?.[0] ?? capital(name.replaceAll("_", " "));
-}
-
-/** Sentence on a scenario; a file's own has none. */
-export function scenarioSentence(name: string): string {
-  return SCENARIOS[name]?.[1] ?? "From a file of your own.";
-}
-
-/** Whether the scenario comes with PointIt. */
-export function isShipped(name: string): boolean {
-  return Object.hasOwn(SCENARIOS, name);
-}
-
 const STATES: Record<Interaction["state"], string> = {
   idle: "Not pointing", localizing: "Finding your place", pointing: "Pointing",
 };
@@ -153,11 +127,6 @@ export function listed(names: readonly string[]): string {
   return more > 1 ? `${names.slice(0, MOST_NAMES).join(", ")} and ${more} more` : names.join(", ");
 }
 
-/** Reason of an event of an object, with its id as shown to people, or "" if there is none. */
-export function plainly({ object_id: id, reason }: SelectionEvent): string {
-  return id ? reason.replaceAll(id, ending(id)) : reason;
-}
-
 export const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], switch: ["Switched on", "Switched off"] } as const;
 
 /** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
@@ -168,7 +137,7 @@ export function outcome(site: Site, { object_id: id, event }: SelectionEvent): s
 /** Text of a selection event in the log. */
 export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
   const what = called(site, event.object_id, event.kind);
-  const why = event.reason ? `: ${plainly(event)}` : "";
+  const why = event.reason ? `: ${event.reason}` : "";
   if (isNamed(site, event.object_id) && (event.event === "selected" || event.event === "deselected")) {
     return { severity: "info", text: `${what}: ${outcome(site, event).toLowerCase() || "ready again"}${why}` };
   }

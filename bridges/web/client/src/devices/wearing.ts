@@ -104,7 +104,7 @@ export function wearingDialog(controls: Controls): Wearing {
     },
     update() {
       const line = controls.site.status?.devices.find(({ id }) => id === device?.id);
-      if (isMeasuring && line?.said) write(said, capital(line.said.replace(`${line.name}: `, "")));
+      if (isMeasuring && line?.said) write(said, capital(line.said));
     },
   };
 }

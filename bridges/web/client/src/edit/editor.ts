@@ -151,7 +151,7 @@ class Editor {
       if (!(error instanceof Refusal)) throw error;
       if (this.dialog.open) this.say(error.message, true);
       else this.controls.toasts.show("error", error.message);
-      show(this.again, /load (it|the map) again/.test(error.message));
+      show(this.again, error.isStale);
       return null;
     }
   }

@@ -4,7 +4,12 @@ import type { RequestKey } from "../topics";
 import type { Answer, Ask } from "../wire";
 
 /** What was refused, in one sentence for a person. */
-export class Refusal extends Error {}
+export class Refusal extends Error {
+  /** @param isStale The page knows an older state of what it asked about: it has to read it again. */
+  constructor(sentence: string, readonly isStale = false) {
+    super(sentence);
+  }
+}
 
 /** Reply fields of a request. */
 export type Reply = Record<string, unknown>;
@@ -46,7 +51,7 @@ export class Asks {
   answered(answer: Answer): void {
     const waiting = this.end(answer.id);
     if (!waiting) return;
-    if (answer.error) waiting.reject(new Refusal(answer.error));
+    if (answer.error) waiting.reject(new Refusal(answer.error, answer.is_stale));
     else waiting.resolve(answer.reply ?? {});
   }
 

@@ -70,7 +70,7 @@ test("events of the first batch are history: they are in the log at their times,
 });
 
 test("a vital service that is gone or hangs is one sentence with its cause", () => {
-  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, service, sentence, remedy: "start it again", follows: false });
+  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, code: sentence.includes("not reported") ? "silent" : "absent", service, sentence, remedy: "start it again", follows: false });
   const line = (instance: string, present: boolean) => ({ instance, present, since_s: 1 });
   const told = (services: Status["services"], findings: Status["findings"]): string => outage({ status: { ...status(), services, findings } });
   assert.equal(outage({ status: null }), "");
@@ -161,9 +161,9 @@ test("answers find their asks; a refusal, a lost connection and silence end them
   const lost = asks.ask({ deed: "give" });
   const silent = asks.ask({ deed: "press" }, 1);
   assert.deepEqual(sent.map(({ key, deed }) => key || deed), ["conveyor/set_speed", "take", "give", "press"]);
-  asks.answered({ kind: "answer", id: sent[1]!.id, reply: null, error: "no" });
-  asks.answered({ kind: "answer", id: sent[0]!.id, reply: { message: "0.5 m/s" }, error: "" });
-  asks.answered({ kind: "answer", id: 999, reply: {}, error: "" });
+  asks.answered({ kind: "answer", id: sent[1]!.id, reply: null, error: "no", is_stale: false });
+  asks.answered({ kind: "answer", id: sent[0]!.id, reply: { message: "0.5 m/s" }, error: "", is_stale: false });
+  asks.answered({ kind: "answer", id: 999, reply: {}, error: "", is_stale: false });
   assert.deepEqual(await done, { message: "0.5 m/s" });
   await assert.rejects(refused, /^Refusal|no/);
   await assert.rejects(silent, /in time/);
@@ -198,8 +198,8 @@ test("an object is called by its kind and the end of its id", () => {
   const site = emptySite();
   assert.equal(called(site, "a1b2-24", "red"), "red 24");
   assert.equal(called(site, "a1b2-24"), "object 24");
-  const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "a1b2-24 is gone" } as SelectionEvent;
-  assert.equal(eventLine(site, event).text, "could not change red 24: 24 is gone");
+  const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "it is gone" } as SelectionEvent;
+  assert.equal(eventLine(site, event).text, "could not change red 24: it is gone");
 });
 
 test("buttons that fired are not counted as a person's own", () => {

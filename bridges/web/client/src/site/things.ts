@@ -2,7 +2,7 @@
 
 import { capital, duration } from "../format";
 import type { SelectionEvent, Thing, TrackedObject } from "../messages";
-import { isTooLate, listed, modeOf, objectOf, OUTCOMES, placeName, plainly } from "../words";
+import { isTooLate, listed, modeOf, objectOf, OUTCOMES, placeName } from "../words";
 import { siteNow, type Person, type Site } from "./site";
 
 /** Limit of objects whose changes are kept; the oldest are dropped. */
@@ -40,7 +40,7 @@ export function lastAct({ changes }: Site, { user, hover, cameNs }: Pick<Person,
   const events = Object.values(changes.get(hover?.object_id ?? "") ?? {}) // what goes off by itself has no cause
     .filter((each) => each.user === user && (each.cause === "dwell" || each.cause === "button") && Number(each.stamp_ns) >= cameNs);
   const last = events.sort((a, b) => Number(b.stamp_ns) - Number(a.stamp_ns) || (a.event === "refused" ? -1 : 1))[0];
-  return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last ? plainly(last) : "" };
+  return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last?.reason ?? "" };
 }
 
 /** Why the target of a thing is unavailable, with the remedy. Empty if it is not. */

@@ -264,12 +264,18 @@ class StopRobot(Query):
 class Say(Query):
     """Tell a person something, by a cue with a text."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
     stays: Annotated[
         bool, Field(description="no cue: it is their next step while they point, until another one")
     ] = False
+    service: Annotated[
+        Id, Field(description="instance that advises: what stays ends with its presence. Empty: a program")
+    ] = ""
+    is_over: Annotated[bool, Field(description="no cue: `text`, which stays, does not stay any longer")] = (
+        False
+    )
 
 
 class FindReferents(Query):

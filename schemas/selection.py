@@ -165,6 +165,9 @@ class ThingState(SchemaModel):
     reason: Annotated[
         str, Field(max_length=500, description="cause if it is unavailable, and the remedy")
     ] = ""
+    is_starting: Annotated[
+        bool, Field(description="unavailable only until the system that it belongs to has started")
+    ] = False
     limit_s: Annotated[
         float, Field(gt=0, le=MAX_ACT_S, description="time after which an act on it has failed, s")
     ] = 5.0
@@ -176,7 +179,7 @@ class ThingState(SchemaModel):
 class ThingStates(Message):
     """All things that a carrier has targets for. An act on one that is unavailable is refused at once."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     max_bytes: ClassVar[int] = 1024 * 1024
 
     things: Many[ThingState] = ()

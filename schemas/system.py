@@ -27,6 +27,9 @@ MAX_TITLE = 60
 MAX_ABOUT = 200
 """Maximum characters of the sentence on a scenario."""
 
+OWN_SOURCE = "own source"
+"""Figure of `imu-bridge`: 1 if the arm has a source besides pages, phones and headsets, 0 if not."""
+
 BODY = "body "
 """Prefix of the figure of a rigid body of motion capture: 1 if it is used, 0 if not."""
 

@@ -222,11 +222,12 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         entity = action.entity
         limit_s = max(self.config.limit_s, SLOW_LIMIT_S if action.domain in SLOW_DOMAINS else 0.0)
         problem = self._problem
-        if action.action and not action.is_of(self.config.actions):
+        is_allowed = not action.action or action.is_of(self.config.actions)
+        is_missing = entity not in self._states or self._is_unavailable(entity)
+        is_starting = is_allowed and not problem and self._is_starting and is_missing
+        if not is_allowed:
             problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
-        elif (
-            not problem and self._is_starting and (entity not in self._states or self._is_unavailable(entity))
-        ):
+        elif is_starting:
             problem = "Home Assistant is still starting: wait"
         elif not problem and entity not in self._states:
             hint = self._hints.get(entity, "")
@@ -234,8 +235,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         elif not problem and self._is_unavailable(entity):
             problem = f"{entity} is unavailable in Home Assistant: look into its integration there"
         if problem:
-            reason = one_line(problem, MAX_REASON)
-            return ThingState(id="", state="unavailable", reason=reason, limit_s=limit_s)
+            return ThingState(
+                id="",
+                state="unavailable",
+                reason=one_line(problem, MAX_REASON),
+                is_starting=is_starting,
+                limit_s=limit_s,
+            )
         is_on = self._is_on(action)
         state = "unknown" if is_on is None else "on" if is_on else "off"
         return ThingState(id="", state=state, limit_s=limit_s)

@@ -310,12 +310,15 @@ class ImuRequests(_Requests[D], Generic[D, R]):
 class FeedbackRequests(_Requests[D]):
     """Requests for feedback to a person."""
 
-    def say(self, user: str, text: str, *, stays: bool = False) -> D:
+    def say(
+        self, user: str, text: str, *, stays: bool = False, service: str = "", is_over: bool = False
+    ) -> D:
         """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime.
 
-        With `stays` there is no chime: it is their next step while they point, until another one.
+        With `stays` there is no chime: it is their next step while they point, until another one, or until
+        the same text with `is_over`; with the instance name of a `service`, also until that ends.
         """
-        return self._do(topics.SAY, user, text=text, stays=stays)
+        return self._do(topics.SAY, user, text=text, stays=stays, service=service, is_over=is_over)
 
 
 class Lamp(Generic[D, F]):

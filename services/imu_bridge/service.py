@@ -27,6 +27,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.problems import IDLE_ARM, NO_DATA, UNWRITABLE
+from pointit.schemas.system import OWN_SOURCE
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.device_wrist import DeviceWrist, SensorSample
@@ -96,6 +97,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._time_s = steady_time()
         self._report_timer = Timer(self.bus.call_later, self._show_wrist)
         self._report_timer.start(REPORT_S)
+        self._show_own_source()
         self.bus.serve(topics.SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
         self.bus.serve(topics.SET_MOUNTING, self._set_mounting, self.user)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
@@ -172,6 +174,11 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self.bus.set_metric(name, value, unit)
         self._show_warnings()
 
+    def _show_own_source(self) -> None:
+        """Report whether the arm moves without a page, phone or headset."""
+        has_own_source = self.config.source != "page" or bool(self._other_writers)
+        self.bus.set_metric(OWN_SOURCE, float(has_own_source), "")
+
     def _show_warnings(self) -> None:
         part = part_of(self.config.source)
         is_explained = any(self.bus.has_warning(code, part) for code in NO_DATA)
@@ -226,6 +233,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._other_writers.add(service)
         else:
             self._other_writers.discard(service)
+        self._show_own_source()
 
     def _on_release(self) -> None:
         if self._has_page:

@@ -59,6 +59,8 @@ class HoverEngine:
         )
         self._things: Mapping[str, Mapping[str, object]] = {}
         """Fields that the map gives tracked objects, by id."""
+        self._pressed_things: dict[str, tuple[str, bool]] = {}
+        """Name of each thing of the map, and whether it wants a press, by id."""
         self._people: dict[str, PersonPointer] = {}
         self._sent: Counter[str] = Counter()
         """Number of hovers by person."""
@@ -80,17 +82,20 @@ class HoverEngine:
         """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
         self._things = {each.id: each.object_fields for each in environment.things if each.is_tracked}
+        self._pressed_things = {each.id: (each.label or each.id, each.press) for each in environment.things}
 
     def manner(self, stamp_ns: int) -> SelectionManner:
-        """Return the way in which people select the objects that are there."""
+        """Return how people select the objects that are there, and the map's things before these are."""
         by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
         announcer = next((each.announcer for each in self._people.values() if each.announcer), None)
         names_by: SelectsBy | None = (
             None if announcer is None else "press" if announcer.is_pressed else "stay"
         )
-        objects = self._positions.objects.values()
-        pressed = [one.kind or one.id for one in objects if one.press]
-        if by == "press" or not pressed or len(pressed) == len(objects):
+        wants_press = dict(self._pressed_things)
+        for one in self._positions.objects.values():
+            wants_press[one.id] = (one.kind or one.id, one.press)
+        pressed = [name for name, is_pressed in wants_press.values() if is_pressed]
+        if by == "press" or not pressed or len(pressed) == len(wants_press):
             by = "press" if pressed else by
             return SelectionManner(stamp_ns=stamp_ns, by=by, names_by=names_by)
         few = tuple(sorted(set(pressed)))[:MAX_PRESSED]

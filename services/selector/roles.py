@@ -124,6 +124,10 @@ class SiteRole:
             if waiting is not None and not waiting.done():
                 waiting.set_result(message)
 
+    def on_map(self, now_ns: int) -> None:
+        """Publish how people select in the new room, before anybody points there."""
+        self._tell_manner(now_ns)
+
     def check(self, now_ns: int) -> None:
         """Maintain the journal, and show who claims too much, and what is refused. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
@@ -262,6 +266,9 @@ class ShardRole:
         """Publish what `engine` returned."""
         if isinstance(message, Claim):
             self._claims[user].put(message)
+
+    def on_map(self, _now_ns: int) -> None:
+        """Do nothing: the site's selector publishes how people select."""
 
     def check(self, _now_ns: int) -> None:
         """Show in health if the site's selector cannot be reached. Called periodically."""

@@ -107,6 +107,7 @@ class Selector(Service[SelectorConfig]):
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._put(self._engine.on_map(environment))
+        self._role.on_map(self.clock.now_ns())
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._put(self._engine.on_objects(tracker, objects))

@@ -288,9 +288,10 @@ class LifeCycle:
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
         self._manner: SelectionManner | None = None
-        """The way in which people select here. None if no selector has told."""
-        self._advice = ""
-        """Next step of a service that acts on what the person does, while they point."""
+        """How people select here. None: no selector has told."""
+        self._advice: dict[str, str] = {}
+        """Next steps of services that act on what the person does, while they point, by instance. The newest
+        is shown."""
         self._hears_names = False
         """Names of objects are spoken to the person."""
         self._runs = 0
@@ -398,9 +399,17 @@ class LifeCycle:
         cue = self._publisher.cue(now_ns, "target", text)
         return [cue.model_copy(update={"turn_rad": (0.0, 0.0)})]
 
-    def advise(self, text: str, now_ns: int) -> list[Output]:
-        """Set the next step of a person while they point, until another one."""
-        self._advice = text
+    def advise(self, text: str, now_ns: int, service: str = "") -> list[Output]:
+        """Set the next step of a person while they point, until `service` gives another one or ends."""
+        self._advice.pop(service, None)
+        self._advice[service] = text
+        return [*self._show(now_ns)]
+
+    def end_advice(self, service: str, now_ns: int, text: str = "") -> list[Output]:
+        """End the next step of `service`, if it is `text` or that is empty. Another service's shows again."""
+        if service not in self._advice or text not in ("", self._advice[service]):
+            return []
+        del self._advice[service]
         return [*self._show(now_ns)]
 
     def tick(self, now_ns: int) -> list[Output]:
@@ -532,7 +541,7 @@ class LifeCycle:
             ahead,
             press=self._press,
             is_unsure=is_unsure,
-            is_advised=self._stage == "pointing" and self._advice != "" and not is_unsure,
+            is_advised=self._stage == "pointing" and bool(self._advice) and not is_unsure,
         )
 
     @property
@@ -551,7 +560,7 @@ class LifeCycle:
     @property
     def _pointing(self) -> str:
         usual = transitions.point(is_end=self._is_end, manner=self._manner, hears_names=self._hears_names)
-        return self._advice or usual
+        return next(reversed(self._advice.values()), usual)
 
     @property
     def _press(self) -> PressEffect:

@@ -131,6 +131,8 @@ class Supervisor(Service[SupervisorConfig]):
     def _on_presence(self, instance: str, *, present: bool) -> None:
         if instance == topics.CLEAR_SELECTION.server and not present:
             self._do(self._cycle.manner(None, self.clock.now_ns()))
+        if not present:
+            self._do(self._cycle.end_advice(instance, self.clock.now_ns()))
         if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":
             self._restorer.localizer(self.clock.now_ns(), is_present=present)
             self._moved.set()
@@ -229,8 +231,13 @@ class Supervisor(Service[SupervisorConfig]):
 
     async def _say(self, query: Say, _user: str) -> Done:
         now_ns = self.clock.now_ns()
-        say = self._cycle.advise if query.stays else self._cycle.cue_of_text
-        self._do(say(query.text, now_ns))
+        if query.is_over:
+            self._do(self._cycle.end_advice(query.service, now_ns, query.text))
+            return Done(message=f"{self.user} is not advised so any longer")
+        if query.stays:
+            self._do(self._cycle.advise(query.text, now_ns, query.service))
+        else:
+            self._do(self._cycle.cue_of_text(query.text, now_ns))
         return Done(message=f"{self.user} is told")
 
     async def _store_offset(self) -> str:

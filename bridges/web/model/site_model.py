@@ -17,10 +17,10 @@ from pointit.bridges.web.wire import ArmSource, FindingLine, PersonLine, Service
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.missing_services import home_things
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, expected_services
+from pointit.diagnosis.symptoms import figure
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import Deployment, Environment, Health, Message, encode
-from pointit.schemas.problems import IDLE_ARM
-from pointit.schemas.system import RUN, instance_of, split_instance
+from pointit.schemas.system import OWN_SOURCE, RUN, instance_of, split_instance
 from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, STRIPS_FRAME, Topic
 from pointit.services.registry import IMU_BRIDGE, moves_arm
 from pointit.site.site_state import Change, Key, SiteState
@@ -77,8 +77,6 @@ class SiteObservation:
         self._missed_s: dict[str, float] = {}
         """Time of the first expectation, by expected service that was never present."""
         self._reports: dict[str, deque[DiagnosisReport]] = {}
-        self._sources: dict[str, ArmSource] = {}
-        """Source that moves the arm of each person while no page or phone has it."""
         self._began_run_s = -math.inf
         """Start of the scenario that runs, if another one ran before."""
         self._settled_s = -math.inf
@@ -140,7 +138,6 @@ class SiteObservation:
         """Return the status of the site now, at `now_ns` of the wall clock, Unix ns, if that is known."""
         self._forget_left(expected_services(deployments), now_s)
         seen = replace(self._seen(deployments, now_s, speed), now_ns=now_ns)
-        self._sources = {each.user: self._source(each) for each in people}
         is_starting = bool(self._missed_s) and now_s < self._began_run_s + STARTING_S
         return Status(
             run="over" if self._is_over and not deployments else "starts" if is_starting else "runs",
@@ -149,7 +146,7 @@ class SiteObservation:
                 FindingLine.model_validate(finding, from_attributes=True)
                 for finding in diagnose(seen, lambda finding: self._is_sure(finding, now_s))
             )[:MAX_LINES],
-            people=tuple(each.model_copy(update={"source": self._sources[each.user]}) for each in people),
+            people=tuple(each.model_copy(update={"source": self._source(each)}) for each in people),
             viewers=viewers,
             lan_url=lan_url,
         )
@@ -159,12 +156,14 @@ class SiteObservation:
         services = [service for service, user in map(split_instance, self.present) if user == line.user]
         if any(moves_arm(service) for service in services):
             return "simulation"
-        known = self._sources.get(line.user)
-        if line.moved_by != "own" and known is not None:
-            return known  # as it was before
-        reports = self._reports.get(instance_of(IMU_BRIDGE, line.user))
-        is_idle = bool(reports) and any(each.code == IDLE_ARM for each in reports[-1].health.all_problems)
-        return "none" if is_idle else "device"
+        bridge = instance_of(IMU_BRIDGE, line.user)
+        if bridge not in self.present:
+            return "device"  # something else writes the samples
+        reports = self._reports.get(bridge)
+        if not reports:
+            return "unknown"
+        own_source = figure(reports[-1].health, OWN_SOURCE)
+        return "none" if own_source == 0.0 else "device"
 
     def _seen(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
         began_s = max(self._began_s, now_s - WINDOW_S)  # older than this observation

@@ -340,7 +340,7 @@ class Arm(Service[ArmConfig]):
 
     async def _tell(self, user: str, text: str, *, stays: bool = False) -> None:
         try:
-            await self.bus.call(topics.SAY, topics.SAY.query(text=text, stays=stays), user)
+            await self.bus.call(topics.SAY, topics.SAY.query(text=text, stays=stays, service=self.NAME), user)
         except PointItError as error:  # a person without a supervisor: the state has the sentence
             self.bus.warn("arm-untold", f"{user} is not told {text!r}: {error}", user)
 

@@ -260,6 +260,7 @@ async def test_while_home_assistant_starts_people_are_told_to_wait_and_then_it_w
     home.registries = {"get_config": {"state": "STARTING"}}
     async with bridge(home, tmp_path, monkeypatch, thing("desk", LAMP)) as (_bench, site, health):
         assert site.states["desk"].reason == "Home Assistant is still starting: wait"
+        assert site.states["desk"].is_starting
         assert "correct" not in str(health[-1].problems)
         home.registries = {"get_config": {"state": "RUNNING"}}
         home.set(LAMP, "off")

@@ -30,6 +30,7 @@ from pointit.schemas import (
     SetYawOrigin,
     WristSample,
 )
+from pointit.schemas.system import OWN_SOURCE
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
@@ -309,7 +310,9 @@ class Site:
             yield
 
     def figures(self) -> dict[str, float]:
-        return {figure.name: figure.value for figure in self.reports[-1].figures} if self.reports else {}
+        """Return the figures of the last report, without the one that every report has."""
+        known = {figure.name: figure.value for figure in self.reports[-1].figures} if self.reports else {}
+        return {name: value for name, value in known.items() if name != OWN_SOURCE}
 
 
 def is_by_page(sample: ImuSample, turned: Quaternion = AHEAD) -> bool:
@@ -449,6 +452,13 @@ async def test_health_shows_the_device_of_the_page_and_its_battery() -> None:
             assert here.figures() == {"moved by a page's phone": 1.0, "battery of the phone": 7.0}
             assert "at 7%: plug it in" in here.reports[-1].warnings[0]
         await until(lambda: not here.figures() and not here.reports[-1].warnings)
+
+
+@pytest.mark.parametrize(("source", "value"), [("page", 0.0), ("simulated", 1.0)])
+async def test_health_says_whether_the_arm_has_a_source_of_its_own(source: str, value: float) -> None:
+    async with site(source=source) as here:
+        await until(lambda: bool(here.reports))
+        assert value in [each.value for each in here.reports[0].figures if each.name == OWN_SOURCE]
 
 
 async def test_a_page_whose_clock_is_ahead_is_said_and_late_samples_are_counted() -> None:

@@ -344,6 +344,14 @@ def test_the_manner_of_selecting_names_what_wants_a_press_and_follows_the_things
     assert manner(screws, *many) == ("stay", ("k0", "k1", "k2", "k3"), 9)
 
 
+def test_the_manner_is_known_with_the_map_before_its_things_are_tracked() -> None:
+    engine = SelectionEngine(SelectorConfig(), lambda _record: None)
+    things = (thing("screws"), thing("kettle", 1.0, press=True, label="the kettle"))
+    engine.on_map(Environment(stamp_ns=0, name="room", things=things))
+    told = engine.manner(0)
+    assert (told.by, told.pressed, told.pressed_count) == ("stay", ("the kettle",), 1)
+
+
 def test_the_manner_tells_what_selects_for_people_who_hear_names() -> None:
     for confirm, by in (("press", "press"), ("dwell", "stay")):
         room = Things(thing("screws"), announce={"people": ("anna",), "confirm": confirm})

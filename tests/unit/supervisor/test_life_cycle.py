@@ -212,3 +212,20 @@ def test_the_advice_of_a_service_is_the_next_step_while_the_person_points() -> N
     assert (other.next_step, other.is_advised, other.press) == ("Press to put it down.", True, "confirm")
     rests = shown(cycle.button(*played.press(3, "hold")))
     assert (rests.next_step, rests.is_advised) == (transitions.PRESS, False)
+
+
+def test_advice_ends_with_its_service_and_that_of_another_comes_back() -> None:
+    cycle = life_cycle(press_while_pointing="confirms")
+    cycle.pose(*pose())
+    cycle.button(*played.press(1))
+    cycle.advise("Press to take the box.", 2 * S, "arm")
+    cycle.advise("Press to open the door.", 2 * S, "door")
+
+    ended = shown(cycle.end_advice("door", 3 * S))
+    assert (ended.next_step, ended.is_advised) == ("Press to take the box.", True)
+
+    assert cycle.end_advice("arm", 4 * S, "of earlier") == [], "it says something else by now"
+    taken_back = shown(cycle.end_advice("arm", 4 * S, "Press to take the box."))
+    assert (taken_back.next_step, taken_back.is_advised) == (transitions.POINT_AND_CONFIRM, False)
+
+    assert cycle.end_advice("nobody", 5 * S) == []

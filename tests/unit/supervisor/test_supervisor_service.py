@@ -305,6 +305,24 @@ async def test_a_text_for_the_person_is_a_cue_that_changes_nothing(anna: Person)
     assert (said.message, belief.state, anna.states) == ("anna is told", "idle", ["idle"])
 
 
+async def test_advice_ends_when_its_service_leaves(anna: Person) -> None:
+    arm = anna.bench.bus.announce(topics.SERVICE_ALIVE, "arm")
+    await anna.start()
+    anna.stand()
+    advice = Say(text="Press to take the box.", stays=True, service="arm")
+    await anna.bench.bus.call(topics.SAY, advice, ANNA)
+    assert anna.cues == [], "what stays has no cue"
+
+    anna.press()
+    await anna.bench.settle()
+    told = anna.interactions[-1]
+    assert (told.next_step, told.is_advised) == (advice.text, True)
+
+    arm.close()
+    await anna.bench.settle()
+    assert not anna.interactions[-1].is_advised
+
+
 def before(state: str, now_s: float) -> Interaction:
     return Interaction.model_validate({"stamp_ns": round(now_s * S), "state": state})
 

@@ -30,8 +30,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.environment import Thing
-from pointit.schemas.problems import IDLE_ARM, Problem
-from pointit.schemas.system import RUN
+from pointit.schemas.system import OWN_SOURCE, RUN, Figure
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
 
 DEPLOYED_PUI = ExpectedService(service="pui", command=("pointit", "service", "run", "pui"))
@@ -384,13 +383,11 @@ def test_the_source_of_an_arm_is_a_simulation_a_device_or_none_yet(sight: SiteOb
 
     assert source() == "device"
     sight.set_present("imu-bridge.anna", True, 0.0)
+    assert source() == "unknown", "its bridge has not reported yet"
+    heard(sight, "imu-bridge.anna", 1.0, figures=(Figure(name=OWN_SOURCE, value=1.0),))
     assert source() == "device"
-    idle = Problem(code=IDLE_ARM, sentence="nobody moves the arm", severity="note")
-    heard(sight, "imu-bridge.anna", 1.0, problems=(idle,))
-    assert source() == "none"
-    heard(sight, "imu-bridge.anna", 2.0)
-    assert (source("mouse"), source()) == ("none", "device"), "while a page has it, as before"
-    heard(sight, "imu-bridge.anna", 2.0, problems=(idle,))
+    heard(sight, "imu-bridge.anna", 2.0, figures=(Figure(name=OWN_SOURCE, value=0.0),))
+    assert (source("mouse"), source()) == ("none", "none"), "at once when the page gives it back"
     sight.set_present("user-sim.ben", True, 0.0)
     sight.set_present("tool-of-somebody.anna", True, 0.0)
     assert source() == "none", "of another person, and of a program that is not known here"

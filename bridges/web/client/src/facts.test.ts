@@ -59,7 +59,7 @@ test("a switch that is on, under way or not wanted has its own words", () => {
   assert.equal(card({ ...radio, action: "deselect", is_selected: true }), "Radio is on; staying switches it off.");
   site.deployments.set("run.a", { target_kinds: ["Movie"], services: [], scenarios: [], goal: "Point at Movie." } as never);
   site.selection = null;
-  assert.equal(card(radio), "Radio: not to be selected. Go on to the Movie ones.");
+  assert.equal(card(radio), "Radio: not to be selected, and staying on it selects it. Go on to the Movie ones.");
   assert.equal(controls.goal, "Point at Movie.");
 });
 

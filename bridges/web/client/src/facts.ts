@@ -5,7 +5,7 @@ import { capital } from "./format";
 import type { Facts, Words } from "./guidance";
 import { emptySentence, passedSentence } from "./run";
 import { proposalOf, thingsOf, type Person, type Site } from "./site/site";
-import { lastAct, unavailable } from "./site/things";
+import { isStarting, lastAct, unavailable } from "./site/things";
 import { friendly, modeOf, nextStepOf, objectOf, ownCount, pressedSentence, thing } from "./words";
 
 /** What this person selected a moment ago. */
@@ -24,7 +24,7 @@ export function factsOf(controls: Controls, person: Person, steers: boolean, suc
     isOver: passed !== "", who: mine ? "me" : !line || line.moved_by === "own" ? WHO[line?.source ?? "device"] : line.moved_by,
     mayTake: controls.mayDo("take") || controls.mayDo("pair"), state: person.interaction?.state ?? "pointing",
     just: !success ? "" : success.isWrong ? "wrong" : "right", isOnThing: id !== "", last: last.result,
-    barrier: other && does === "refuse" ? "taken" : closed ? "unavailable" : does === "refuse" ? "late" : owned?.is_pending ? "pending"
+    barrier: other && does === "refuse" ? "taken" : closed ? (isStarting(site, id) ? "starting" : "unavailable") : does === "refuse" ? "late" : owned?.is_pending ? "pending"
       : does === "select" && !controls.isWanted(object?.kind ?? "") ? "unwanted" : "",
     does, mode: modeOf(site, id), by: selectsBy(site, person),
     owner: owned?.user === user ? (controls.hasSelected(id) ? "page" : "person") : owned || hover?.is_selected ? "other" : "",
@@ -41,7 +41,7 @@ export function factsOf(controls: Controls, person: Person, steers: boolean, suc
   };
 }
 
-const WHO = { none: "nobody", device: "device", simulation: "simulation" } as const;
+const WHO = { unknown: "unknown", none: "nobody", device: "device", simulation: "simulation" } as const;
 
 /** What selects the thing that they are on, or things here. */
 function selectsBy(site: Site, { announced, hover }: Person): Facts["by"] {

@@ -16,6 +16,7 @@ const on: Partial<Facts> = { isOnThing: true, does: "select" };
 /** Of each row: facts that lead to it, and what it says. */
 const CASES: readonly [row: string, facts: Partial<Facts>, said: string][] = [
   ["all have passed", { isOver: true, who: "simulation" }, "All packages have passed."],
+  ["not known yet", { who: "unknown" }, ""],
   ["who only looks on", { who: "nobody", mayTake: false }, ""],
   ["nobody", { who: "nobody", state: "idle" }, "Nobody points as ada yet. Do it yourself:"],
   ["a simulated person", { who: "simulation" }, "This is a simulation. Take over:"],
@@ -29,11 +30,13 @@ const CASES: readonly [row: string, facts: Partial<Facts>, said: string][] = [
   ["selected", { just: "right" }, "You fired the lamp! 2 are yours now. Go on with the next."],
   ["refused", { ...on, last: "refused", does: "" }, "The lamp is not changed: it does not answer: start it"],
   ["unavailable", { ...on, barrier: "unavailable", does: "refuse" }, "The lamp is unavailable: it does not answer: start it"],
+  ["starting", { ...on, barrier: "starting", does: "refuse" }, "The lamp is starting: it does not answer: start it"],
   ["another's", { ...on, barrier: "taken", does: "refuse", mode: "claim" }, "The lamp cannot be had: ben has it. Point at another, or wait."],
   ["in use", { ...on, barrier: "taken", does: "refuse" }, "The lamp cannot be had: ben is about to use it. Point at another, or wait."],
   ["too late", { ...on, barrier: "late", does: "refuse", mode: "claim" }, "The lamp cannot be had: it is too late for it. Point at another."],
   ["under way", { ...on, barrier: "pending", does: "" }, "The lamp: under way …"],
-  ["not wanted", { ...on, barrier: "unwanted", mode: "claim" }, "The lamp: not to be selected. Go on to the red ones."],
+  ["not wanted; stay selects it", { ...on, barrier: "unwanted", mode: "claim" }, "The lamp: not to be selected, and staying on it selects it. Go on to the red ones."],
+  ["not wanted", { ...on, barrier: "unwanted", mode: "claim", by: "press" }, "The lamp: not to be selected. Go on to the red ones."],
   ["on; stay ends it", { ...on, does: "deselect", mode: "switch", owner: "other" }, "The lamp is on; staying switches it off."],
   ["on; press ends it", { ...on, does: "deselect", mode: "switch", by: "press" }, "The lamp is on; the button switches it off."],
   ["theirs; stay ends it", { ...on, does: "deselect", mode: "claim", owner: "page" }, "The lamp is yours; staying takes it back."],
@@ -75,7 +78,7 @@ test("each row is tested once", () => {
 
 function every(): Facts[] {
   const all: Facts[] = [];
-  for (const last of ["", "done", "refused"] as const) for (const barrier of ["", "unavailable", "taken", "late", "pending", "unwanted"] as const)
+  for (const last of ["", "done", "refused"] as const) for (const barrier of ["", "unavailable", "starting", "taken", "late", "pending", "unwanted"] as const)
     for (const does of ["", "select", "deselect", "refuse"] as const) for (const mode of ["button", "switch", "claim"] as const)
       for (const owner of ["", "page", "person", "other"] as const) for (const by of ["stay", "press", "name"] as const) all.push({ ...mine, isOnThing: true, last, barrier, does, mode, owner, by });
   return all;

@@ -5,8 +5,8 @@
 
 import type { Hover, Interaction, SelectionManner, TrackedObject } from "./messages";
 
-/** What there is to do: point at something, stay on it, press; or it does what was asked, or cannot. */
-export type Step = "aim" | "hold" | "press" | "following" | "stopped";
+/** What there is to do: point at something, stay on it, leave it before it is full, press; or it does what was asked, or cannot. */
+export type Step = "aim" | "hold" | "leave" | "press" | "following" | "stopped";
 export type Mode = "none" | "invite" | "other" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
 export type Offer = "take" | "pair" | "press" | "again" | "give";
 
@@ -14,8 +14,8 @@ export type Offer = "take" | "pair" | "press" | "again" | "give";
 export interface Facts {
   /** All packages have passed. */
   isOver: boolean;
-  /** Who has the person's arm: this page, nobody yet, their own device, a simulated person, another page … */
-  who: "me" | "nobody" | "device" | "simulation" | "mouse" | "phone" | "headset";
+  /** Who has the person's arm: this page, not known yet, nobody, their own device, a simulated person, another page … */
+  who: "me" | "unknown" | "nobody" | "device" | "simulation" | "mouse" | "phone" | "headset";
   /** This page may take an arm, or pair a phone. */
   mayTake: boolean;
   state: Interaction["state"];
@@ -25,7 +25,7 @@ export interface Facts {
   /** Result of the last act on it since they came to it. */
   last: "" | "done" | "refused";
   /** Reason why an act on it would fail, or should not be. */
-  barrier: "" | "unavailable" | "taken" | "late" | "pending" | "unwanted";
+  barrier: "" | "unavailable" | "starting" | "taken" | "late" | "pending" | "unwanted";
   /** Effect of staying on it, or of a press. */
   does: Hover["action"];
   mode: TrackedObject["mode"];
@@ -88,6 +88,7 @@ const row = (name: string, when: Row["when"], say: Partial<Said>): Row => ({ nam
 export const TABLE: readonly Row[] = [
   row("all have passed", { isOver: true }, { mode: "passed", title: "{passed}", offers: ["again"] }),
 
+  row("not known yet", { who: "unknown" }, { mode: "none", title: "", offers: [] }),
   row("who only looks on", { who: ["nobody", "device", "simulation", "mouse"], mayTake: false }, { mode: "none", title: "", offers: [] }),
   row("nobody", { who: "nobody" }, { mode: "invite", title: "Nobody points as {user} yet. Do it yourself:", offers: ["take", "pair"] }),
   row("a simulated person", { who: "simulation" }, { mode: "invite", title: "This is a simulation. Take over:", offers: ["take", "pair"] }),
@@ -103,10 +104,12 @@ export const TABLE: readonly Row[] = [
 
   row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} is not changed: {why}" }),
   row("unavailable", { ...ON, barrier: "unavailable" }, { step: "stopped", text: "{thing} is unavailable: {why}" }),
+  row("starting", { ...ON, barrier: "starting" }, { step: "following", text: "{thing} is starting: {why}" }),
   row("another's", { ...ON, barrier: "taken", mode: "claim" }, { step: "stopped", text: "{thing} cannot be had: {other} has it. Point at another, or wait." }),
   row("in use", { ...ON, barrier: "taken" }, { step: "stopped", text: "{thing} cannot be had: {other} is about to use it. Point at another, or wait." }),
   row("too late", { ...ON, barrier: "late" }, { step: "stopped", text: "{thing} cannot be had: it is too late for it. Point at another." }),
   row("under way", { ...ON, barrier: "pending" }, { step: "following", text: "{thing}: under way …" }),
+  row("not wanted; stay selects it", { ...ON, barrier: "unwanted", by: "stay" }, { step: "leave", text: "{thing}: not to be selected, and staying on it selects it. Go on to {wanted}." }),
   row("not wanted", { ...ON, barrier: "unwanted" }, { text: "{thing}: not to be selected. Go on to {wanted}." }),
 
   row("on; stay ends it", { ...ON, does: "deselect", mode: "switch", by: "stay" }, { step: "hold", text: "{thing} is on; staying switches it off." }),

@@ -17,7 +17,7 @@ const LONG_MS = 10_000;
 const SIGNS: Record<Said["mode"], string> = {
   none: "point", invite: "point", other: "mouse", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone", passed: "check",
 };
-const STEP_SIGNS: Partial<Record<Said["step"], string>> = { press: "button", following: "play", stopped: "warning" };
+const STEP_SIGNS: Partial<Record<Said["step"], string>> = { press: "button", leave: "warning", following: "play", stopped: "warning" };
 
 export interface Guide {
   update(): void;
@@ -31,8 +31,8 @@ export function cardOf({ facts, words }: { facts: Facts; words: Words }, robots:
   return robots && said.mode === "point" && !said.text ? { ...said, press: "", ...robotStep(robots) } : said;
 }
 
-/** Whether the card shows how full the gauge is: while staying on something or a press has an effect. */
-const hasGauge = ({ mode, step, text }: Said): boolean => mode === "point" && (step === "hold" || step === "press") && text !== "";
+/** Whether the card shows how full the gauge is: while staying on something, or a press, has an effect. */
+const hasGauge = ({ mode, step, text }: Said): boolean => mode === "point" && ["hold", "leave", "press"].includes(step) && text !== "";
 
 export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = controls;

@@ -40,7 +40,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
       const { user, person } = controls;
       const moved = person?.line?.moved_by ?? "own", source = controls.sourceOf(user);
       const options = [
-        { simulation: { value: "own", label: "Demo", icon: "play" }, device: { value: "own", label: "Own device", icon: "watch" }, none: { value: "own", label: "Nobody", icon: "pause" } }[source],
+        { simulation: { value: "own", label: "Demo", icon: "play" }, device: { value: "own", label: "Own device", icon: "watch" }, none: { value: "own", label: "Nobody", icon: "pause" }, unknown: { value: "own", label: "Own device", icon: "watch" } }[source],
       ];
       if (controls.mayDo("take")) options.push({ value: "mouse", label: "Mouse", icon: "mouse" });
       if (controls.mayDo("pair")) options.push({ value: "phone", label: "Phone", icon: "phone" });
@@ -53,7 +53,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
       const phone = person?.line?.phone ?? "";
       const charge = person?.line?.battery;
       write(line, moved === "own"
-        ? { simulation: `${user} is simulated and points by themself.`, device: `${user} points with their own device.`, none: `Nobody moves the arm of ${user} yet: take it.` }[source]
+        ? { simulation: `${user} is simulated and points by themself.`, device: `${user} points with their own device.`, none: `Nobody moves the arm of ${user} yet: take it.`, unknown: "" }[source]
         : moved === "mouse"
           ? isMine ? "You point with this mouse; arrow keys too." : "Another page's mouse points."
           : moved === "headset" ? "A headset points." : `A phone points${phone ? ` (${phone}${charge == null ? "" : `, battery ${Math.round(charge * 100)} %`})` : ""}.`);

@@ -30,7 +30,7 @@ export function thingsPart(controls: Controls): PanelPart {
     updates.push((now) => {
       isOn = now.isOn;
       mark(item, "data-on", now.isOn ? "" : null);
-      mark(item, "data-unavailable", now.problem ? "" : null);
+      mark(item, "data-unavailable", now.problem && !now.isStarting ? "" : null);
       write(state, now.state);
       write(does, now.does);
       write(last, now.last);
@@ -48,7 +48,7 @@ export function thingsPart(controls: Controls): PanelPart {
       const tiles = thingTiles(site);
       show(element, tiles.length > 0);
       const causes = problemsOfThings(tiles);
-      renew(problems, causes.join("\n"), () => causes.map((text) => el("p", {}, icon("warning"), el("span", { text }))));
+      renew(problems, JSON.stringify(causes), () => causes.map(({ text, isStarting }) => el("p", isStarting ? { className: "muted" } : {}, icon(isStarting ? "pause" : "warning"), el("span", { text }))));
       renew(list, JSON.stringify(tiles.map(({ id, name, mode }) => [id, name, mode])), () => {
         updates = [];
         return tiles.map(card);

@@ -4,6 +4,7 @@ import { mark } from "../dom";
 import type { Environment, StripsFrame } from "../messages";
 import { isOfThing, type Site } from "../site/site";
 import { cssColor } from "../geometry/appearance";
+import { darkLamps } from "../site/things";
 import { edges, paths } from "./runs";
 import { placeName } from "../words";
 import { draw, show, xy } from "./svg";
@@ -49,13 +50,13 @@ export class Lights {
       this.frame = site.strips;
       for (const strip of site.strips.strips) this.colour(strip.id, strip.rgb);
     }
-    const wanted = new Map<string, string>();
+    const wanted = new Map<string, string>(), dark = darkLamps(site);
     for (const person of site.people.values()) {
       const search = person.localization;
       if (search?.phase === "sampling" && search.target_id) wanted.set(search.target_id, `${person.user}: ${Math.round(search.progress * 100)} %`);
     }
     for (const [id, { bulb, halo, target, note }] of this.lamps) {
-      const color = site.lamps.get(id)?.color;
+      const color = dark.has(id) ? undefined : site.lamps.get(id)?.color;
       const isLit = !!color && color.some((part) => part > 0);
       mark(bulb, "fill", isLit ? cssColor(color) : "none");
       mark(halo, "fill", isLit ? cssColor(color) : "none");

@@ -2,6 +2,7 @@
 
 import { robotLine, seenRobots } from "../site/robots";
 import { standingOf, thingsOf, type Person, type Site } from "../site/site";
+import { darkLamps } from "../site/things";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { isBox } from "../geometry/appearance";
@@ -49,8 +50,9 @@ export function lampRows(site: Site): (Row & { at: [number, number, number] })[]
     if (localization?.phase !== "sampling" || !localization.target_id) continue;
     wanted.set(localization.target_id, [...(wanted.get(localization.target_id) ?? []), user]);
   }
+  const dark = darkLamps(site);
   return (site.map?.lamps ?? []).map((lamp) => {
-    const isLit = site.lamps.get(lamp.id)?.color.some((part) => part > 0) ?? false;
+    const isLit = !dark.has(lamp.id) && (site.lamps.get(lamp.id)?.color.some((part) => part > 0) ?? false);
     const who = wanted.get(lamp.id);
     return {
       key: lamp.id, name: placeName(lamp.id, "lamp"), at: [...lamp.position_m],

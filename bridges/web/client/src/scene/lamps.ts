@@ -50,11 +50,11 @@ export class Lamps {
     this.set(new Map(), factory.theme.dark);
   }
 
-  /** Show the commanded colours. */
-  set(colors: ReadonlyMap<string, LampColor>, dark: boolean): void {
+  /** Show the commanded colours, but for lamps that are `closed`: whether these shine is not known. */
+  set(colors: ReadonlyMap<string, LampColor>, dark: boolean, closed: ReadonlySet<string> = new Set()): void {
     const off = dark ? 0.2 : 0.5;
     this.lamps.forEach((lamp, i) => {
-      const [r, g, b] = colors.get(lamp.id)?.color ?? [0, 0, 0];
+      const [r, g, b] = closed.has(lamp.id) ? [0, 0, 0] : (colors.get(lamp.id)?.color ?? [0, 0, 0]);
       if (r === lamp.color[0] && g === lamp.color[1] && b === lamp.color[2]) return;
       lamp.color = [r, g, b];
       const lit = Math.max(r, g, b) / 255, rest = off * (1 - Math.min(lit * 2, 1));

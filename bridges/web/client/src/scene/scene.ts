@@ -9,6 +9,7 @@ import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
 import { seenRobots } from "../site/robots";
 import { siteNow, standingOf, type Site } from "../site/site";
+import { darkLamps } from "../site/things";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
 import { drawSeparability, floorAt } from "./separability";
@@ -259,7 +260,7 @@ class Scene implements View {
     this.siteAt = now_ns;
     world.belts.set(site.conveyor);
     world.strips.set(site.strips);
-    world.lamps.set(site.lamps, this.theme.dark);
+    world.lamps.set(site.lamps, this.theme.dark, darkLamps(site));
     world.lamps.mark(world.marks);
     const { camera, width, height } = this.picture;
     for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height, this.picture.isImmersed) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);

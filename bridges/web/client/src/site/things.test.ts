@@ -5,7 +5,7 @@ import type { SelectionEvent, Thing, TrackedObject } from "../messages";
 import { Keeper } from "./apply";
 import type { Item } from "./batch";
 import { emptyPerson, emptySite, type Site } from "./site";
-import { hasSelected, hasTakenBack, noteChange, problemsOfThings, thingTiles } from "./things";
+import { darkLamps, hasSelected, hasTakenBack, noteChange, problemsOfThings, thingTiles } from "./things";
 
 const S = 1e9;
 
@@ -56,11 +56,21 @@ test("a tile says that its thing is unavailable and why, and that an act is unde
   const all = site(), things = [{ id: "radio", state: "unavailable", reason: "no power: switch it on", limit_s: 5 }];
   new Keeper(all).take(encoded("things/{carrier}", { things }, "home-assistant"), 0);
   assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.problem], ["Unavailable", "no power: switch it on"]);
-  assert.deepEqual(problemsOfThings(thingTiles(all)), ["Radio unavailable: no power: switch it on"], "once for all");
-  assert.deepEqual(problemsOfThings([{ name: "A", problem: "off" }, { name: "B", problem: "off" }]), ["Everything unavailable: off"]);
+  const problems = (tiles: Parameters<typeof problemsOfThings>[0]): string[] => problemsOfThings(tiles).map(({ text }) => text);
+  assert.deepEqual(problems(thingTiles(all)), ["Radio unavailable: no power: switch it on"], "once for all");
+  const off = { problem: "off", isStarting: false };
+  assert.deepEqual(problems([{ name: "A", ...off }, { name: "B", ...off }]), ["Everything unavailable: off"]);
+  new Keeper(all).take(encoded("things/{carrier}", { things: [{ ...things[0], is_starting: true }] }, "home-assistant"), 0);
+  assert.deepEqual([thingTiles(all)[1]!.state, problems(thingTiles(all))], ["Starting …", ["Radio starting: no power: switch it on"]]);
   all.carriers.clear();
   all.selection = { objects: [{ id: "radio", user: "anna", is_pending: true }], reserved: [] } as never;
   assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.isOn], ["Under way …", false]);
+});
+
+test("the lamp of an unavailable thing is not drawn as lit", () => {
+  const map = { things: [{ id: "radio", lamp: "radio_lamp" }, { id: "desk", lamp: "desk_lamp" }, { id: "box", lamp: "" }] } as never;
+  const carriers = new Map([["home-assistant", { things: [{ id: "radio", state: "unavailable" }, { id: "desk", state: "on" }, { id: "box", state: "unavailable" }] }]]) as never;
+  assert.deepEqual([...darkLamps({ map, carriers })], ["radio_lamp"]);
 });
 
 test("only what can be taken back is offered: nothing of a button, of others, of before the selector started, or undone already", () => {

@@ -1,7 +1,7 @@
 /** Things of the map: their states, who fired each last, and what of a person can be undone. */
 
 import { capital, duration } from "../format";
-import type { SelectionEvent, Thing, TrackedObject } from "../messages";
+import type { SelectionEvent, Thing, ThingState, TrackedObject } from "../messages";
 import { isTooLate, listed, modeOf, objectOf, OUTCOMES, placeName } from "../words";
 import { siteNow, type Person, type Site } from "./site";
 
@@ -43,13 +43,32 @@ export function lastAct({ changes }: Site, { user, hover, cameNs }: Pick<Person,
   return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last?.reason ?? "" };
 }
 
-/** Why the target of a thing is unavailable, with the remedy. Empty if it is not. */
-export function unavailable(site: Site, id: string): string {
+/** What its carrier says of a thing that cannot be used, or null if it can. */
+function closedState(site: Site, id: string): ThingState | null {
   for (const { things } of site.carriers.values()) {
     const thing = things.find((each) => each.id === id && each.state === "unavailable");
-    if (thing) return thing.reason || "its target does not answer";
+    if (thing) return thing;
   }
-  return "";
+  return null;
+}
+
+/** Why the target of a thing is unavailable, with the remedy. Empty if it is not. */
+export function unavailable(site: Site, id: string): string {
+  const closed = closedState(site, id);
+  return closed ? closed.reason || "its target does not answer" : "";
+}
+
+/** Whether the thing is unavailable only until the system that it belongs to has started. */
+export function isStarting(site: Site, id: string): boolean {
+  return closedState(site, id)?.is_starting ?? false;
+}
+
+/** Lamps of unavailable things: nobody knows whether they shine, so they are not drawn as lit. */
+export function darkLamps(site: Pick<Site, "carriers" | "map">): ReadonlySet<string> {
+  const closed = new Set<string>();
+  for (const { things } of site.carriers.values()) for (const { id, state } of things) if (state === "unavailable") closed.add(id);
+  const lamps = closed.size ? (site.map?.things ?? []).filter(({ id }) => closed.has(id)).map(({ lamp }) => lamp) : [];
+  return new Set(lamps.filter(Boolean));
 }
 
 /** A thing as its tile shows it. */
@@ -61,6 +80,8 @@ export interface ThingTile {
   readonly state: string;
   /** Why it is unavailable, with the remedy; "" if it is not. */
   readonly problem: string;
+  /** It is unavailable only until the system that it belongs to has started. */
+  readonly isStarting: boolean;
   readonly isOn: boolean;
   /** What pointing at it does. */
   readonly does: string;
@@ -77,12 +98,13 @@ export function thingTiles(site: Site): ThingTile[] {
   return (site.map?.things ?? []).map((thing) => tile(site, thing, objectOf(site, thing.id)));
 }
 
-/** Causes for which things are unavailable, each once, with their names unless it is all of them. */
-export function problemsOfThings(tiles: readonly Pick<ThingTile, "name" | "problem">[]): string[] {
+/** Causes for which things are unavailable or starting, each once, with their names unless it is all of them. */
+export function problemsOfThings(tiles: readonly Pick<ThingTile, "name" | "problem" | "isStarting">[]): { text: string; isStarting: boolean }[] {
   const causes = new Set(tiles.map(({ problem }) => problem).filter(Boolean));
   return [...causes].map((cause) => {
-    const names = tiles.filter(({ problem }) => problem === cause).map(({ name }) => name);
-    return `${names.length === tiles.length && names.length > 1 ? "Everything" : listed(names)} unavailable: ${cause}`;
+    const those = tiles.filter(({ problem }) => problem === cause), isStarting = those.every((each) => each.isStarting);
+    const names = those.length === tiles.length && those.length > 1 ? "Everything" : listed(those.map(({ name }) => name));
+    return { text: `${names} ${isStarting ? "starting" : "unavailable"}: ${cause}`, isStarting };
   });
 }
 
@@ -91,9 +113,10 @@ function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const aims = pointing.map(({ user }) => user).join(", ");
   const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
-  const state = !object ? "Not in the room now" : reason ? "Unavailable" : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
+  const isComing = isStarting(site, id), closed = isComing ? "Starting …" : "Unavailable";
+  const state = !object ? "Not in the room now" : reason ? closed : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
   return {
-    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending && !reason, problem: object ? reason : "", does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
+    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending && !reason, problem: object ? reason : "", isStarting: object !== null && isComing, does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
     state: object && aims && !owner && !reason ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
     progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
     canBeTried: object !== null && mode !== "claim",

@@ -12,7 +12,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.link.link import SILENT_S
-from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
+from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, Interaction
 from pointit.schemas.problems import OTHER
 from pointit.schemas.system import RUN, instance_of, split_instance
 from pointit.schemas.table_types import NAME
@@ -259,6 +259,8 @@ class Observation:
     )
     """Reports by instance, oldest first."""
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])
+    interactions: Mapping[str, Interaction] = field(default_factory=dict[str, Interaction])
+    """State of each person, with their next step, by user."""
     home_things: tuple[str, ...] = ()
     """Things of the map that are entities of a Home Assistant."""
     host: str = ""

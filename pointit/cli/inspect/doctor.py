@@ -36,9 +36,9 @@ from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Health, KeyHealth, Quantiles
+from pointit.schemas import Health, Interaction, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, MAP, SHARD_ALIVE
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, INTERACTION, MAP, SHARD_ALIVE
 from pointit.services.registry import add_installed, person_of
 from pointit.site.following import follow_site
 from pointit.site.site_state import Change, SiteState
@@ -101,7 +101,7 @@ class SiteObserver:
     async def watch(self, bus: ZenohBus) -> None:
         """Observe until there is enough data; `seen` holds it afterwards."""
         self._began_s = time.monotonic()
-        follow_site(self._site, bus, time.monotonic, (CLOCK, DEPLOYMENT, HEALTH, MAP))
+        follow_site(self._site, bus, time.monotonic, (CLOCK, DEPLOYMENT, HEALTH, INTERACTION, MAP))
         bus.watch(
             SHARD_ALIVE,
             lambda name, *, present: (self._shards.add if present else self._shards.discard)(name),
@@ -133,6 +133,7 @@ class SiteObserver:
             shards=frozenset(self._shards),
             reports={name: tuple(reports[name]) for name in reports},
             deployments=dict(site.all(DEPLOYMENT)),
+            interactions=dict(site.all(INTERACTION)),
             home_things=() if room is None else home_things(room),
             host=socket.gethostname(),
             stopped=stopped_processes(link.site, link.addresses),
@@ -245,6 +246,10 @@ def _show(
                 "services": [_record(seen, instance) for instance in instances],
                 "findings": [dataclasses.asdict(finding) for finding in findings if not finding.follows],
                 "consequences": [dataclasses.asdict(finding) for finding in findings if finding.follows],
+                "people": [
+                    {"user": user, "state": person.state, "next_step": person.next_step}
+                    for user, person in _people(seen, only)
+                ],
                 "identities": known,
                 "deployments": {
                     name: item.model_dump(exclude={"services": {"__all__": {"command"}}})  # others' commands
@@ -285,10 +290,18 @@ def _show(
         screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
     if findings and HELP.is_file():
         screen.print(Text(f"each code in brackets is explained in {HELP}", style="dim"))
+    for user, person in _people(seen, only):
+        if person.state != "pointing" and person.next_step:
+            screen.print(Text(f"next step of {user}: {person.next_step}", style="dim"))
     if healthy:
         many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
         screen.print(Text(f"all is well: {many}", style="green"))
     return 0 if healthy else EXIT_FAILED
+
+
+def _people(seen: Observation, only: str) -> list[tuple[str, Interaction]]:
+    """Return the people with their states, by name. `only`: a person or service, or `""` for all."""
+    return [each for each in sorted(seen.interactions.items()) if only in ("", each[0])]
 
 
 def _record(seen: Observation, instance: str) -> Row:

@@ -167,6 +167,7 @@ function frame(): void {
   connection.takeOver();
   for (const change of site.fresh) tell(change);
   speakName();
+  if (controls.mine?.announced && !site.timeline) speaker.sayStep(nextStepOf(site, controls.mine));
   stage.draw();
   connection.shown();
   timeline.frame();
@@ -175,6 +176,8 @@ function frame(): void {
   if (!isStale && now - refreshed < PANEL_MS) return;
   refreshed = now;
   isStale = false;
+  const worn = [...site.people.values()].find(({ line }) => line?.is_mine && line.moved_by === "headset");
+  if (worn) stage.view?.immersion?.tellStep(nextStepOf(site, worn));
   for (const part of [runEnd, panel, guide, scenario, stop, stage, timeline]) part.update();
   if (!site.connected) showLost();
   showHeader();

@@ -205,6 +205,7 @@ class Wrist {
       this.cue = part;
       this.screen.big.style.touchAction = part.has_names ? "none" : ""; // a swipe up or down steps, and scrolls nothing
       if (part.announced) this.speaker.say(part.announced);
+      if (part.has_names) this.speaker.sayStep(this.shown(part.next_step));
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
       if (part.has_lost_arm) this.hasArm = false;

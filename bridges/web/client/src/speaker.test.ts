@@ -53,6 +53,20 @@ test("a name counts once the browser has begun to speak it", () => {
   assert.deepEqual(told.at(-1), [0, "silent"]);
 });
 
+test("a next step is spoken once, cuts off no name and counts as none", () => {
+  const { speaker, told, spoken, synthesis } = make([{ lang: "de-DE" }]);
+  let cuts = 0;
+  synthesis.cancel = () => { cuts += 1; };
+  speaker.setUsual(true, "de");
+  speaker.say("Lampe");
+  for (const step of ["", "Point at a box.", "Point at a box.", "Press."]) speaker.sayStep(step);
+  assert.deepEqual([spoken.map(({ text }) => text), cuts], [["Lampe", "Point at a box.", "Press."], 1]);
+  spoken.at(-1)!.onstart?.();
+  assert.deepEqual(told, []);
+  speaker.sayStep("Point at a box.");
+  assert.equal(spoken.at(-1)!.text, "Point at a box.", "again after another one");
+});
+
 test("a browser without voices, or without one of the language, says so by itself and again once it has one", () => {
   const voices: { lang: string }[] = [], { speaker, told, synthesis } = make(voices);
   speaker.setUsual(true, "de");

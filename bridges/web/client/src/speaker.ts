@@ -19,6 +19,8 @@ export class Speaker {
   private box: HTMLInputElement | null = null;
   private readonly languages = el("select", { onchange: () => this.keep({ lang: this.languages.value }) });
   private problem: VoiceProblem = "";
+  /** Last step that was spoken. */
+  private step = "";
   private waiting: ReturnType<typeof setTimeout> | undefined;
 
   /** `region`: element with `aria-live`. `report`: is told of names that were spoken, and why nothing is heard; returns whether it could pass that on. */
@@ -54,6 +56,13 @@ export class Speaker {
     // the same text twice is a change only with another ending
     write(this.region, this.region.textContent === name ? `${name}\u00a0` : name);
     if (this.isOn) this.utter(name);
+  }
+
+  /** Speak a person's next step, once until another one was spoken. It waits for the end of a name, and a name cuts it off. */
+  sayStep(step: string): void {
+    if (!step || step === this.step) return;
+    this.step = step;
+    if (this.isOn) this.utter(step, false);
   }
 
   /** Fields to choose whether, in which language and how fast. */
@@ -101,15 +110,16 @@ export class Speaker {
     if ((spoken || problem !== this.problem) && this.report(spoken, problem)) this.problem = problem;
   }
 
-  private utter(text: string): void {
+  /** `isName`: it cuts off what is being spoken, and is counted. */
+  private utter(text: string, isName = true): void {
     const synthesis = window.speechSynthesis, silent = (): void => this.tell(0, this.missing() || "silent");
     if (!synthesis) return silent();
-    synthesis.cancel();
+    if (isName) synthesis.cancel();
     const utterance = new SpeechSynthesisUtterance(text);
     if (this.lang) utterance.lang = this.lang;
     utterance.rate = this.choices.rate;
-    clearTimeout(this.waiting);
-    if (text) {
+    if (isName) clearTimeout(this.waiting);
+    if (text && isName) {
       this.waiting = setTimeout(silent, PATIENCE_MS);
       utterance.onstart = () => {
         clearTimeout(this.waiting);

@@ -53,6 +53,8 @@ export interface Immersion {
   leave(): void;
   /** Tell the wearer a sentence, for some seconds. */
   tell(sentence: string): void;
+  /** Show the wearer's next step for some seconds, once until it is another one. */
+  tellStep(step: string): void;
 }
 
 export interface ViewOptions {

@@ -34,6 +34,21 @@ test("a hand is invited to point, a phone's tap is not, since it does nothing", 
   assert.equal((await aligned("none")).noteText.includes("Press to point"), false);
 });
 
+test("the wearer reads their next step once, after what stands before their eyes", async () => {
+  const immersive = await aligned("right"), time = (immersive as unknown as { time: { ms: number } }).time;
+  immersive.tellStep("Point at a box.");
+  assert.match(immersive.noteText, /^Aligned/);
+  time.ms += 60_000;
+  immersive.tellStep("Point at a box.");
+  assert.match(immersive.noteText, /^Point at a box\./);
+  immersive.tell("Kettle has fired.");
+  time.ms += 60_000;
+  immersive.tellStep("Point at a box.");
+  assert.match(immersive.noteText, /^Kettle/, "it was read");
+  immersive.tellStep("Press.");
+  assert.match(immersive.noteText, /^Press\./);
+});
+
 test("who has lost the arm reads so at once, and how to take it back", async () => {
   const immersive = await aligned("right");
   immersive.tell("Another headset points as ada now.");

@@ -49,6 +49,8 @@ export class Immersive implements Immersion {
   private mapName = "";
   /** Index of the landmark to touch now. */
   private next = 0;
+  /** Last step of the wearer that was shown. */
+  private step = "";
   private touches: Touch[] = [];
   private anchor: { readonly anchor: XRAnchor; readonly kept: KeptAnchor } | null = null;
   /** Position of a new anchor, {W}; null: none is wanted. */
@@ -136,6 +138,14 @@ export class Immersive implements Immersion {
 
   tell(sentence: string): void {
     if (this.session) this.say(`${sentence}${this.invitation}`, RESULT_MS);
+  }
+
+  /** Show the wearer's next step for a while, once until it is another one. */
+  tellStep(step: string): void {
+    if (!this.session || !this.isAligned || step === this.step) return;
+    if (this.noteText && this.time.ms <= this.noteUntil) return; // another note is before the eyes: afterwards
+    this.step = step;
+    this.say(step, RESULT_MS);
   }
 
   /** Show texts in the session, and a note before the eyes. */

@@ -60,6 +60,10 @@ class Operator:
         self._connection = connection
         self._ids = itertools.count(1)
 
+    async def say(self, **part: Any) -> None:
+        """Send a message that is not answered, such as a headset's motion."""
+        await self._connection.send(json.dumps(part))
+
     async def ask(self, **wish: Any) -> dict[str, Any]:
         part = await self._answer(wish)
         assert not part["error"], part["error"]

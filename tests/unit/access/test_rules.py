@@ -272,3 +272,13 @@ def test_who_reads_selection_events_and_does_more_than_view_may_ask_for_those_of
     reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
     assert reads & set(rights.reads)
     assert asks & set(rights.asks)
+
+
+@pytest.mark.parametrize("role", ["user", "web", "dashboard"])
+def test_each_display_may_read_what_guidance_is_made_of(role: Role) -> None:
+    rules = rules_of("lab", "anna", rights_of(role, "anna"))
+    for key in (
+        topics.MANNER.key, topics.INTERACTION.at("anna"), topics.DEPLOYMENT.at("run.scenario_3"),
+        topics.THING_STATES.at("home-assistant"), topics.SELECTION_EVENTS.key,
+    ):  # fmt: skip
+        assert permits(rules, "declare_subscriber", "ingress", f"pointit/lab/{key}"), (role, key)

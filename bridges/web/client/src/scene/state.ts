@@ -59,17 +59,27 @@ const APART_M = 0.2;
 
 /** Boxes without a name of their own: each is part of a whole of its kind, whose topmost box has the name. */
 export function partsOf<Box extends Pick<Thing, "object" | "placed" | "size">>(boxes: readonly Box[]): Set<Box> {
-  const parts = new Set<Box>(), wholes: Box[][] = [];
+  const parts = new Set<Box>(), kinds = new Map<string, Box[]>();
+  for (const box of boxes) kinds.set(box.object.kind, [...(kinds.get(box.object.kind) ?? []), box]);
+  for (const [kind, alike] of kinds) {
+    if (kind === "" || alike.length === 1) continue; // as most things: each has a name of its own
+    for (const whole of wholesOf(alike)) {
+      const named = whole.reduce((top, each) => (each.placed.at[2] > top.placed.at[2] ? each : top));
+      for (const each of whole) if (each !== named) parts.add(each);
+    }
+  }
+  return parts;
+}
+
+/** Boxes that are connected, directly or by others, as one group each. */
+function wholesOf<Box extends Pick<Thing, "placed" | "size">>(boxes: readonly Box[]): Box[][] {
+  const wholes: Box[][] = [];
   for (const box of boxes) {
-    const near = wholes.filter((whole) => whole.some((each) => each.object.kind === box.object.kind && box.object.kind !== "" && gap(each, box) < APART_M));
+    const near = wholes.filter((whole) => whole.some((each) => gap(each, box) < APART_M));
     for (const whole of near) wholes.splice(wholes.indexOf(whole), 1);
     wholes.push([box, ...near.flat()]);
   }
-  for (const whole of wholes) {
-    const named = whole.reduce((top, each) => (each.placed.at[2] > top.placed.at[2] ? each : top));
-    for (const each of whole) if (each !== named) parts.add(each);
-  }
-  return parts;
+  return wholes;
 }
 
 function gap({ placed: one, size }: Pick<Thing, "placed" | "size">, { placed: other }: Pick<Thing, "placed">): number {

@@ -262,8 +262,8 @@ PROCESSES: list[Process] = [
         about="the newest of every state, for late subscribers when its writer is gone; whose clock is apart",
         reads=(
             topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.INTERACTION, topics.STEERING, topics.MAP,
-            topics.ROBOT_PLAN, topics.SELECTION, topics.THING_STATES, topics.ANNOUNCED, topics.LAMP_COLOR,
-            topics.CONVEYOR_STATE, topics.DEPLOYMENT, topics.HEALTH,
+            topics.ROBOT_PLAN, topics.SELECTION, topics.MANNER, topics.THING_STATES, topics.ANNOUNCED,
+            topics.LAMP_COLOR, topics.CONVEYOR_STATE, topics.DEPLOYMENT, topics.HEALTH,
         ),
         writes=(),
     ),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
+from rich.console import Console
 from rich.text import Text
 
 from pointit.cli.common import site_link
@@ -276,6 +277,17 @@ def _show(
         print_table(screen, section(known))
     if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start
         click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
+    _print_findings(screen, findings)
+    for sentence in _next_steps(seen, only):
+        screen.print(Text(sentence, style="dim"))
+    if healthy:
+        many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
+        screen.print(Text(f"all is well: {many}", style="green"))
+    return 0 if healthy else EXIT_FAILED
+
+
+def _print_findings(screen: Console, findings: Sequence[Finding]) -> None:
+    """Print the findings with their remedies, and the number of those that follow from them."""
     for finding in (each for each in findings if not each.follows):
         who = f"{finding.service}: " if finding.service else ""
         screen.print(
@@ -290,18 +302,17 @@ def _show(
         screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
     if findings and HELP.is_file():
         screen.print(Text(f"each code in brackets is explained in {HELP}", style="dim"))
-    for user, person in _people(seen, only):
-        if person.state != "pointing" and person.next_step:
-            screen.print(Text(f"next step of {user}: {person.next_step}", style="dim"))
-    if healthy:
-        many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
-        screen.print(Text(f"all is well: {many}", style="green"))
-    return 0 if healthy else EXIT_FAILED
 
 
 def _people(seen: Observation, only: str) -> list[tuple[str, Interaction]]:
     """Return the people with their states, by name. `only`: a person or service, or `""` for all."""
     return [each for each in sorted(seen.interactions.items()) if only in ("", each[0])]
+
+
+def _next_steps(seen: Observation, only: str) -> list[str]:
+    """Return the next step of each person who does not point, in one sentence each."""
+    resting = [each for each in _people(seen, only) if each[1].state != "pointing"]
+    return [f"next step of {user}: {person.next_step}" for user, person in resting if person.next_step]
 
 
 def _record(seen: Observation, instance: str) -> Row:

@@ -55,8 +55,8 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone", "headset"]
 """Mover of a person's wrist: their own source, a page's mouse or headset, a phone."""
 
-ArmSource = Literal["none", "device", "simulation"]
-"""Source of the movements of a person's arm while no page or phone has it."""
+ArmSource = Literal["unknown", "none", "device", "simulation"]
+"""Source of the movements of a person's arm while no page or phone has it. Unknown: not reported yet."""
 
 Deed = Annotated[str, Field(max_length=64)]
 """Name of an action of this server: a row of `pages/arm_actions.py` or `pages/site_actions.py`,
@@ -119,6 +119,7 @@ class FindingLine(WireModel):
     """A finding and its remedy."""
 
     severity: Literal["error", "warning", "note"]
+    code: Annotated[str, Field(description="of `pointit doctor`, such as `silent`")]
     service: str
     sentence: str
     remedy: str
@@ -197,6 +198,9 @@ class Answer(WireModel):
     id: Id
     reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty if refused")] = None
     error: Annotated[str, Field(description="reason of the refusal; empty if done")] = ""
+    is_stale: Annotated[
+        bool, Field(description="refused, since the page knows an older state: it has to read it again")
+    ] = False
     _reply_text: str = PrivateAttr(default="")
     """JSON text of a shared reply, or `""`."""
 

@@ -49,7 +49,7 @@ VERSION = "1.8"
 """Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
 RETRY_S = 2.0
 """Wait before the next connection, s."""
-TIMEOUT_S = 5.0
+QTM_TIMEOUT_S = 5.0
 """Timeout of a connection or an answer, s."""
 POLL_S = 1.0
 """Period at which settings that have changed are asked for, s."""
@@ -381,11 +381,11 @@ class QtmClient(asyncio.Protocol):
         loop = asyncio.get_running_loop()
         addresses = await look_up(self._session.server, self._port)
         local = (self._interface, 0) if self._interface else None
-        async with asyncio.timeout(TIMEOUT_S):
+        async with asyncio.timeout(QTM_TIMEOUT_S):
             host = str(addresses[0][1][0])
             await loop.create_connection(lambda: self, host, self._port, local_addr=local)
             await self._protocol.set_version(VERSION)
-        connection: Any = self._qtm.QRTConnection(self._protocol, timeout=TIMEOUT_S)
+        connection: Any = self._qtm.QRTConnection(self._protocol, timeout=QTM_TIMEOUT_S)
         self._session.restart(self._now_ns(), is_connected=True)
         self._warn("")
         await self._protocol.send_command("getstate", callback=False)
@@ -420,7 +420,7 @@ class QtmClient(asyncio.Protocol):
         if self._end_reason.startswith("has"):
             return f"{server} {self._end_reason}: start QTM there, or end other clients of it"
         if self._transport is not None:
-            silence = f"does not answer by QTM's protocol within {TIMEOUT_S:g} s"
+            silence = f"does not answer by QTM's protocol within {QTM_TIMEOUT_S:g} s"
             return f"{server} {self._end_reason or str(error) or silence}: {remedies}"
         return (
             f"{server} cannot be reached ({str(error) or 'no answer'}): start QTM there, allow it in the "

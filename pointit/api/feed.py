@@ -36,7 +36,7 @@ UNREADABLE_TIMEOUT_S = 1.0
 
 MAX_INVALID_MESSAGES = 3
 """Number of unreadable messages that are tolerated before an error is raised."""
-TIMEOUT_S = 2.0
+MESSAGE_TIMEOUT_S = 2.0
 """Time to wait for the first message, s."""
 MAX_AT_ONCE = 8
 """Limit of calls of one function that run at once. Further events are left out, and named."""
@@ -243,7 +243,7 @@ class Newest(Mapping[str, M], Generic[M]):
         return self[""]
 
     @accept_old_names(patience_s="timeout_s")
-    async def wait(self, name: str = "", *, timeout_s: float = TIMEOUT_S) -> M:
+    async def wait(self, name: str = "", *, timeout_s: float = MESSAGE_TIMEOUT_S) -> M:
         """Return the newest message of `name`, or of the one writer, as soon as there is one.
 
         Raises:

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from pointit.api import requests
-from pointit.api.feed import TIMEOUT_S, F, Feed, Latest, Newest
+from pointit.api.feed import MESSAGE_TIMEOUT_S, F, Feed, Latest, Newest
 from pointit.api.inputs import Tracker
 from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import Lamp
@@ -306,7 +306,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
         return self.wait()
 
     @accept_old_names(patience_s="timeout_s")
-    def wait(self, name: str = "", *, timeout_s: float = TIMEOUT_S) -> M:
+    def wait(self, name: str = "", *, timeout_s: float = MESSAGE_TIMEOUT_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
         return self._thread.run(self._newest.wait(name, timeout_s=timeout_s))
 

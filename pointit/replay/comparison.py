@@ -26,7 +26,7 @@ TOLERANCE = 1e-6
 TIME_TOLERANCE_S = 0.1
 """Difference of times that is none, s: a recorder gets a message a little after the services did."""
 
-TIMEOUT_NS = 2 * NS_PER_S
+PAIRING_TIMEOUT_NS = 2 * NS_PER_S
 """After this time a message whose stamp the other run does not have is paired with a near one, or missing."""
 
 NEAR_NS = NS_PER_S // 2
@@ -261,9 +261,9 @@ class Comparison:
         else:
             pair = (sample, partner) if side == "recorded" else (partner, sample)
             self._compare(topic, *pair)
-        if sample.time_ns - self._looked_ns > TIMEOUT_NS // 4:
+        if sample.time_ns - self._looked_ns > PAIRING_TIMEOUT_NS // 4:
             self._looked_ns = sample.time_ns
-            self._give_up(sample.time_ns - TIMEOUT_NS)
+            self._give_up(sample.time_ns - PAIRING_TIMEOUT_NS)
 
     def finish(self) -> ComparisonReport:
         """Return the result; no message comes any more."""

@@ -25,7 +25,7 @@ MAX_PEOPLE = 64
 HOVERED = 0.3
 """Brightness of a thing's lamp when a person begins to point at it, relative to their colour. It grows to 1
 with the progress of the selection."""
-STEP = 0.05
+BRIGHTNESS_STEP = 0.05
 """Change of brightness below which a lamp is left as it is."""
 DARK: Rgb = (0, 0, 0)
 TARGET: Rgb = (255, 255, 255)
@@ -165,7 +165,7 @@ class ThingLamps:
         if before is None or before.lamp != lamp:
             self._hovered[user] = _Hovered(now_ns, lamp, level)
             return "lamps"
-        changes = abs(level - before.level) >= STEP
+        changes = abs(level - before.level) >= BRIGHTNESS_STEP
         self._hovered[user] = _Hovered(now_ns, lamp, level if changes else before.level)
         return "level" if changes else "none"
 

@@ -1,4 +1,4 @@
-"""When a pose is published again: after a noticeable change, or some time."""
+"""Timer of the publications of a pose: again after a noticeable change, or some time."""
 
 import math
 from collections.abc import Callable

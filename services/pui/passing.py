@@ -14,7 +14,7 @@ from pointit.services.pui.surfaces import PLACES, Surface
 LOOK_NS = NS_PER_S // 10
 """Minimum time between searches for the nearest thing, so that passing costs little more than a hit, ns."""
 
-TIMEOUT_NS = 3 * NS_PER_S // 2
+PASSING_TIMEOUT_NS = 3 * NS_PER_S // 2
 """Time of continuous pointing past everything before the cue, ns. Sweeps from thing to thing are shorter."""
 
 AGAIN_NS = 6 * NS_PER_S
@@ -78,7 +78,7 @@ class Passing:
         if not is_in_range(hit.point_m):
             return None
 
-        is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
+        is_long = stamp_ns - self._since_ns >= PASSING_TIMEOUT_NS
         self._passed = _passed(surface, hit, origin_m, direction, is_long=is_long)
         if is_long and self._missed_ns > HINT_NS:
             self.hint = self._passed.text

@@ -39,7 +39,7 @@ GRACE_S = 1.0
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 PLACEHOLDERS = ("thing", "user", "confidence", "state")
 
-TIMEOUT_S = 5.0
+WEBHOOK_TIMEOUT_S = 5.0
 """Maximum time of a try, s."""
 PAUSES_S = (1.0, 4.0)
 """Pauses before the second and the third try, s."""
@@ -214,7 +214,7 @@ class Webhook:
             await asyncio.sleep(pause_s)
             act.check_in_time()
             try:
-                async with asyncio.timeout(TIMEOUT_S):
+                async with asyncio.timeout(WEBHOOK_TIMEOUT_S):
                     try:
                         pool = await asyncio.to_thread(open_pool, request.url)
                     except (ValueError, ImportError, httpx.InvalidURL) as error:
@@ -229,7 +229,7 @@ class Webhook:
                     async with pool:
                         status, reason = await post(pool, request)
             except (TimeoutError, httpcore.TimeoutException):
-                problem = f"did not answer within {TIMEOUT_S:g} s"
+                problem = f"did not answer within {WEBHOOK_TIMEOUT_S:g} s"
             # UnicodeError: no name of a host, such as with a label of more than 63 characters
             except (
                 httpcore.NetworkError,

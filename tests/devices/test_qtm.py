@@ -199,7 +199,7 @@ async def test_a_server_that_is_no_qtm_is_named_with_the_remedy(
 async def test_a_silent_server_a_closed_port_and_an_old_version_are_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(qtm_client, "TIMEOUT_S", 0.5)
+    monkeypatch.setattr(qtm_client, "QTM_TIMEOUT_S", 0.5)
     async with answering(b"") as port, running(port, system="qtm") as (watcher, _):
         await until(lambda: watcher.warns("does not answer by QTM's protocol within 0.5 s"))
     async with answering(b"", echoes=True) as port, running(port, system="qtm") as (watcher, _):

@@ -22,10 +22,10 @@ from pointit.schemas.topics import Delivery, Topic
 Change = tuple[str, str, bytes | None]
 """Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
-WINDOW_S = 3.0
+LINK_WINDOW_S = 3.0
 """Window (s) of which the fastest report counts."""
 
-LAG_S = 1.0
+LINK_LAG_S = 1.0
 """Delays above this are reported."""
 
 MAX_KEYS = 4096
@@ -72,7 +72,7 @@ class SlowLink:
     """Compares the stamps of other machines' reports with their arrival times."""
 
     def __init__(self, host: str) -> None:
-        self._monitor = ClockSkewMonitor(host, WINDOW_S)
+        self._monitor = ClockSkewMonitor(host, LINK_WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float, person: str) -> None:
         """Process a report that arrived at `arrived_ns` (own clock, Unix ns); `now_s` is monotonic."""
@@ -85,7 +85,7 @@ class SlowLink:
             f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page is "
             "behind: the link between the two machines is slow or full, or their clocks differ"
             for skew in self._monitor.skews(now_s)
-            if skew.ahead_s <= -LAG_S and not skew.claimant
+            if skew.ahead_s <= -LINK_LAG_S and not skew.claimant
         )
 
 

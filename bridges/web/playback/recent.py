@@ -61,7 +61,7 @@ KINDS: tuple[LaneKind, ...] = (
 
 ROBOT = ROBOT_STATE.writers[0]
 """Service of a robot, one instance each."""
-WINDOW_S = 600.0
+RECENT_WINDOW_S = 600.0
 """Time that is kept, s."""
 
 CHUNK_NS = 2 * NS_PER_S
@@ -326,7 +326,7 @@ class _Chunk:
 class Recent:
     """Keeps the messages that pages were shown in the last `window_s`."""
 
-    def __init__(self, site: str, window_s: float = WINDOW_S) -> None:
+    def __init__(self, site: str, window_s: float = RECENT_WINDOW_S) -> None:
         self._site = site
         self._window_ns = round(window_s * NS_PER_S)
         self._newest: dict[Key, Moment] = {}

@@ -45,7 +45,7 @@ Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
 """Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
 
 DARK: Rgb = (0, 0, 0)
-TIMEOUT_S = 1.0
+LIGHTS_TIMEOUT_S = 1.0
 """Limit of the time until a lamp shows what it was set to, s: the LED driver limits its flashes."""
 
 COLORS: tuple[Rgb, ...] = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
@@ -115,7 +115,7 @@ class ScanLights:
                     log.warning("the camera cannot find lamp %s: %s", name, error)
                     self._names -= {name}
         try:
-            async with asyncio.timeout(TIMEOUT_S):
+            async with asyncio.timeout(LIGHTS_TIMEOUT_S):
                 while any(
                     self._colors.get(name, DARK) != wanted[name] for name in self._names & wanted.keys()
                 ):

@@ -17,7 +17,7 @@ MIN_REACH_M = 0.1
 """Least distance of a pointing hand from the eyes."""
 MAX_REACH_M = 1.5
 """Largest distance of a pointing hand. A controller beyond both lies somewhere: the arm hangs."""
-TIMEOUT_S = 5.0
+HEADSET_TIMEOUT_S = 5.0
 """Silence after which a headset has released the wrist, s: it draws few frames while it is busy."""
 MAX_AWAY_M = 1000.0
 """Maximum distance of the wearer from the origin of the map, m."""

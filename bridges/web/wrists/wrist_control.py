@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, AssumedPlace, HeadsetMotion, Mover, PersonLine, Turn
-from pointit.bridges.web.wrists.headset import TIMEOUT_S, HeadsetPose
+from pointit.bridges.web.wrists.headset import HEADSET_TIMEOUT_S, HeadsetPose
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -424,7 +424,7 @@ class WristControl:
             heard_ns = phone.heard_ns if phone else -math.inf  # simulated time may begin at 0
             silent_ns = now_ns - (person.headset.last_received_ns(now_ns) if is_headset else heard_ns)
             silence_s = silent_ns / (speed * NS_PER_S)
-            if silence_s > (TIMEOUT_S if is_headset else SILENT_S):
+            if silence_s > (HEADSET_TIMEOUT_S if is_headset else SILENT_S):
                 self._free(person)
             elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or not is_headset):
                 if is_headset and silence_s > SILENT_S:

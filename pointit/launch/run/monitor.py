@@ -47,7 +47,7 @@ MAX_FAILURES = 20
 """Last failures of acts in the summary. Earlier ones are only counted."""
 RECENT = 64
 """Recent cursors kept to match a frame with its capture."""
-STEP = 1.005
+LATENCY_STEP = 1.005
 """Ratio of neighbouring histogram bins, which bounds the memory of long runs."""
 MIN_S = 1e-6
 
@@ -203,7 +203,7 @@ class Latency:
         if frame.stamp_ns in self._pending:
             del self._pending[frame.stamp_ns]
             value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed + frame.light_s
-            self._classes[round(math.log(max(value_s, MIN_S), STEP))] += 1
+            self._classes[round(math.log(max(value_s, MIN_S), LATENCY_STEP))] += 1
 
     @property
     def count(self) -> int:
@@ -222,7 +222,7 @@ class Latency:
             for exponent, number in classes:
                 rank -= number
                 if rank <= 0:
-                    return round(STEP**exponent * 1e3, 3)
+                    return round(LATENCY_STEP**exponent * 1e3, 3)
             raise AssertionError("unreachable: the ranks sum up to the total")
 
         return {"p50": quantile(0.5), "p99": quantile(0.99)}

@@ -42,7 +42,7 @@ LOG_PERIOD_S = 30.0
 abandoned: set[asyncio.Task[None]] = set()
 """Tasks of plug-ins that did not end when cancelled. They end with the process."""
 
-PERIOD_S = 0.25
+STALL_PERIOD_S = 0.25
 """Period of checks, s."""
 STALL_S = 0.5
 """Time for which a plug-in may block the loop, s."""
@@ -324,7 +324,7 @@ class StallWatch:
                 return
             if not sign.wait(STALL_S):
                 self._on_stall(sign, asked_s)
-            time.sleep(PERIOD_S)
+            time.sleep(STALL_PERIOD_S)
 
     def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
         frames = sys._current_frames()  # noqa: SLF001  # documented, for this
@@ -338,7 +338,7 @@ class StallWatch:
         sinks = dict(self._packages[package])
         who = " or ".join(sorted(set(sinks.values())))
         log.error("%s blocks the event loop, and all services of this process, at %s", who, where)
-        while not sign.wait(PERIOD_S):
+        while not sign.wait(STALL_PERIOD_S):
             if self._loop.is_closed():
                 return
         remedy = "it must call what blocks in a thread"

@@ -26,7 +26,7 @@ def one_try(monkeypatch: pytest.MonkeyPatch) -> None:
 
 async def react(server: HostileServer, timeout_s: float = 60.0) -> str:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(targets, "TIMEOUT_S", timeout_s)
+        patch.setattr(targets, "WEBHOOK_TIMEOUT_S", timeout_s)
         _code, sentence = await failure_of(Webhook.parse(server.url), ACT)
         return sentence.partition("/... ")[2]
 

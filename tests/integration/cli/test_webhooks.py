@@ -95,7 +95,7 @@ async def test_a_busy_server_is_asked_again_with_the_same_key() -> None:
 async def test_a_failure_is_a_sentence_without_the_secret(
     monkeypatch: pytest.MonkeyPatch, status: int, requests: int, sentence: str
 ) -> None:
-    monkeypatch.setattr(targets, "TIMEOUT_S", 60.0)
+    monkeypatch.setattr(targets, "WEBHOOK_TIMEOUT_S", 60.0)
     async with serving(status) as server:
         failure = await send(f"http://127.0.0.1:{server.port}/secret")
         assert failure == ("refused", sentence.replace("PORT", str(server.port)))
@@ -103,7 +103,7 @@ async def test_a_failure_is_a_sentence_without_the_secret(
 
 
 async def test_a_server_that_stalls_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(targets, "TIMEOUT_S", 0.2)
+    monkeypatch.setattr(targets, "WEBHOOK_TIMEOUT_S", 0.2)
     async with serving(STALLED) as server:  # which may not read all three in time
         code, sentence = await send(f"http://127.0.0.1:{server.port}/secret")
         assert code == "no_answer"

@@ -30,7 +30,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import FEEDBACK
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
-from pointit.services.pui.passing import AGAIN_NS, TIMEOUT_NS, Passing
+from pointit.services.pui.passing import AGAIN_NS, PASSING_TIMEOUT_NS, Passing
 from pointit.services.pui.surfaces import ALL_KINDS, Kind, Surface, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from tests.support import there
@@ -193,7 +193,7 @@ def test_text_says_where_after_a_while(azimuth_deg: float, elevation_deg: float,
     for stamp_ns in range(0, 2 * NS_PER_S, STEP_NS):
         passed = there(shown(someone, aimed(azimuth_deg, elevation_deg, stamp_ns)).passed)
         texts.append((stamp_ns, passed.text))
-    assert all(said == "" for stamp_ns, said in texts if stamp_ns < TIMEOUT_NS)
+    assert all(said == "" for stamp_ns, said in texts if stamp_ns < PASSING_TIMEOUT_NS)
     assert texts[-1][1] == text
 
 
@@ -206,7 +206,7 @@ def test_a_cue_comes_after_a_while_and_not_again_for_longer() -> None:
             assert cue.stamp_ns == stamp_ns
             assert cue.turn_rad == pytest.approx((0.0, math.radians(20.0)), abs=1e-6)
             cued_ns.append(stamp_ns)
-    assert cued_ns[0] == pytest.approx(TIMEOUT_NS, abs=NS_PER_S // 5)
+    assert cued_ns[0] == pytest.approx(PASSING_TIMEOUT_NS, abs=NS_PER_S // 5)
     assert len(cued_ns) == 3
     assert all(after - before >= AGAIN_NS for before, after in pairwise(cued_ns))
 
@@ -256,7 +256,7 @@ def test_a_thing_across_the_half_turn_is_beside_the_ray_and_not_behind(side: flo
     passing = Passing(Placed(vector.direction(math.radians(-179.0 * side), 0.0)))
     ray = vector.direction(math.radians(179.0 * side), 0.0)
     passing.miss((0.0, 0.0, 0.0), ray, 0)
-    passed = there(passing.miss((0.0, 0.0, 0.0), ray, TIMEOUT_NS))
+    passed = there(passing.miss((0.0, 0.0, 0.0), ray, PASSING_TIMEOUT_NS))
     assert passed.right_rad == pytest.approx(math.radians(-2.0 * side))
     turn, here = ("left", "right") if side > 0.0 else ("right", "left")
     assert passed.text == f"you point 5° to the {here} of lamp l: turn {turn}"
@@ -284,8 +284,8 @@ def test_on_a_workspace_nothing_more_is_told_of_the_map() -> None:
     assert aims_past(someone, 2 * NS_PER_S, 20 * NS_PER_S) == 0
     someone.set_workspace(SetWorkspace(kind="none"), Tracked(STRIP))
     assert someone.cue() is None
-    assert aims_past(someone, 20 * NS_PER_S, 20 * NS_PER_S + TIMEOUT_NS) == 0
-    assert aims_past(someone, 20 * NS_PER_S + TIMEOUT_NS, 22 * NS_PER_S) == 1
+    assert aims_past(someone, 20 * NS_PER_S, 20 * NS_PER_S + PASSING_TIMEOUT_NS) == 0
+    assert aims_past(someone, 20 * NS_PER_S + PASSING_TIMEOUT_NS, 22 * NS_PER_S) == 1
 
 
 class Placed:

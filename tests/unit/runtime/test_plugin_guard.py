@@ -142,7 +142,7 @@ async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(
     tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(plugin_guard, "STALL_S", 0.05)
-    monkeypatch.setattr(plugin_guard, "PERIOD_S", 0.001)
+    monkeypatch.setattr(plugin_guard, "STALL_PERIOD_S", 0.001)
     monkeypatch.setattr(plugin_guard, "SHOWN_S", 0.01)
     plugin_guard.guard_of(SOURCES, "serial", sink)
     assert asyncio.get_running_loop() not in plugin_guard._watches, "ours are not watched"
@@ -179,7 +179,7 @@ async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
 ) -> None:
     for name in ("STALL_S", "OWN_STALL_S"):
         monkeypatch.setattr(plugin_guard, name, 0.05)
-    monkeypatch.setattr(plugin_guard, "PERIOD_S", 0.001)
+    monkeypatch.setattr(plugin_guard, "STALL_PERIOD_S", 0.001)
     module = types.ModuleType("pointit.services.flooded.service")
     exec("def block(stop):\n    while not stop():\n        pass", vars(module))  # noqa: S102 - code by that name
     plugin_guard.watch_for_stalls(module.__name__, "flooded", sink, is_service=True)

@@ -49,8 +49,8 @@ class RivalPublishers:
             return ""
         parents = " and ".join(checks.named(each) for each in sorted({parent, history.other[0]}))
         return (
-            f"two nodes publish the frame {checks.named(frame)} (in {parents}), and it jumps between them: end "
-            "one of them, or have it publish another frame"
+            f"two nodes publish the frame {checks.named(frame)} (in {parents}), and it jumps between them: "
+            "end one of them, or have it publish another frame"
         )
 
     def _follow(self, history: _History, position: Position) -> None:

@@ -158,17 +158,6 @@ _HOMES = {
 }
 """Modules that are loaded at the first use of a name: they take long, and few plug-ins need them."""
 
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
-
-
 __all__ = [
     "GROUPS",
     "NS_PER_S",
@@ -281,3 +270,13 @@ GROUPS: dict[str, PluginGroup[Any]] = {
     "service": SERVICES,
 }
 """Installed plug-ins by kind, of those that `pointit plugin check` can check."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

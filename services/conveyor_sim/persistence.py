@@ -97,7 +97,9 @@ class PlantPersistence:
         ]
         self._seq += len(numbered)
         is_changed = bool(events) or plant is not self._plant or plant.changes != self._changes
-        if self._store.is_open and (is_changed or abs(now_ns - self._saved_ns) >= PERIOD_NS):
+        is_due = is_changed or abs(now_ns - self._saved_ns) >= PERIOD_NS
+        can_wait = not events  # events must be there before they are published
+        if self._store.is_open and is_due and not (can_wait and self._store.should_rest(now_ns)):
             self._store.write(now_ns, lambda db: self._replace(db, plant, mark, now_ns, numbered))
             self._plant = plant
             self._changes = plant.changes

@@ -87,15 +87,16 @@ def create_atomically(path: Path, content: bytes) -> bool:
     """
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
     write_atomically(part, content)
+    is_new = True
     try:
         os.link(part, path)
     except FileExistsError:
-        return False
+        is_new = False
     except OSError:  # a file system without links
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-    return True
+    return is_new
 
 
 @contextlib.contextmanager

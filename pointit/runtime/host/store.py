@@ -6,6 +6,7 @@ are reported in `Store.problem`, and the writer continues in memory.
 
 import contextlib
 import sqlite3
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,14 @@ READ_BUSY_S = 2.0
 """Timeout of a reader, and of a writer at the start, s."""
 RETRY_EVERY_NS = 5 * NS_PER_S
 """Time without another attempt after a failed write, ns."""
+MAX_REST_NS = 60 * NS_PER_S
+"""Maximum rest after a slow write, ns."""
+SLOW_S = 0.25
+"""Time of a write above which the disk is slow, s: the caller's event loop stands still meanwhile."""
+REST_FACTOR = 20
+"""Rest after a slow write, relative to its time. Writes that can wait take 5 % of the time at most."""
+REPORTED_SLOW_WRITES = 3
+"""Number of slow writes in a row after which they are reported. A busy machine has one at times."""
 SHOWN_NS = 86_400 * NS_PER_S
 """Time for which a set-aside file is reported, ns. Another process may have set it aside, such as `pointit
 run` before it starts services."""
@@ -57,6 +66,10 @@ class Store:
         self._failure = ""
         """Problem of the last write."""
         self._retry_ns = 0
+        self._slow_writes = 0
+        """Number of slow writes in a row."""
+        self._rest_until_ns = 0
+        """Time until which writes that can wait should wait, ns."""
 
     @property
     def is_open(self) -> bool:
@@ -66,7 +79,16 @@ class Store:
     @property
     def problem(self) -> str:
         """Return the problem and its remedy in one sentence, or `""`."""
-        return self._failure or self._notice
+        if self._failure or self._notice or self._slow_writes < REPORTED_SLOW_WRITES:
+            return self._failure or self._notice
+        return (
+            f"{self.path} is on a slow disk (writes take more than {SLOW_S:g} s, and everything waits for "
+            "them): set POINTIT_STATE to a folder on a faster one"
+        )
+
+    def should_rest(self, now_ns: int) -> bool:
+        """Return True if a write that can wait, such as of a snapshot, should wait for a slow disk."""
+        return 0 < self._rest_until_ns - now_ns <= MAX_REST_NS
 
     def open(self, now_ns: int, read: Callable[[sqlite3.Connection], T]) -> T | None:
         """Open or create the file, and return the result of `read`. A damaged file is set aside.
@@ -108,6 +130,7 @@ class Store:
         """
         if self._db is None or (self._failure and 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS):
             return False
+        began_s = time.perf_counter()
         try:
             with self._db:
                 self._db.execute("BEGIN IMMEDIATE")
@@ -120,7 +143,15 @@ class Store:
             )
             return False
         self._failure = ""
+        self._note_duration(time.perf_counter() - began_s, now_ns)
         return True
+
+    def _note_duration(self, duration_s: float, now_ns: int) -> None:
+        if duration_s <= SLOW_S:
+            self._slow_writes = 0
+            return
+        self._slow_writes += 1
+        self._rest_until_ns = now_ns + min(round(REST_FACTOR * duration_s * NS_PER_S), MAX_REST_NS)
 
     def close(self) -> None:
         """Close the file and release the lock."""

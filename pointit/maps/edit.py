@@ -8,7 +8,6 @@ refused, not damaged.
 
 import json
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,6 +26,7 @@ from pointit.runtime.config.yaml_file import (
     written_text,
 )
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.state_file import part_of_file, rename_to_new
 
 _Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
 """Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
@@ -58,30 +58,18 @@ def write_new(path: Path, text: str | bytes) -> None:
     Raises:
         ConfigError: If it exists already, or cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}")
+    part = part_of_file(path)
     try:
         try:
             with part.open("xb") as opened:
                 opened.write(text.encode() if isinstance(text, str) else text)
-            _rename_to_new(part, path)
+            rename_to_new(part, path)
         finally:
             part.unlink(missing_ok=True)
     except FileExistsError as error:
         raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
-
-
-def _rename_to_new(part: Path, path: Path) -> None:
-    """Give the file `part` the name `path` if no file has it. FAT has no links and may lose a race."""
-    try:
-        path.hardlink_to(part)
-    except FileExistsError:
-        raise
-    except OSError:
-        if path.exists():
-            raise FileExistsError from None
-        part.rename(path)
 
 
 def quoted(text: str) -> str:

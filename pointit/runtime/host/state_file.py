@@ -85,18 +85,40 @@ def create_atomically(path: Path, content: bytes) -> bool:
     Raises:
         ConfigError: If it cannot be written. Names the file.
     """
-    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
+    part = part_of_file(path)
     write_atomically(part, content)
     is_new = True
     try:
-        os.link(part, path)
+        rename_to_new(part, path)
     except FileExistsError:
         is_new = False
-    except OSError:  # a file system without links
-        part.replace(path)
     finally:
         part.unlink(missing_ok=True)
     return is_new
+
+
+def part_of_file(path: Path) -> Path:
+    """Return a path for a part of the file at `path`, which no process uses, and no dead one has used."""
+    return path.with_name(
+        f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}"
+    )  # writers need the suffix
+
+
+def rename_to_new(part: Path, path: Path) -> None:
+    """Give the file `part` the name `path` if no file has it. FAT has no links and may lose a race.
+
+    Raises:
+        FileExistsError: If a file has the name.
+        OSError: If it cannot be given. `part` may still be there otherwise, too.
+    """
+    try:
+        path.hardlink_to(part)
+    except FileExistsError:
+        raise
+    except OSError:
+        if path.exists():
+            raise FileExistsError from None
+        part.rename(path)
 
 
 @contextlib.contextmanager
@@ -122,8 +144,7 @@ def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False)
             if not os.access(target, os.W_OK):
                 raise PermissionError(errno.EACCES, "it is write-protected")
             mode = target.stat().st_mode
-        # the suffix tells writers the format
-        part = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}{target.suffix}")
+        part = part_of_file(target)
         try:
             part.touch(0o666 if mode is None else 0o600, exist_ok=False)
             yield part

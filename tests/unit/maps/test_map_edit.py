@@ -296,3 +296,26 @@ def test_an_existing_file_stays_and_a_new_one_is_readable(
     plain = tmp_path / "plain"
     plain.touch()
     assert path.stat().st_mode == plain.stat().st_mode
+
+
+@pytest.mark.parametrize("step", ["open", "hardlink_to", "unlink"])
+def test_process_that_is_killed_while_it_writes_hinders_no_later_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    """In a container, the next process has the same number."""
+
+    class KilledError(BaseException):
+        pass
+
+    def die(*_arguments: object, **_options: object) -> None:
+        raise KilledError
+
+    path = tmp_path / "room.yaml"
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, step, die)
+        patch.setattr(Path, "unlink", die)  # the dead clean up nothing
+        with pytest.raises(KilledError):
+            write_new(path, "lamps: {}\n")
+    if not path.exists():
+        write_new(path, "lamps: {}\n")
+    assert path.read_text() == "lamps: {}\n"

@@ -1,18 +1,18 @@
 """Text of others in a browser: labels, names, words, problems and requests are text, and nothing else."""
 
 import asyncio
-import json
 import time
-from pathlib import Path
 
 import pytest
-from playwright.async_api import Browser, Route
+from playwright.async_api import Browser
 
-from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.bridges.web.server import access, app
+from pointit.bridges.web.server.access import RequestInfo
+from pointit.runtime.clock import WallClock
 from pointit.schemas import (
     Announced,
     Deployment,
+    Environment,
     Feedback,
     Health,
     Interaction,
@@ -25,11 +25,13 @@ from pointit.schemas import (
     Understood,
     topics,
 )
+from pointit.schemas.environment import Thing
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import Figure
-from tests.e2e.web.site import running
-from tests.e2e.web.window import Window
-from tests.support.commands import Commands
+from tests.e2e.web.conftest import page_is_built
+from tests.e2e.web.window import NO_WEBGL, Window
+from tests.integration.web.pages import OPERATOR, serving
+from tests.support.bench import Bench, memory_bench
 from tests.support.pace import Patience
 
 pytestmark = pytest.mark.slow
@@ -46,26 +48,25 @@ HOSTILE = (
 USER = "eve"
 SHOWN_S = 4.0
 """Time for which hostile messages are repeated while the page shows them, s."""
+POLICY = "Content-Security-Policy"
 STRICT = "require-trusted-types-for 'script'; trusted-types 'none'"
 """Further policy, in which assigning markup to a document raises an error."""
-FOREIGN = """() => [...document.querySelectorAll("img[src=x], iframe, script:not([src]), svg[onload], [onerror]")]
-  .map((element) => element.outerHTML)"""
+FOREIGN = """() => [...document.querySelectorAll(
+  "img[src=x], iframe, script:not([src]), svg[onload], [onerror]"
+)].map((element) => element.outerHTML)"""
 TEXT = "() => document.body.innerText"
 
 
-def room(folder: Path) -> Path:
-    """Write a map whose things have hostile labels."""
-    things = "".join(
-        f"  thing{index}: {{label: {json.dumps(label)}, center: [2.5, {index - 2.0}, 1.3], "
-        "size: [0.2, 0.2, 0.2]}\n"
+def room() -> Environment:
+    """Return a map whose things have hostile labels."""
+    things = tuple(
+        Thing(id=f"thing{index}", label=label, center_m=(2.5, index - 2.0, 1.3), size_m=(0.2, 0.2, 0.2))
         for index, label in enumerate(HOSTILE)
     )
-    path = folder / "room.yaml"
-    path.write_text(f"things:\n{things}", encoding="utf-8")
-    return path
+    return Environment(stamp_ns=1, name=EVIL, things=things)
 
 
-async def publish_everything(bus: ZenohBus, text: str) -> None:
+async def publish_everything(bench: Bench, text: str) -> None:
     """Put each message whose text a page shows, with `text` in all its fields of text."""
     now_ns = time.time_ns()
     problem = Problem(code="connection", sentence=text, subject=text[:100], topic=text[:100])
@@ -102,46 +103,37 @@ async def publish_everything(bus: ZenohBus, text: str) -> None:
         (topics.FEEDBACK, USER, Feedback(stamp_ns=now_ns, cue="refused", text=text, target_id=text)),
         (topics.ANNOUNCED, USER, Announced(stamp_ns=now_ns, object_id=text, label=text, began_ns=now_ns)),
     ):
-        bus.publisher(topic, name).put(message)
+        bench.put(topic, message, name)
         await asyncio.sleep(0)
 
 
 @pytest.mark.parametrize("is_stricter", [False, True], ids=["own policy", "trusted types"])
 async def test_hostile_text_is_shown_as_text_and_runs_nothing(
-    commands: Commands, tmp_path: Path, browser: Browser, *, is_stricter: bool
+    browser: Browser, monkeypatch: pytest.MonkeyPatch, *, is_stricter: bool
 ) -> None:
-    site = await running(
-        commands, str(room(tmp_path)), "--imu", "page", "--duration", "600", state=tmp_path / "state"
-    )
+    page_is_built()
 
-    async def add_policy(route: Route) -> None:
-        answer = await route.fetch()
-        policy = f"{answer.headers['content-security-policy']}; {STRICT}"
-        await route.fulfill(response=answer, headers={**answer.headers, "content-security-policy": policy})
+    def stricter_headers(info: RequestInfo) -> dict[str, str]:
+        usual = access.headers(info)
+        return {**usual, POLICY: f"{usual[POLICY]}; {STRICT}"}
 
-    bus = await ZenohBus.open(Link(connect=(site.endpoint,)))
-    try:
-        tokens = [
-            bus.announce(topics.USER_ALIVE, USER),
-            bus.announce(topics.SERVICE_ALIVE, f"pointing.{USER}"),
-        ]
-        window = await Window.open(browser, "about:blank")
-        if is_stricter:
-            await window.page.route("**/*", add_policy)
-        await window.page.goto(site.url)
-        await window.is_shown()
+    if is_stricter:
+        monkeypatch.setattr(app, "headers", stricter_headers)
+    async with memory_bench(WallClock()) as bench, serving(bench) as server:
+        bench.bus.announce(topics.USER_ALIVE, USER)
+        bench.bus.announce(topics.SERVICE_ALIVE, f"pointing.{USER}")
+        bench.put(topics.MAP, room())
+        window = await Window.open(browser, f"{server.url}/?token={OPERATOR}", scripts=(NO_WEBGL,))
+        await window.until("Boolean(window.pointit?.site?.map)", "the map")
         patience = Patience(SHOWN_S)
         while not patience.is_over():
             for text in HOSTILE:
-                await publish_everything(bus, text)
-            await window.is_drawn_anew()
+                await publish_everything(bench, text)
+            await asyncio.sleep(0.5)
         shown = await window.page.evaluate(TEXT)
         assert EVIL in shown, "it is shown literally"
         assert await window.page.evaluate("window.evil ?? null") is None
         assert await window.page.evaluate(FOREIGN) == []
         assert await window.violations() == []
-        assert [fault for fault in window.faults if "foreign" not in fault] == []
-        for token in tokens:
-            token.close()
-    finally:
-        await bus.close()
+        assert window.faults == []
+        await window.page.close()

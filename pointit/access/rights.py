@@ -1,11 +1,11 @@
-"""Rights of each role, derived from the tables, and the limits of one identity at a router. Pure.
+"""Rights of each role, derived from the tables, and the maximum rate of each key. Pure.
 
-Zenoh limits only the rate of each key of a connection (`max_rate_hz`), at once; `pointit router` the messages
-of an identity, over all its keys and connections, within seconds.
+Zenoh limits the rate of each key of a connection at once; `pointit router` the load of an identity, over all
+its keys and connections, within seconds (`identity_load.py`).
 """
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+import functools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -52,31 +52,19 @@ Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "opera
 """Role of an identity: a person's services; the shared services; one shared service with the identity's name;
 the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
 
-LIMITED = frozenset({"user", "dashboard"})
-"""Roles with limits. Identities of other roles serve all people, like a site's services."""
-MAX_CONNECTIONS = 32
-"""Maximum connections of one identity: 16 processes, such as a person's services and commands, or viewers.
-Each has a second one while it tests its rights, all at once when a router opens again."""
+MAX_CACHED = 4096
+"""Limit of remembered keys: 60 people have 2600."""
 LATEST_HZ = 500.0
 """Maximum rate of a key of which only the newest message counts. Wrists send 200 Hz at most."""
 MAX_RATE_HZ = 100.0
 """Maximum rate of a key with states or events, of which each has to be handled."""
 MAX_ACCOUNT_HZ = 5.0
 """Maximum rate of a key on which a service reports, once a second or when something changes."""
-MAX_HZ = 2500.0
-"""Rate of messages of one identity that is allowed for good. An IMU of 200 Hz, with all derived messages,
-makes 1400. A question or a declaration counts as `REQUEST_COST` of them, below `@` as `INTERNAL_COST`."""
-REQUEST_COST = 25
-"""Messages whose load is that of a question or a declaration, which goes to all clients."""
-INTERNAL_COST = 5
-"""The same of those below `@`: of late subscribers and of tests of rights, many at a start."""
-BURST = 10_000.0
-"""Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
-lease (3 s) of messages at once."""
-START_LOAD = 3500.0
-"""The same for each connection in addition: two starts of a viewer of all topics, who declares 1600."""
-HOLD_S = 30.0
-"""Time for which a flooding identity stays cut off, s."""
+
+UNSLOWED = (IMU, RAY)
+"""Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
+(200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
+
 ROLES: tuple[Role, ...] = get_args(Role)
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 """Topics for operators of the site."""
@@ -99,127 +87,13 @@ FOR_MEMBERS = (READ_HISTORY, *FOR_ALL)
 ALL = "**"
 
 
-@dataclass(frozen=True, kw_only=True)
-class LimitedConnection:
-    """One session at the router."""
-
-    identity: str
-    """`SITE/NAME`, or `""` if unknown."""
-    session: str
-    """Zenoh's name of the session."""
-    address: str
-    """Source address, `tls/192.168.1.5:40001`."""
-
-    @property
-    def can_be_cut(self) -> bool:
-        """Return True if it has a socket of its own to close. QUIC connections share the listener's."""
-        return not self.address.startswith("quic/")
-
-
+@functools.lru_cache(maxsize=MAX_CACHED)
 def max_rate_hz(key: str) -> float:
-    """Return the maximum rate of a key, relative to the site, on each connection of a person."""
+    """Return the maximum rate of a key, relative to the site: of each connection, and of all of a person."""
     topic = topic_of(key)
     if topic in (*ACCOUNTS, DEPLOYMENT):
         return MAX_ACCOUNT_HZ
     return MAX_RATE_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
-
-
-class ConnectionLimits:
-    """Decides at each check which connections to cut."""
-
-    def __init__(self, max_connections: int = MAX_CONNECTIONS) -> None:
-        self._max_connections = max_connections
-        self._seen: dict[tuple[str, str], LimitedConnection] = {}
-        """Connections by session and address, in order of arrival. Their identity may be known later."""
-        self._excess: dict[str, float] = {}
-        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
-        self._counts = Counter[str]()
-        """Number of connections by identity."""
-        self.held: dict[str, float] = {}
-        """Identities that are cut off, and the end of that time."""
-
-    def excess(
-        self,
-        connections: Sequence[LimitedConnection],
-        roles: Mapping[str, str],
-        rates_hz: Mapping[str, float],
-        now_s: float,
-    ) -> tuple[list[LimitedConnection], dict[str, str]]:
-        """Return the connections to cut, and a message by identity; roles and rates are by identity, too."""
-        there = {(each.session, each.address): each for each in connections}
-        self._seen = {key: there[key] for key in (*self._seen, *there) if key in there}
-        by_identity: dict[str, list[LimitedConnection]] = {}
-        for each in self._seen.values():
-            if roles.get(each.identity) in LIMITED:
-                by_identity.setdefault(each.identity, []).append(each)
-        counts = Counter({name: len(own) for name, own in by_identity.items()})
-        self._hold(
-            {name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, counts, now_s
-        )
-        closed_connections: list[LimitedConnection] = []
-        messages: dict[str, str] = {}
-        for name in self.held:
-            own = by_identity.pop(name, [])
-            closed_connections += own
-            messages[name] = (
-                f"{name} has written or asked {BURST:.0f} messages more than {MAX_HZ:.0f} a second and "
-                + (
-                    f"is cut off for {HOLD_S:.0f} s: end the process that does"
-                    if all(each.can_be_cut for each in own)
-                    else _stays(name)
-                )
-            )
-        for name, own in by_identity.items():
-            if len(own) > self._max_connections:
-                newest = own[self._max_connections :]
-                closed_connections += newest
-                messages[name] = (
-                    f"{name} has {len(own)} connections, at most {self._max_connections} are let in "
-                    f"(--most-connections), the newest are cut: find the program that opens them. If "
-                    f"its certificate is in other hands: `pointit site renew {_short(name)}`"
-                    if all(each.can_be_cut for each in newest)
-                    else f"{name} has {len(own)} connections, more than {self._max_connections} "
-                    f"(--most-connections), and {_stays(name)}"
-                )
-        return [each for each in closed_connections if each.can_be_cut], messages
-
-    def hold(
-        self,
-        connections: Iterable[LimitedConnection],
-        roles: Mapping[str, str],
-        loads: Mapping[str, float],
-        now_s: float,
-    ) -> None:
-        """Cut off who is beyond the limit by its load since the last check alone, messages by identity."""
-        counts = Counter(each.identity for each in connections)
-        for name, load in loads.items():
-            messages = self._excess.get(name, 0.0) + load - MAX_HZ
-            if roles.get(name) in LIMITED and messages >= self._limit(name, counts[name]):
-                self.held[name] = now_s + HOLD_S
-
-    def _limit(self, name: str, count: int) -> float:
-        return BURST + START_LOAD * max(count, self._counts[name])
-
-    def _hold(self, rates_hz: Mapping[str, float], counts: Counter[str], now_s: float) -> None:
-        self.held = {name: held for name, held in self.held.items() if held > now_s}
-        for name in {*self._excess, *rates_hz}:
-            limit = self._limit(name, counts[name])
-            messages = self._excess.get(name, 0.0) + rates_hz.get(name, 0.0) - MAX_HZ
-            if messages >= limit:
-                self.held[name] = now_s + HOLD_S
-            elif counts[name] < self._counts[name]:  # what they declared is allowed without them, too
-                messages = min(messages, BURST - MAX_HZ)
-            self._excess[name] = max(0.0, min(limit, messages))
-        self._counts = counts
-        self._excess = {name: messages for name, messages in self._excess.items() if messages}
-
-
-def _stays(identity: str) -> str:
-    return f"cannot be cut (QUIC): revoke it: `pointit site revoke {_short(identity)}`"
-
-
-def _short(identity: str) -> str:
-    return identity.rpartition("/")[2]
 
 
 def viewer_topics() -> list[Topic[Any]]:

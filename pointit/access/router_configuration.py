@@ -15,11 +15,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.access.rights import ALL, Rights, Role, max_rate_hz, rights_of
+from pointit.access.rights import ALL, UNSLOWED, Rights, Role, max_rate_hz, rights_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS, ROOM, VERBS
 from pointit.schemas.table_types import Delivery, Request, Topic
-from pointit.schemas.topics import ANY, HEALTH, IMU, RAY, READ_HISTORY, REQUESTS, TOPICS, topic_of
+from pointit.schemas.topics import ANY, HEALTH, READ_HISTORY, REQUESTS, TOPICS, topic_of
 
 Rule = dict[str, Any]
 """An entry of Zenoh's `access_control.rules`."""
@@ -47,9 +47,6 @@ where the router knows the sender, and reports it."""
 ONE_STREAM = "?multistream=0"
 """Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
 its key, and the router drops it silently."""
-UNSLOWED = (IMU, RAY)
-"""Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
-(200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
 MAX_HISTORY_HZ = 10.0
 """Maximum rate of questions for past events, of each connection: half of what a selector answers."""
 MAX_SESSIONS = 1000

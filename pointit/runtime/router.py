@@ -10,6 +10,8 @@ import json
 import logging
 import re
 import sys
+import threading
+from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -21,7 +23,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router_health import RouterHealthPublisher
-from pointit.runtime.router_sockets import Peer, cut, peer, release_udp_ports
+from pointit.runtime.router_sockets import Peer, cut, hold, peer, release_udp_ports
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
     close_session,
@@ -103,7 +105,12 @@ class Router:
         self._session: zenoh.Session | None = None
         self._link_listener: zenoh.LinkEventsListener[None] | None = None
         self.is_held: Callable[[str], bool] = lambda _: False
-        """Returns True for an identity whose new connections are closed. Called on Zenoh's threads."""
+        """Returns True for a common name whose new connections are held. Called on Zenoh's threads."""
+        self._new_connections = Counter[str]()
+        """Number of connections by common name since `pop_new_connections`."""
+        self._lock = threading.Lock()
+        self.times_opened = 0
+        """Number of times that it has opened. All clients connect again then."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
         self.former: frozenset[str] = frozenset()
@@ -141,10 +148,24 @@ class Router:
         links = self._session.info.links()
         return [(str(link.zid), link.auth_identifier or "", link.dst) for link in links]
 
+    def pop_new_connections(self) -> Counter[str]:
+        """Return and reset the number of new connections by common name, empty where none is known."""
+        with self._lock:
+            new_connections = self._new_connections
+            self._new_connections = Counter()
+        return new_connections
+
     def cut(self, addresses: Iterable[str]) -> None:
         """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
-        if peers := {found for address in addresses if (found := _peer(address)) is not None}:
+        peers = _peers(addresses)
+        if peers:
             cut(peers)
+
+    def hold(self, addresses: Iterable[str]) -> None:
+        """Discard what comes by the connections from `addresses` until they end, a lease later."""
+        peers = _peers(addresses)
+        if peers:
+            hold(peers)
 
     async def reload_on_change(self) -> None:
         """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
@@ -195,6 +216,7 @@ class Router:
 
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
+        self.times_opened += 1
         self._link_listener = session.info.declare_link_events_listener(
             Callback(self._on_link, indirect=False), history=True
         )
@@ -204,11 +226,17 @@ class Router:
         }
 
     def _on_link(self, event: zenoh.LinkEvent) -> None:
-        """Close the connection of a held identity. Zenoh reads none of its messages before this returns."""
+        """Count a new connection, and hold that of a held identity.
+
+        Zenoh reads none of its messages before this returns.
+        """
         if event.kind == zenoh.SampleKind.PUT:
             set_tcp_timeouts(ports_of(self._listens), LEASE_MS)
-            if self.is_held((event.link.auth_identifier or "").rpartition("/")[0]):
-                self.cut([event.link.dst])
+            common_name = event.link.auth_identifier or ""
+            with self._lock:
+                self._new_connections[common_name] += 1
+            if self.is_held(common_name):
+                self.hold([event.link.dst])
 
     def _read(self) -> zenoh.Config:
         config = parse_config(self._make(), self._folder)
@@ -235,9 +263,10 @@ class Router:
         return tuple(found)
 
 
-def _peer(address: str) -> Peer | None:
-    found = PEER.match(address)
-    return None if found is None else peer(found[1], int(found[2]))
+def _peers(addresses: Iterable[str]) -> set[Peer]:
+    """Return the peers of connections by TLS."""
+    matches = [PEER.match(address) for address in addresses]
+    return {peer(match[1], int(match[2])) for match in matches if match is not None}
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:

@@ -14,6 +14,8 @@ TakeLine = Callable[[str, int], None]
 """Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
 
 CHUNK_BYTES = 256 * 1024
+PIPE_BYTES = 1024 * 1024
+"""Size of the pipe, Linux's limit for a user. Zenoh's threads wait when it is full."""
 STDOUT = 1
 MAX_LINES = 20_000
 """Limit of lines per second that are taken one by one. Of further ones, equal lines are counted and taken
@@ -26,7 +28,12 @@ TIME_BYTES = len("\x1b[2m2026-03-01T00:00:00.000000Z\x1b[0m ")
 
 
 @contextlib.contextmanager
-def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
+def captured_log(
+    wanted: str,
+    take: TakeLine,
+    marks: Sequence[bytes] = (),
+    is_ignored: Callable[[bytes], bool] | None = None,
+) -> Generator[None]:
     """Pass each line of Zenoh's log to `take`, in another thread. Other output is not changed.
 
     The log is coloured in spite of NO_COLOR: a line without colours is recognised as the rest of a key with a
@@ -34,7 +41,7 @@ def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Ge
 
     Call this once, in a separate process, since Zenoh's log cannot be configured twice. If the user has set
     RUST_LOG, the log is not changed. `wanted` has the syntax of RUST_LOG. `take` must not raise. Lines that
-    contain one of `marks` have precedence over others.
+    contain one of `marks` have precedence over others. Those for which `is_ignored` are skipped.
     """
     if "RUST_LOG" in os.environ:
         zenoh.try_init_log_from_env()
@@ -43,11 +50,14 @@ def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Ge
     sys.stdout.flush()
     before = os.dup(STDOUT)
     source, sink = os.pipe()
+    _enlarge_pipe(sink)
     os.dup2(sink, STDOUT)
     os.close(sink)
     shown = sys.stdout
     sys.stdout = os.fdopen(os.dup(before), "w", 1, encoding=shown.encoding, errors=shown.errors)
-    threading.Thread(target=_read, args=(source, take, marks), name="zenoh-log", daemon=True).start()
+    threading.Thread(
+        target=_read, args=(source, take, marks, is_ignored), name="zenoh-log", daemon=True
+    ).start()
     os.environ.pop("NO_COLOR", None)
     zenoh.init_log_from_env_or(wanted)
     try:
@@ -59,7 +69,18 @@ def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Ge
         sys.stdout = shown
 
 
-def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
+def _enlarge_pipe(sink: int) -> None:
+    """Make room for a second of lines. Where that cannot be set, the pipe has 64 kB."""
+    if sys.platform == "linux":
+        import fcntl  # noqa: PLC0415 - there is none on Windows
+
+        with contextlib.suppress(OSError):
+            fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+
+
+def _read(
+    source: int, take: TakeLine, marks: Sequence[bytes], is_ignored: Callable[[bytes], bool] | None = None
+) -> None:
     rest = b""
     began_s = time.monotonic()
     count = 0
@@ -67,6 +88,8 @@ def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
     with os.fdopen(source, "rb", buffering=0) as pipe:
         while chunk := pipe.read(CHUNK_BYTES):
             *lines, rest = (rest + chunk).split(b"\n")
+            if is_ignored is not None:
+                lines = [line for line in lines if not is_ignored(line)]
             if time.monotonic() - began_s >= 1.0:
                 began_s = time.monotonic()
                 count = 0

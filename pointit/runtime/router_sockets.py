@@ -41,18 +41,34 @@ def cut(peers: Collection[Peer]) -> int:
     passes it on, so a flood would keep its connection. If they could not be written either, Zenoh might wait
     5 s for one of them, and with it all others: measured in one of three floods.
     """
+    return _discard(peers, should_end=True)
+
+
+def hold(peers: Collection[Peer]) -> int:
+    """Discard what comes from `peers` until Zenoh closes their connections, a lease (3 s) later.
+
+    Whoever is cut connects again within milliseconds. Who is held needs a lease for each new connection.
+
+    Returns:
+        Number of connections.
+    """
+    return _discard(peers, should_end=False)
+
+
+def _discard(peers: Collection[Peer], *, should_end: bool) -> int:
     count = 0
     program = ctypes.create_string_buffer(KEEP_HEADERS)
-    for found in own_sockets():
+    for connection in own_sockets():
         with contextlib.suppress(OSError, ValueError):  # closed meanwhile, nothing has come, or it listens
-            if peer(*found.getpeername()[:2]) in peers:
-                found.shutdown(socket.SHUT_RD)
-                count += 1
-                with contextlib.suppress(OSError):  # no such filter here: what has come is discarded anyway
-                    found.setsockopt(
-                        socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(program))
-                    )
-                found.recv(MAX_DISCARDED_BYTES, socket.MSG_DONTWAIT | socket.MSG_TRUNC)
+            if peer(*connection.getpeername()[:2]) not in peers:
+                continue
+            count += 1
+            if should_end:
+                connection.shutdown(socket.SHUT_RD)
+            with contextlib.suppress(OSError):  # no such filter here: what has come is discarded anyway
+                filter_program = struct.pack("HP", 1, ctypes.addressof(program))
+                connection.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, filter_program)
+            connection.recv(MAX_DISCARDED_BYTES, socket.MSG_DONTWAIT | socket.MSG_TRUNC)
     return count
 
 

@@ -19,7 +19,8 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.access.rights import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ, viewer_topics
+from pointit.access.connection_limits import MAX_CONNECTIONS
+from pointit.access.rights import LATEST_HZ, MAX_RATE_HZ, viewer_topics
 from pointit.access.router_configuration import MAX_HISTORY_HZ, configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.diagnosis.diagnose import diagnose

@@ -7,20 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import (
-    FLOOD_HZ,
-    KINDS,
-    MAX_KEY,
-    MAX_MESSAGES,
-    MAX_REASONS,
-    MAX_SHOWN,
-    RECENT_S,
-    SLOWED,
-    DeniedOperations,
-    RecentDenials,
-)
-from pointit.access.rights import INTERNAL_COST, LATEST_HZ, MAX_RATE_HZ, REQUEST_COST
+from pointit.access.denied_operations import FLOOD_HZ, MAX_KEY, MAX_MESSAGES, RECENT_S, SLOWED, RecentDenials
+from pointit.access.identity_load import INTERNAL_COST, REQUEST_COST
+from pointit.access.rejected_connections import MAX_REASONS, MAX_SHOWN
+from pointit.access.rights import LATEST_HZ, MAX_RATE_HZ
+from pointit.access.zenoh_trace import KINDS
 from pointit.schemas.problems import DENIED
+from tests.unit.access.traced import TracedOperations
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
@@ -32,7 +25,7 @@ MANY = "lab/anna writes users/anna/{} times a second, more than anybody needs: e
 
 
 def sentences(*lines: str) -> list[str]:
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in lines:
         refused.take(line if line.startswith("\x1b") else HEAD + line)
     return list(refused.take_sentences(1.0).values())
@@ -128,7 +121,7 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
 
 def test_a_message_is_not_called_too_long_if_lines_before_it_are_missing() -> None:
     let_in = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
-    denied = DeniedOperations()
+    denied = TracedOperations()
     denied.take(let_in)
     denied.take(let_in, 3000)
     dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
@@ -141,7 +134,7 @@ def test_a_message_is_not_called_too_long_if_lines_before_it_are_missing() -> No
 
 
 def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
-    refused = DeniedOperations()
+    refused = TracedOperations()
     count = 7000
     write = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     refused.take(write)
@@ -153,18 +146,17 @@ def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
         f"may not write map ({count} times): refused and writes users/anna/imu {count + 1} times" in sentence
     )
     assert "long" not in sentence
-    assert (refused.total, refused.rates_hz) == (count, {"lab/anna": count + 1})
+    assert (refused.denied.total, refused.sizes()) == (count, {"lab/anna": 2 * count + 1})
 
 
 def test_who_has_a_new_connection_is_reported_at_once_and_once() -> None:
     """Only the log names those of a site by passwords."""
-    known: list[str] = []
-    refused = DeniedOperations(lambda: known.append("x"))
+    refused = TracedOperations()
     for connection in ("12ab", "12ab", "34cd"):
         user = f"{connection} on Interface(lo)+Username(lab/anna/2)+Transport(Tls)+{connection}"
         refused.take(f"{HEAD}{user} is authorized to Put (ingress) on pointit/lab/users/anna/imu")
-    assert known == ["x", "x"]
-    assert refused.identity("34cd") == "lab/anna"
+    assert refused.known == 2
+    assert refused.trace.common_name("34cd") == "lab/anna/2"
 
 
 def test_who_writes_too_often_is_told() -> None:
@@ -176,13 +168,13 @@ def test_who_writes_too_often_is_told() -> None:
 
 
 def test_questions_with_long_names_are_one_entry_each_identity_and_begin() -> None:
-    denied = DeniedOperations()
+    denied = TracedOperations()
     for number in range(300):
         key = f"pointit/lab/{'x' * 200}{number}"
         denied.take(f"{HEAD}{ANNA} is authorized to Query (ingress) on {key}")
-    assert len(denied._requests) == 1
+    assert len(denied.trace._requests) == 1
     denied.take_sentences(1.0)
-    assert denied.rates_hz == {"lab/anna": 300.0 * REQUEST_COST}
+    assert denied.sizes() == {"lab/anna": 300.0 * REQUEST_COST}
 
 
 @pytest.mark.parametrize(
@@ -197,14 +189,14 @@ def test_questions_with_long_names_are_one_entry_each_identity_and_begin() -> No
     ],
 )
 def test_questions_and_declarations_count_as_several_messages(request_line: str, cost: int) -> None:
-    denied = DeniedOperations()
+    denied = TracedOperations()
     count = 200
     for _ in range(count):
         denied.take(f"{HEAD}{ANNA} is authorized to {request_line}")
-    assert denied.loads()["lab/anna"] == cost * count
     assert denied.take_sentences(1.0) == {}
-    assert denied.rates_hz.get("lab/anna", 0.0) == cost * count
-    assert not denied.loads()
+    assert denied.sizes().get("lab/anna", 0.0) == cost * count
+    denied.take_sentences(1.0)
+    assert not denied.sizes()
 
 
 def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:
@@ -215,12 +207,12 @@ def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -
 def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> None:
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED * MAX_RATE_HZ)):
         refused.take(line)
     (told,) = refused.take_sentences(1.0).values()
     assert told == MANY.format("claim 201")
-    assert refused.rates_hz == {"lab/anna": 201.0}
+    assert refused.sizes() == {"lab/anna": 201.0}
     assert refused.take_sentences(1.0) == {}
     burst = [slowed("12ab34cd")] * int(SLOWED * MAX_RATE_HZ - 1)
     assert sentences(known, *burst) == [], "of a burst, some is fetched again"
@@ -232,37 +224,51 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
 def test_questions_that_are_dropped_as_too_frequent_count_as_questions() -> None:
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Query (ingress) on pointit/lab/selector/history"
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in (HEAD + known, *[slowed("12ab34cd", "selector/history").replace("Push", "Request")] * 9):
         refused.take(line)
-    assert refused.loads() == {"lab/anna": 10 * REQUEST_COST}
     assert refused.take_sentences(1.0) == {}
-    assert refused.rates_hz == {"lab/anna": 10.0 * REQUEST_COST}
+    assert refused.sizes() == {"lab/anna": 10.0 * REQUEST_COST}
 
 
 def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
     claim = "users/ben/claim"
     denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/{claim}"
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in (denied, *[slowed("12ab", claim)] * 200):
         refused.take(line)
     assert refused.take_sentences(1.0) == {"lab/anna": f"lab/anna may not write {claim} (201 times): refused"}
-    assert refused.total == 201
+    assert refused.denied.total == 201
 
 
 def test_denials_of_a_revoked_certificate_do_not_hide_those_of_its_identitys_valid_one() -> None:
     former = ANNA
     valid = ANNA.replace("12ab", "34cd").replace("anna/2", "anna/3")
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for who, key in ((former, "users/anna/imu"), (valid, "map")):
         refused.take(f"{HEAD}{who} is unauthorized to Put (ingress) on pointit/lab/{key}")
     assert refused.take_sentences(1.0, {"lab/anna/2"}) == {"lab/anna": "lab/anna may not write map: refused"}
-    assert refused.revoked.keys() == {"lab/anna"}
-    assert "may not write users/anna/imu: refused, as it was revoked" in refused.revoked["lab/anna"]
+    assert refused.denied.revoked.keys() == {"lab/anna"}
+    assert "may not write users/anna/imu: refused, as it was revoked" in refused.denied.revoked["lab/anna"]
 
     refused.take(f"{HEAD}{valid} is unauthorized to Put (ingress) on pointit/lab/map")
     assert refused.take_sentences(1.0, {"lab/anna/2"}) == {"lab/anna": "lab/anna may not write map: refused"}
-    assert refused.revoked == {}, "the former one was connected, and does nothing now"
+    assert refused.denied.revoked == {}, "the former one was connected, and does nothing now"
+
+
+def test_who_takes_the_first_letters_of_anothers_connection_is_named_by_what_is_decided() -> None:
+    verdict = "is authorized to Put (ingress) on pointit/lab/users/anna/claim"
+    known = [
+        f"{ANNA.replace('12ab', connection)} {verdict}".replace("anna", person)
+        for person, connection in (("anna", "12ab34cd56"), ("ben", "12ab34cd78"))
+    ]
+    denied = known[0].replace("is authorized", "is unauthorized").replace("users/anna", "users/ben")
+    own = [slowed("12ab34cd")] * 300
+    of_another = [slowed("12ab34cd", "users/ben/claim")] * 300
+    assert [told[:40] for told in sentences(*known, *own)] == [MANY.format("claim 301")[:40]]
+    assert sentences(*known, denied, *of_another) == [
+        "lab/anna may not write users/ben/claim (301 times): refused"
+    ]
 
 
 def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> None:
@@ -279,7 +285,7 @@ def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> N
 def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:
     forged = f"{ANNA.replace('anna', 'ben').replace('12ab', '34cd')} is unauthorized to Put (ingress) on x"
     attempt = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/a"
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in f"{HEAD}{attempt}\n2030-01-01 TRACE ThreadId(07) access_control: {forged}".split("\n"):
         refused.take(line)  # a key with a line break
     refused.take(f"{HEAD}ACL (ingress): caching permissions for `pointit/lab/{forged}` ...")
@@ -383,11 +389,11 @@ def test_many_strangers_are_one_sentence() -> None:
 
 
 def test_a_flood_is_one_sentence_and_forgotten() -> None:
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for number in range(5000):
         refused.take(f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/x{number}")
     (sentence,) = refused.take_sentences(1.0).values()
-    assert refused.total == 5000
+    assert refused.denied.total == 5000
     assert sentence == "lab/anna may not write x0, x1, x2 and 997 more: refused"
     assert len(sentence) < 200
     assert refused.take_sentences(1.0) == {}
@@ -395,14 +401,11 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
 
 @pytest.mark.parametrize(
     "during",
-    [
-        "pointit.access.denied_operations._listed",
-        "pointit.access.denied_operations.RejectedConnections.pop_summary",
-    ],
+    ["pointit.access.denied_operations._listed", "pointit.access.denied_operations.rejection_summary"],
 )
 def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The log is read in a thread of its own."""
-    refused = DeniedOperations()
+    refused = TracedOperations()
     attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
     another = attempt.replace("lab/anna", "lab/ben").replace("12ab", "34cd")
     taking = threading.Thread(target=refused.take, args=(another,))
@@ -423,7 +426,7 @@ def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch:
 
 @given(st.lists(st.text()))
 def test_any_line_is_taken(lines: list[str]) -> None:
-    refused = DeniedOperations()
+    refused = TracedOperations()
     for line in lines:
         refused.take(line)
         refused.take(HEAD + line)

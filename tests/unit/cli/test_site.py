@@ -5,11 +5,13 @@ import contextlib
 import datetime as dt
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
+from pointit.access import router_guard
 from pointit.access.site_folder import SiteFolder, SiteFolderState
 from pointit.cli import router
 from pointit.cli.site import expiring, rows_of, section, visible_rows
@@ -49,6 +51,8 @@ class Routing:
     is_open = False
     roles: Mapping[str, str] = {}
     former: frozenset[str] = frozenset()
+    times_opened = 1
+    is_held: object = None
 
     async def open(self) -> None:
         self.is_open = True
@@ -62,6 +66,12 @@ class Routing:
 
     def cut(self, _addresses: object) -> None:
         pass
+
+    def hold(self, _addresses: object) -> None:
+        pass
+
+    def pop_new_connections(self) -> Counter[str]:
+        return Counter()
 
     def report(self, *_: object) -> None:
         raise UnexpectedError
@@ -80,10 +90,10 @@ def _deaf(*_: object) -> contextlib.nullcontext[None]:
 
 async def test_a_router_that_cannot_tell_refusals_ends_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(router, "captured_log", _deaf)
-    monkeypatch.setattr(router, "TELL_S", 0.0)
+    monkeypatch.setattr(router_guard, "TELL_S", 0.0)
     routing = Routing()
     with pytest.raises(ExceptionGroup) as ended:
-        await router._guard(routing)  # pyrefly: ignore[bad-argument-type]  # all that it needs of one
+        await router._guard(routing, 32)  # pyrefly: ignore[bad-argument-type]  # all that it needs of one
     assert ended.group_contains(UnexpectedError)
     assert not routing.is_open
 

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -70,7 +71,7 @@ LIMIT = 1000
 Lines = list[tuple[str, int]]
 
 
-def read(lines: list[bytes]) -> Lines:
+def read(lines: list[bytes], is_ignored: Callable[[bytes], bool] | None = None) -> Lines:
     """Return the lines accepted of `lines`, which arrive within one second, and their numbers."""
     source, sink = os.pipe()
     taken: Lines = []
@@ -78,7 +79,7 @@ def read(lines: list[bytes]) -> Lines:
     def take(line: str, times: int) -> None:
         taken.append((line, times))
 
-    thread = threading.Thread(target=_read, args=(source, take, (MARK,)))
+    thread = threading.Thread(target=_read, args=(source, take, (MARK,), is_ignored))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(router_log, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
         patch.setattr(router_log, "MAX_LINES", LIMIT)
@@ -115,6 +116,13 @@ def test_of_too_many_different_lines_those_with_a_mark_are_taken_and_others_are_
     taken = read([*(line(b"x%d" % at) for at in range(count)), line(b"anna is unauthorized")])
     assert number_of("anna is unauthorized", taken) == 1
     assert len(taken) < count / 2
+
+
+def test_ignored_lines_are_neither_taken_nor_counted() -> None:
+    few = [line(b"anna")] * 10
+    many = [line(b"rule %d" % at) for at in range(20 * LIMIT)]
+    taken = read([*many, *few], lambda text: b"rule" in text)
+    assert [each for each, _ in taken] == [line(b"anna").decode()] * 10
 
 
 def test_rest_of_a_key_with_a_line_break_becomes_no_line_of_zenoh() -> None:

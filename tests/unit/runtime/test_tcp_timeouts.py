@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router_sockets import cut, peer, release_udp_ports
+from pointit.runtime.router_sockets import cut, hold, peer, release_udp_ports
 from pointit.runtime.zenoh.session import (
     LINGER,
     close_session,
@@ -136,6 +136,20 @@ def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_
         assert client.recv(1) == b"x", "what waits is still sent"
         its_end.sendall(b"x")
         assert other.recv(1) == b"x"
+
+
+def test_connection_that_is_held_stays_open_and_nothing_of_it_arrives(listening: socket.socket) -> None:
+    with closing(socket.create_connection(listening.getsockname()[:2])) as client:
+        accepted, _ = listening.accept()
+        with closing(accepted):
+            client.sendall(b"x" * 1000)
+            assert hold({peer(*client.getsockname()[:2])}) == 1
+            client.sendall(b"y" * 1000)
+            accepted.sendall(b"z")
+            assert client.recv(1) == b"z", "what waits is still sent"
+            accepted.setblocking(False)
+            with pytest.raises(BlockingIOError):  # no end of the stream, either
+                accepted.recv(1)
 
 
 def test_nothing_is_found_where_no_descriptor_is_left() -> None:

@@ -1,0 +1,112 @@
+"""Zenoh's trace log, of which `zenoh_trace.log` is a sample (`tests.integration.access.trace_sample`)."""
+
+import importlib.metadata
+from pathlib import Path
+
+import pytest
+
+from pointit.access import zenoh_trace
+from pointit.access.zenoh_trace import (
+    MAX_KEY_LENGTH,
+    ZENOH_VERSION,
+    Operation,
+    TraceCounts,
+    ZenohTrace,
+    is_configuration,
+    version_warning,
+)
+
+SAMPLE = Path(__file__).with_name("zenoh_trace.log")
+ANNA = "lab/anna/1"
+HEAD = (
+    "\x1b[2m2030-01-01T00:00:00.000000Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) "
+    "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
+)
+
+
+def sample_counts(*, with_configuration: bool) -> TraceCounts:
+    trace = ZenohTrace()
+    for line in SAMPLE.read_bytes().split(b"\n"):
+        if with_configuration or not is_configuration(line):
+            trace.take(line.decode(errors="replace"))
+    return trace.pop()
+
+
+def by_key(operations: dict[Operation, int], common_name: str = ANNA) -> dict[tuple[str, str], int]:
+    """Return the counts of one common name by kind and key relative to the site."""
+    return {
+        (operation.message, operation.key.removeprefix("pointit/lab/")): count
+        for operation, count in operations.items()
+        if operation.common_name == common_name
+    }
+
+
+@pytest.mark.parametrize("with_configuration", [True, False])
+def test_sample_of_the_pinned_version_is_read_completely(*, with_configuration: bool) -> None:
+    counts = sample_counts(with_configuration=with_configuration)
+    long_key = ("x" * 2000)[: MAX_KEY_LENGTH - len("pointit/lab/")]
+    assert by_key(counts.writes) == {("Put", "users/anna/claim"): 2, ("Put", "users/anna/cursor"): 1}
+    assert by_key(counts.requests) == {
+        ("Subscriber", "users/ben/cursor"): 1,
+        ("Liveliness Token", "alive/users/anna"): 1,
+        ("Query", "selector/history"): 1,
+    }
+    assert by_key(counts.requests, "lab/services/1") == {("Subscriber", "users/anna/claim"): 1}
+    assert by_key(counts.denied) == {
+        ("Put", "users/ben/cursor"): 1,
+        ("Put", long_key): 1,
+        ("Subscriber", "users/ben/imu"): 1,
+        ("Liveliness Token", "alive/users/ben"): 1,
+        ("Query", "selector/anna/release"): 1,
+    }
+    assert by_key(counts.too_frequent) == {("Put", "users/ben/cursor"): 1, ("Put", "users/anna/cursor"): 19}
+    assert by_key(counts.too_long) == {("Put", "users/anna/claim"): 1}
+    assert counts.long_lines == {ANNA: 23}
+    assert counts.rejected == {"came without credentials, by plain TCP instead of TLS": 1}
+
+
+def test_lines_on_the_rules_of_a_connection_are_told_by_their_begin() -> None:
+    lines = SAMPLE.read_bytes().split(b"\n")
+    skipped = [line for line in lines if is_configuration(line)]
+    assert len(skipped) == 8
+    assert not any(b"authorized" in line or b"accept" in line for line in skipped)
+    forged = HEAD.encode() + skipped[0]
+    assert not is_configuration(forged)
+
+
+def test_another_version_is_warned_of() -> None:
+    assert importlib.metadata.version("eclipse-zenoh") == ZENOH_VERSION, "read the log again: trace_sample.py"
+    assert not version_warning(ZENOH_VERSION)
+    assert "Zenoh 1.11.0 is installed" in version_warning("1.11.0")
+
+
+def decision(connection: str, key: str, *, common_name: str = "", verdict: str = "authorized") -> str:
+    who = f"{connection} on Interface(lo)+CertCommonName({common_name})+Transport(Tls)+{connection}"
+    if not common_name:
+        who = f"Using cached result: {connection}"
+    return f"{HEAD}{who} is {verdict} to Put (ingress) on {key}"
+
+
+def test_connections_that_have_ended_are_forgotten_and_present_ones_never() -> None:
+    trace = ZenohTrace()
+    trace.take(decision("ab", "x", common_name=ANNA))
+    trace.keep({"ab": ""})
+    for number in range(20):
+        trace.take(decision(f"c{number}", "x", common_name="lab/mallory/1"))
+        trace.keep({"ab": "", "de": "lab/ben/1"})
+    assert (trace.common_name("ab"), trace.common_name("de")) == (ANNA, "lab/ben/1")
+    trace.keep({"ab": ""})
+    assert trace.common_name("c1") == ""
+
+
+@pytest.mark.parametrize("verdict", ["authorized", "unauthorized"])
+def test_any_number_of_keys_counts(verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zenoh_trace, "MAX_COUNTED", 10)
+    trace = ZenohTrace()
+    trace.take(decision("ab", "x", common_name=ANNA, verdict=verdict))
+    for number in range(99):
+        trace.take(decision("ab", f"x{number}", verdict=verdict))
+    counts = trace.pop()
+    operations = counts.writes if verdict == "authorized" else counts.denied
+    assert sum(by_key(operations).values()) == 100
+    assert len(operations) <= 12

@@ -53,8 +53,7 @@ class WebConfig(AddressConfig):
         default=100,
         ge=1,
         le=10_000,
-        description="maximum number of open pages, of a page in the process of a run 16 unless set; more are "
-        "refused",
+        description="maximum number of open pages (16 in the process of a run, unless set); more are refused",
     )
     announce: Literal["", "page", "phone"] = Field(
         default="",

@@ -55,6 +55,9 @@ RATE_HZ = 240.0
 """Rate limit of a phone's messages in the long run, and `BURST` at once."""
 BURST = 480.0
 
+DROPPED_PAUSE_S = 0.05
+"""Time for which a phone's socket is not read after a message beyond that, s."""
+
 _said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
 
 LOST = "another device moves your arm now: take it back when you want to"
@@ -417,7 +420,11 @@ class Phones:
                 return
             if message["type"] != "websocket.receive" or self._sockets.get(line.phone.page) is not socket:
                 return
+            dropped = line.dropped
             self._send(line.phone, line.hear(message.get("text") or message.get("bytes") or ""))
+            if line.dropped > dropped:
+                # what waits pauses the transport, so that a flood is not even parsed
+                await asyncio.sleep(DROPPED_PAUSE_S)
 
     def _send(self, phone: Phone, sample: WristSample | None) -> None:
         if sample is not None:

@@ -1,6 +1,7 @@
 """A phone is paired by an operator's page and moves an arm: real sockets, real services, a bus in memory."""
 
 import asyncio
+import contextlib
 import json
 import math
 import time
@@ -14,6 +15,8 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 import pointit.schemas as models
+from pointit.bridges.web.server.paced_websocket import PacedWebSocket
+from pointit.bridges.web.wrists import phone as phone_module
 from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
@@ -22,6 +25,7 @@ from pointit.schemas.topics import (
     ANNOUNCED,
     BUTTON,
     FEEDBACK,
+    HEALTH,
     IMU,
     MAP,
     POSE,
@@ -33,7 +37,7 @@ from pointit.schemas.topics import (
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.integration.web.pages import Page, serving
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import Bench, background, memory_bench, until
 from tests.unit.web.phone_bench import trust
 
 ANNA = "anna"
@@ -195,6 +199,31 @@ async def test_a_phone_is_told_that_the_mouse_takes_over_and_that_the_arm_is_giv
         assert "your own again" in text
         assert "another device" not in text
         await until(lambda: site.person["moved_by"] == "own")
+
+
+async def test_flood_of_a_phone_is_not_parsed_beyond_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(phone_module, "BURST", 10.0)
+    monkeypatch.setattr(phone_module, "DROPPED_PAUSE_S", 3600.0)
+    parsed = 0
+    parse = PacedWebSocket.send_receive_event_to_app
+
+    def count_and_parse(protocol: PacedWebSocket) -> None:
+        nonlocal parsed
+        parsed += 1
+        parse(protocol)
+
+    async def send_many(socket: ClientConnection) -> None:
+        with contextlib.suppress(websockets.ConnectionClosed):
+            for number in range(5000):
+                await socket.send(turn(held(0.3), float(number)))
+
+    async with room() as site, phone(site) as socket:
+        monkeypatch.setattr(PacedWebSocket, "send_receive_event_to_app", count_and_parse)
+        async with background(send_many(socket)):
+            reports = site.bench.collect(HEALTH, "web")
+            await until(lambda: bool(reports) and "messages a second" in " ".join(reports[-1].warnings))
+            assert (await site.ask("centre"))["id"], "the page is served meanwhile"
+        assert parsed < 500
 
 
 async def test_a_phone_is_unpaired() -> None:

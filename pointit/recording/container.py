@@ -56,8 +56,13 @@ BLOCK_BYTES = 1024 * 1024
 DAMAGED = 0
 """Opcode of a place that holds no records."""
 
+UNCHUNKED = 256
+"""Opcode of a place that holds successive records outside of chunks, as small writers leave them."""
+UNCHUNKED_BYTES = 64 * 1024
+"""Bytes of such records that are read at once; a longer record is read alone."""
+
 _INNER = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-"""Records that stand in chunks."""
+"""Records that stand in chunks, or in their place."""
 
 
 class DamagedError(Exception):
@@ -105,6 +110,40 @@ def records(file: IO[bytes]) -> Iterator[RecordLocation]:
         yield place
         offset = place.offset + place.length
         is_data = is_data and opcode != Opcode.DATA_END
+
+
+def data_blocks(places: Iterator[RecordLocation]) -> Iterator[RecordLocation]:
+    """Yield `places`, those from `records`; successive messages, channels and schemas in the data as one.
+
+    Such a block is a place of the kind `UNCHUNKED`. What follows `DATA_END` stays as it is.
+
+    Raises:
+        DamagedError: As `records` does, after the blocks before the damage.
+    """
+    block: RecordLocation | None = None
+    is_data = True
+    try:
+        for place in places:
+            is_data = is_data and place.opcode != Opcode.DATA_END
+            is_inner = is_data and place.opcode in _INNER
+            begin = place.offset - _HEAD.size
+            end = place.offset + place.length
+            if is_inner and block is not None and end - block.offset <= UNCHUNKED_BYTES:
+                block = RecordLocation(UNCHUNKED, block.offset, end - block.offset)
+                continue
+            if block is not None:
+                yield block
+                block = None
+            if is_inner:
+                block = RecordLocation(UNCHUNKED, begin, end - begin)
+            else:
+                yield place
+    except DamagedError:
+        if block is not None:
+            yield block
+        raise
+    if block is not None:
+        yield block
 
 
 def next_chunk(file: IO[bytes], offset: int) -> int | None:
@@ -190,7 +229,19 @@ def inner_records(chunk: Chunk, data: bytes) -> Iterator[RecordLocation]:
     Raises:
         DamagedError: There are none from some place on, too many, or some that no chunk holds.
     """
-    left = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
+    return _records_in(data, min(MAX_RECORDS, FREE_RECORDS + len(chunk.data)))
+
+
+def unchunked_records(data: bytes) -> Iterator[RecordLocation]:
+    """Yield where the records in `data` are, the content of a place of the kind `UNCHUNKED`.
+
+    Raises:
+        DamagedError: A message is too short.
+    """
+    return _records_in(data, MAX_RECORDS)
+
+
+def _records_in(data: bytes, left: int) -> Iterator[RecordLocation]:
     offset = 0
     while offset < len(data):
         if not left:

@@ -153,10 +153,10 @@ class Recording:
         head: Head | None = None
         damaged: list[DamagedError] = []
         try:
-            for place in container.records(file):
+            for place in container.data_blocks(container.records(file)):
                 if place.opcode == Opcode.METADATA and head is None:
                     head = self._read_head(place)
-                elif place.opcode == Opcode.CHUNK:
+                elif place.opcode in (Opcode.CHUNK, container.UNCHUNKED):
                     if head is None:
                         break
                     self._try_search(place, damaged)
@@ -315,9 +315,14 @@ class Recording:
     def _unpack(self, place: RecordLocation) -> tuple[bytes, Iterator[RecordLocation]]:
         """Return the content of the chunk at `place` and where its records are, which are still to be read.
 
+        Records outside of chunks are their own content.
+
         Raises:
             DamagedError: It is too large, or is none.
         """
+        if place.opcode == container.UNCHUNKED:
+            data = container.content(self._file, place)
+            return data, container.unchunked_records(data)
         chunk = container.read(self._file, place, Chunk)
         data = container.unpack(chunk)
         return data, container.inner_records(chunk, data)

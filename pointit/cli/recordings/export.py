@@ -1,13 +1,18 @@
 """`pointit export`: a recording as tidy tables or as Motion-BIDS."""
 
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
 from pointit.cli.common.output import interruptible, progress
+from pointit.schemas.text import first_of
 
 TASK = "pointing"
+
+MAX_SHOWN_CHANNELS = 5
+"""Maximum number of unknown channels that a note names."""
 
 
 @click.command("export")
@@ -40,7 +45,7 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
 
     Motion-BIDS has motion, channels and events of each person. More recordings join the same dataset.
 
-    Exit code 1: FILE is damaged, and unreadable messages are left out.
+    Exit code 1: the tables lack messages, as FILE is damaged, or some of its messages cannot be read.
 
     Example: pointit export session.mcap --to tables
     """
@@ -65,10 +70,22 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
                 )
         if opened.invalid:
             click.echo(f"note: {opened.invalid} messages are left out; {opened.first_error}", err=True)
-        lost = opened.lost
+        unknown = opened.unknown
+        if unknown:
+            click.echo(f"note: {_unknown_text(unknown)}", err=True)
+        has_lost = bool(opened.problem or opened.invalid or unknown)
     for name, rows in exported.rows.items():
         click.echo(f"{folder / name}: {rows} rows")
     if exported.left_out:
         names = ", ".join(f"{count} of {key}" for key, count in exported.left_out.items())
         click.echo(f"Messages without a table: {names}.")
-    return 1 if lost else 0
+    return 1 if has_lost else 0
+
+
+def _unknown_text(counts: Mapping[str, int]) -> str:
+    """Return the sentence about messages of channels that are unknown; `counts` by the channel's name."""
+    names = first_of([f"{count} of {name}" for name, count in counts.items()], MAX_SHOWN_CHANNELS)
+    return (
+        f"{sum(counts.values())} messages are left out ({names}), whose channels are none of PointIt: "
+        "if a newer PointIt recorded them, update yours"
+    )

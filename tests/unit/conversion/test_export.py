@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import pointit.schemas as models
 from pointit.cli.main import command
@@ -187,6 +189,27 @@ def test_an_export_that_lacks_messages_of_a_damaged_file_fails(tmp_path: Path) -
     result = CliRunner().invoke(command, arguments, standalone_mode=False)
     assert result.return_value == 1, result.output
     assert "messages that have lost their description: 1" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["/of_a_newer_pointit", "/users/user1/imu"])
+def test_export_fails_when_a_channel_is_unknown(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "session.mcap"
+    with write(path, session()).open("rb") as source:
+        metadata = list(make_reader(source).iter_metadata())
+    with path.open("wb") as target:
+        writer = Writer(target)
+        writer.start()
+        for record in metadata:
+            writer.add_metadata(record.name, dict(record.metadata))
+        channel = writer.register_channel(name, "json", 0)
+        writer.add_message(channel, BEGAN_NS, b"{}", BEGAN_NS)
+        writer.finish()
+
+    arguments = ["export", str(path), "--to", str(tmp_path / "tables")]
+    result = CliRunner().invoke(command, arguments, standalone_mode=False)
+
+    assert result.return_value == 1, result.output
+    assert f"1 messages are left out (1 of {name})" in result.stderr
 
 
 def test_the_command_exports_a_recording_and_tells_what_has_no_table(tmp_path: Path) -> None:

@@ -147,6 +147,63 @@ def test_file_that_ends_in_the_middle_is_read_but_for_the_last_half_second(path:
         assert recording.problem.startswith(f"{path} is not whole")
 
 
+def rewritten(path: Path, *, topic: str = "", **options: Any) -> None:
+    """Write the recording at `path` again by the library `mcap`, with the `options` of its writer.
+
+    `topic`: one channel more, which PointIt does not know, with a message.
+    """
+    with path.open("rb") as source:
+        mcap_reader = make_reader(source)
+        summary = mcap_reader.get_summary()
+        assert summary is not None
+        metadata = list(mcap_reader.iter_metadata())
+        messages = list(mcap_reader.iter_messages())
+    with path.open("wb") as target:
+        writer = Writer(target, **options)
+        writer.start(profile="", library="another")
+        for record in metadata:
+            writer.add_metadata(record.name, dict(record.metadata))
+        schemas = {0: 0}
+        for number, schema in summary.schemas.items():
+            schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        channels: dict[int, int] = {}
+        for number, each in summary.channels.items():
+            schema_id = schemas[each.schema_id]
+            channels[number] = writer.register_channel(
+                each.topic, each.message_encoding, schema_id, dict(each.metadata)
+            )
+        for _, each, message in messages:
+            writer.add_message(channels[each.id], message.log_time, message.data, message.publish_time)
+        if topic:
+            unknown = writer.register_channel(topic, "json", 0)
+            writer.add_message(unknown, at(1.0), b"{}", at(1.0))
+        writer.finish()
+
+
+def test_messages_outside_of_chunks_are_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "UNCHUNKED_BYTES", 4096)
+    written = session()
+    write(path, written)
+    rewritten(path, use_chunking=False)
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == written
+        assert (recording.problem, recording.counts) == ("", {"users/anna/cursor": len(written)})
+        some = list(recording.entries(since_ns=at(2.0), until_ns=at(3.0)))
+    assert some == written[100:150]
+
+
+def test_messages_outside_of_chunks_are_read_up_to_a_cut(path: Path) -> None:
+    written = session()
+    write(path, written)
+    rewritten(path, use_chunking=False)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with Recording.open(path) as recording:
+        found = list(recording.entries())
+        assert found == written[: len(found)]
+        assert len(found) > 150
+        assert "it ends in the middle" in recording.problem
+
+
 def test_recording_that_is_too_long_is_read_to_the_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(path, session())
     monkeypatch.setattr(reader, "MAX_CHUNKS", 5)

@@ -84,7 +84,8 @@ STATE: dict[str, Any] = {
     "on": True, "bri": 128, "transition": 7, "ps": -1, "pl": -1, "mainseg": 0,
     "nl": {"on": False, "dur": 60, "mode": 1, "tbri": 0, "rem": -1},
     "udpn": {"send": False, "recv": True},
-    "seg": [{"id": 0, "start": 0, "stop": 60, "len": 60, "grp": 1, "spc": 0, "of": 0, "on": True, "n": "Shelf",
+    "seg": [{"id": 0, "start": 0, "stop": 60, "len": 60, "grp": 1, "spc": 0, "of": 0, "on": True,
+             "n": "Shelf",
              "col": [[255, 160, 0], [0, 0, 0], [0, 0, 0]], "fx": 0, "sx": 128, "pal": 0, "rev": False}],
 }  # fmt: skip
 """Answer of WLED 0.15.1 to `/json/state`."""

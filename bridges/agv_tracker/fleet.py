@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
-from pointit.runtime.message_age import SenderClock
 from pointit.schemas import NS_PER_S, TrackedObject
+from pointit.schemas.message_age import SenderClock
 from pointit.vda5050 import (
     LOST_CONNECTIONS,
     AgvConnection,

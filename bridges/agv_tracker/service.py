@@ -8,7 +8,6 @@ from pointit.bridges.agv_tracker.fleet import Fleet
 from pointit.maps.frames import aligned, frame_or_problem
 from pointit.plugins import ConfigError, Context, Scope, Service, ticks
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client
-from pointit.runtime.mqtt.broker_client import BrokerClient, RefusedTopicsError
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS
@@ -62,23 +61,14 @@ class AgvTracker(Service[AgvTrackerConfig]):
 
     async def _read(self) -> None:
         async with connected(self._options) as client:
-            await self._subscribe(client)
+            topics = agv_topics(self.config.topic_prefix)
+            optional = [topic for topic in topics if topic.endswith("/visualization")]
+            problem = await client.subscribe([(topic, 1) for topic in topics], optional)
+            self.bus.warn("broker", problem and f"{self.config.broker}: {problem}")
             async for message in client.messages:
                 self._fleet.on_message(
                     str(message.topic), message.payload, self.clock.now_ns(), is_retained=message.retain
                 )
-
-    async def _subscribe(self, client: BrokerClient) -> None:
-        """Subscribe to all AGVs, and report a part that the broker refuses. Raises if it refuses all."""
-        topics = agv_topics(self.config.topic_prefix)
-        problem = ""
-        try:
-            await client.subscribe([(topic, 1) for topic in topics])
-        except RefusedTopicsError as error:
-            if len(error.topics) == len(topics):
-                raise
-            problem = f"{self.config.broker}: {error}"
-        self.bus.warn("broker", problem)
 
     def _on_lost(self, problem: str) -> None:
         self.bus.warn("broker", f"{self.config.broker}: {problem}")

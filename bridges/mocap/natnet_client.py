@@ -16,8 +16,8 @@ from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.datagram_search import BROADCAST, open_datagram_socket, search_by_datagrams
 from pointit.runtime.host.name_lookup import found_addresses, look_up
-from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import NS_PER_S
+from pointit.schemas.message_age import message_age_ns
 
 MAX_ECHOES = 20
 """Number of echoes that are compared."""

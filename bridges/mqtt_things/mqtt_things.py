@@ -12,7 +12,6 @@ from pointit.bridges.mqtt_things.announcements import Announcements, Publication
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import PointItError
-from pointit.runtime.message_age import message_age_ns
 from pointit.runtime.mqtt.broker import (
     CONNECT_TIMEOUT_S,
     client_options,
@@ -25,6 +24,7 @@ from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
 from pointit.schemas import NS_PER_S, Environment, Selection, SelectionEvent, SetThing, ThingState
 from pointit.schemas.environment import Thing
+from pointit.schemas.message_age import message_age_ns
 from pointit.schemas.topics import SELECTION, SET_THING
 
 log = logging.getLogger(__name__)
@@ -211,14 +211,13 @@ class MqttThings:
 
     async def _subscribe(self, client: BrokerClient, filters: Sequence[str]) -> None:
         """Subscribe to `filters`. What the broker refuses is reported, and the rest goes on."""
-        try:
-            await client.subscribe([(each, 1) for each in filters])
-        except RefusedTopicsError as error:
-            self._on_refused(error)
+        problem = await client.subscribe([(each, 1) for each in filters], optional=filters)
+        if problem:
+            self._on_refused(problem)
 
-    def _on_refused(self, error: RefusedTopicsError) -> None:
-        self._problem = str(error)
-        self._log(f"{self._config.broker}: {error}")
+    def _on_refused(self, problem: str) -> None:
+        self._problem = problem
+        self._log(f"{self._config.broker}: {problem}")
 
     async def _read_retained(self, client: BrokerClient) -> dict[str, object]:
         """Return the announcements and states that the broker has retained: payloads by topic."""
@@ -254,7 +253,7 @@ class MqttThings:
                     try:
                         await client.publish(each.topic, each.payload, retain=True)
                     except RefusedTopicsError as error:
-                        self._on_refused(error)
+                        self._on_refused(str(error))
                     self._shown[each.topic] = each.payload
             for each in outdated:
                 self._shown.pop(each.topic, None)

@@ -16,8 +16,8 @@ from pointit.bridges.ros2.routing.names import frame_name, holds_frame
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S
+from pointit.schemas.message_age import message_age_ns
 from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.text import round_beyond
 

@@ -31,8 +31,8 @@ from pointit.bridges.ros2.sightings import (
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
+from pointit.schemas.message_age import message_age_ns
 from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import OBJECTS
 

@@ -95,14 +95,19 @@ class WebConfig(AddressConfig):
         if not url:
             return ""
         url = url.lower().removesuffix("/")
-        try:
-            parts = urlsplit(url)
-            is_address = bool(parts.hostname) and (parts.port is None or parts.port > 0)
-        except ValueError:
-            is_address = False
-        if not is_address or url != f"https://{parts.netloc}" or "@" in parts.netloc:
+        if not _is_encrypted_origin(url):
             raise described_error(
                 "write https:// and a host, as in https://lab.example; the page needs a host of its own, and "
                 "what leaves this machine is encrypted"
             )
         return url
+
+
+def _is_encrypted_origin(url: str) -> bool:
+    """Return True if `url` is https:// and a host, with a port at most."""
+    try:
+        parts = urlsplit(url)
+        has_host = bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
+    return has_host and "@" not in parts.netloc and url == f"https://{parts.netloc}"

@@ -142,7 +142,7 @@ class BumbleClient(Client):
         try:
             await characteristic.obj.write_value(bytes(data), with_response=response)
         except core.ProtocolError as error:
-            raise BleakGATTProtocolError(error.error_code) from error
+            raise BleakGATTProtocolError(error.error_code or 0) from error
 
     async def start_notify(
         self, characteristic: BleakGATTCharacteristic, callback: Callable[[bytearray], None], **_options: Any

@@ -16,6 +16,7 @@ from ha_mqtt_discoverable.sensors import Light, LightInfo
 
 import pointit
 from pointit.runtime.mqtt.broker import connected
+from pointit.runtime.mqtt.broker_client import BrokerClient
 from pointit.schemas import Lamp
 from pointit.services.led_driver.output import mqtt_output
 from pointit.services.led_driver.output.mqtt_output import MqttConfig, MqttLamps, find_lamps_on
@@ -224,7 +225,7 @@ async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> N
 async def test_a_broker_without_room_for_last_wills_is_said(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def connected_once(options: dict[str, Any]) -> contextlib.AbstractAsyncContextManager[aiomqtt.Client]:
+    def connected_once(options: dict[str, Any]) -> contextlib.AbstractAsyncContextManager[BrokerClient]:
         if not options["identifier"].endswith("-0"):
             raise ConnectionRefusedError("no room")
         return connected(options)

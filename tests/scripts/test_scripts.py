@@ -262,7 +262,7 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     machine.add("id", "#!/bin/sh\necho 0\n")
     machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
     needed = [
-        *("ip", "tc", "nft", "unshare", "sysctl", "script", "mosquitto", "olad", "prometheus"),
+        *("ip", "tc", "nft", "unshare", "sysctl", "script", "mosquitto", "nginx", "olad", "prometheus"),
         *("promtool", "systemd-analyze", "espeak-ng", "sox"),
     ]
     for tool in (*needed, "google-chrome") if there else ():

@@ -8,9 +8,9 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.runtime.message_age import message_age_ns
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import NORM_TOLERANCE
+from pointit.schemas.message_age import message_age_ns
 from pointit.schemas.text import one_line
 
 LATE_NS = 10 * NS_PER_S

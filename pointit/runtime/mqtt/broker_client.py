@@ -6,7 +6,7 @@ a connection was ended.
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Sequence
+from collections.abc import Awaitable, Collection, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pointit.schemas.text import first_of, one_line
@@ -118,11 +118,14 @@ class BrokerClient:
         if self._closed.done():
             raise self._closed_error() from cause
 
-    async def subscribe(self, topics: str | Sequence[tuple[str, int]]) -> None:
+    async def subscribe(self, topics: str | Sequence[tuple[str, int]], optional: Collection[str] = ()) -> str:
         """Subscribe to `topics`: one filter, or several, each with its quality of service.
 
+        Return an error message if the broker refuses some of `optional`, filters that the caller can do
+        without, else `""`.
+
         Raises:
-            RefusedTopicsError: If the broker refuses some of them. The others are subscribed to.
+            RefusedTopicsError: If the broker refuses others. Those that it permits are subscribed to.
             ClosedByBrokerError: If the connection is lost.
         """
         if isinstance(topics, str):
@@ -131,8 +134,12 @@ class BrokerClient:
         self._last_action = f"subscribed to {first_of(filters, MAX_SHOWN_TOPICS)}"
         codes: Sequence[Any] = await self.answer(self._library.subscribe([*topics]))
         refused = {each: code for each, code in zip(filters, codes, strict=False) if code.is_failure}
-        if refused:
-            raise self._subscription_error(refused)
+        if not refused:
+            return ""
+        error = self._subscription_error(refused)
+        if any(each not in optional for each in refused):
+            raise error
+        return str(error)
 
     async def unsubscribe(self, filters: Sequence[str]) -> None:
         """Unsubscribe from `filters`. Raises ClosedByBrokerError if the connection is lost."""

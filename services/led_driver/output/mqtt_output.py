@@ -314,12 +314,9 @@ class MqttLamps:
         new = sorted(wanted - self._subscribed)
         if not new:
             return
-        problem = ""
-        try:
-            await client.subscribe([(topic, 1) for topic in new])
-        except RefusedTopicsError as error:
-            problem = f"{error}; until then, lamps that are off count as online"
-        self._health.warn("subscription", problem)
+        problem = await client.subscribe([(topic, 1) for topic in new], optional=new)
+        until_then = "until then, lamps that are off count as online"
+        self._health.warn("subscription", f"{problem}; {until_then}" if problem else "")
         self._subscribed.update(new)
 
     async def _read(self, client: BrokerClient) -> None:

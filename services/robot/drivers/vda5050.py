@@ -13,7 +13,6 @@ from pointit.geometry.vector import wrap
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
-from pointit.runtime.message_age import SenderClock, message_age_ns
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
@@ -25,6 +24,7 @@ from pointit.runtime.mqtt.broker_client import BrokerClient, RefusedTopicsError
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import NS_PER_S
+from pointit.schemas.message_age import SenderClock, message_age_ns
 from pointit.services.robot.drivers.agv_orders import (
     AgvOrders,
     InstantAction,
@@ -529,25 +529,15 @@ class Vda5050Driver:
 
     async def _send(self, client: BrokerClient) -> None:
         loop = asyncio.get_running_loop()
-        await self._subscribe(client)
+        topics = [(self._agv.topic(name), qos) for name, qos in TOPICS]
+        optional = [self._agv.topic("visualization")]
+        self._health.warn("subscription", await client.subscribe(topics, optional))
         await self._publish(client, self._agv.on_connected())
         while True:
             self._changed.clear()
             for publication in self._agv.step(loop.time()):
                 await self._publish(client, publication)
             await wait_up_to(self._changed, TICK_S)
-
-    async def _subscribe(self, client: BrokerClient) -> None:
-        """Subscribe to what the AGV says. Raises RefusedTopicsError if it cannot be steered without that."""
-        optional = self._agv.topic("visualization")
-        problem = ""
-        try:
-            await client.subscribe([(self._agv.topic(name), qos) for name, qos in TOPICS])
-        except RefusedTopicsError as error:
-            if error.topics != (optional,):
-                raise
-            problem = str(error)
-        self._health.warn("subscription", problem)
 
     async def _publish(self, client: BrokerClient, publication: MqttPublication) -> None:
         topic, payload = publication

@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.runtime.message_age import SenderClock, message_age_ns
 from pointit.schemas import NS_PER_S
+from pointit.schemas.message_age import MAX_AHEAD_NS, SenderClock, message_age_ns
 from tests.support.bench import START_NS
 
 DAY_NS = 86_400 * NS_PER_S

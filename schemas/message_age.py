@@ -8,9 +8,10 @@ messages and of stamps of other clocks ask here how old a message is, and compar
 import math
 from dataclasses import dataclass
 
-from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import NS_PER_S
+from pointit.schemas.base import NS_PER_S
 
+MAX_AHEAD_NS = NS_PER_S
+"""Maximum lead of the stamp of a retained message over the reader's clock, ns."""
 CONFIRMED_NS = NS_PER_S
 """Time for which a sender's clock must run with a constant error before that error is believed, ns."""
 STEADY_NS = NS_PER_S // 2

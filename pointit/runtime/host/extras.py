@@ -3,6 +3,7 @@
 import functools
 import importlib
 import re
+import sys
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
@@ -90,7 +91,17 @@ def remedy(extra: str) -> str:
     if extra == "lab":
         wheel = f"pointit_lab-{pointit_version()}-py3-none-any.whl"
         return f"`pip install {wheel}`; `scripts/wheel` makes this file in a checkout of PointIt"
-    return f"`pip install 'pointit[{extra}]'`"
+    return f"`{_install_command(Path(sys.prefix))} 'pointit[{extra}]'`"
+
+
+def _install_command(prefix: Path) -> str:
+    """Return the command that installs into the environment at `prefix`: those of uv have no pip."""
+    if "archive-v0" in prefix.parts:  # uv's cache, in which `uvx` runs programs
+        return "uvx --from"
+    if prefix.parts[-3:-1] == ("uv", "tools"):
+        return "uv tool install"
+    is_of_uv = find_spec("pip") is None and (prefix / "pyvenv.cfg").is_file()
+    return "uv pip install" if is_of_uv else "pip install"
 
 
 @functools.cache

@@ -2,12 +2,14 @@
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from pydantic_core import ErrorDetails
 
 LONGEST_SENTENCE = 600
 """Characters of a foreign sentence that are shown."""
+MAX_LISTED = 4
+"""Number of names that `few_of` lists."""
 
 _WANTED = {
     "greater_than": "must be above {gt}", "greater_than_equal": "must be at least {ge}",
@@ -54,8 +56,29 @@ def plain(text: str) -> str:
     return text if text.isprintable() else "".join(map(_plain, text))
 
 
+def all_of(names: Iterable[str]) -> str:
+    """Return `names` as `a, b and c`."""
+    all_names = list(names)
+    if len(all_names) < 2:
+        return "".join(all_names)
+    return f"{', '.join(all_names[:-1])} and {all_names[-1]}"
+
+
+def few_of(names: Sequence[str]) -> str:
+    """Return `names` as `all_of`, or of more than `MAX_LISTED` as `a, b, c and 3 more`."""
+    return all_of(names) if len(names) <= MAX_LISTED else first_of(names, MAX_LISTED - 1)
+
+
+def first_problem(problems: Sequence[str]) -> str:
+    """Return the first of `problems`, with the number of others as `a (2 more)`, or `""`."""
+    if not problems:
+        return ""
+    others = len(problems) - 1
+    return f"{problems[0]} ({others} more)" if others else problems[0]
+
+
 def first_of(names: Iterable[str], most: int) -> str:
-    """Return the first `most` of `names` as `a, b and 3 more`."""
+    """Return the first `most` of `names` as `a, b and 3 more`. Those of a full list end in `a, b`."""
     all_names = list(names)
     more = len(all_names) - most
     return ", ".join(all_names[:most]) + (f" and {more} more" if more > 0 else "")

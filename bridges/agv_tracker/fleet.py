@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.message_age import SenderClock
+from pointit.schemas.text import first_problem
 from pointit.vda5050 import (
     LOST_CONNECTIONS,
     AgvConnection,
@@ -62,8 +63,7 @@ class Fleet:
     def problem(self) -> str:
         """Return a sentence if messages or fields cannot be read, else `""`."""
         problems = [each for agv in self._agvs.values() for each in agv.problems.values() if each]
-        more = f" ({len(problems) - 1} more)" if problems[1:] else ""
-        return f"{problems[0]}{more}" if problems else ""
+        return first_problem(problems)
 
     def on_message(self, topic: str, payload: object, now_ns: int, *, is_retained: bool = False) -> bool:
         """Use a message of the broker, as far as it can be read and is not old.

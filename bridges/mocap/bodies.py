@@ -14,6 +14,7 @@ from pointit.maps.frames import point_in_world
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame
+from pointit.schemas.text import first_of, first_problem
 
 MAX_COORDINATE = 1e6
 """Limit of a coordinate in any unit. Unseen bodies may have NaN or 1e20."""
@@ -220,7 +221,7 @@ class Bodies:
         names = sorted(self.states())
         for name in self._config.bodies:
             if name not in names and self._frame_ns:
-                known = did_you_mean(name, names) or f"it has {', '.join(names[:MAX_NAMES]) or 'none'};"
+                known = did_you_mean(name, names) or f"it has {first_of(names, MAX_NAMES) or 'none'};"
                 program = self._config.program
                 problems.append(
                     f"{program} streams no body {name!r}: {known} correct `bodies`, or rename it there"
@@ -231,8 +232,7 @@ class Bodies:
             last_ns = 0 if track.pose is None else track.pose.stamp_ns
             if track.fault and is_reported and self._frame_ns - last_ns > UNSEEN_NS:
                 problems.append(track.fault)
-        more = f" ({len(problems) - 1} more)" if problems[1:] else ""
-        return f"{problems[0]}{more}" if problems else ""
+        return first_problem(problems)
 
     def _is_streamed(self, track: _Track) -> bool:
         return self._frame_ns - track.streamed_ns <= UNSEEN_NS

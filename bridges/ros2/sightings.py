@@ -19,7 +19,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.message_age import message_age_ns
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.text import round_beyond
+from pointit.schemas.text import first_of, round_beyond
 
 MAX_TRANSFORMS = 1000
 """Maximum number of stored frames."""
@@ -299,7 +299,7 @@ def _package(value: Any, state: ConversionState) -> Sighting | str:
     places: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))
     place = next((each for each in places if each in state.lines), None)
     if place is None:
-        there_are = ", ".join(each for _, each in list(state.lines)[:20]) or "none"
+        there_are = first_of((line_id for _, line_id in state.lines), 20) or "none"
         return f"{what} is on {checks.named(name)}, which is no line of the map; there are {there_are}"
     length_m = float(value.length)
     if not (0.0 <= share <= 1.0 and 0.0 <= length_m <= FARTHEST):

@@ -9,7 +9,7 @@ from collections.abc import AsyncGenerator, Sequence
 from pathlib import Path
 
 from pointit.api.loop_thread import LoopThread
-from pointit.api.requests import listed
+from pointit.api.requests import as_sequence
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
@@ -84,7 +84,7 @@ async def _join(
 ) -> AsyncGenerator[Site]:
     if is_virtual():
         raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
-    link = _link(listed(address), site, credentials)
+    link = _link(as_sequence(address), site, credentials)
     bus = await ZenohBus.open(link, patience_s=timeout_s)
     try:
         await _check_site(bus)

@@ -50,7 +50,7 @@ def query_of(request: Request[Any, Any], fields: dict[str, Any]) -> Query:
     return query
 
 
-def listed(names: str | Sequence[str]) -> Sequence[str]:
+def as_sequence(names: str | Sequence[str]) -> Sequence[str]:
     """Return `names`, of which one alone may be given, as a sequence: a text is one of letters."""
     return [names] if isinstance(names, str) else names
 
@@ -129,7 +129,7 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
 
     def set_speed(self, speed_mps: float, *, belts: str | Sequence[str] = ()) -> D:
         """Set the speed of all belts, or of `belts`, m/s. 0 stops them, below 0 they run backwards."""
-        return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=listed(belts))
+        return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=as_sequence(belts))
 
     def set_feeding(self, feeding: bool) -> D:
         """Start or stop the feeders."""
@@ -279,7 +279,7 @@ class LedsRequests(_Requests[D]):
 
     def brightness(self, brightness: float, *, strips: str | Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
-        return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
+        return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=as_sequence(strips))
 
     def show(self, lit: tuple[LitPixels, ...] = (), *, for_s: float = 5.0) -> D:
         """Show only the pixels `lit` for a while, undimmed. `for_s` 0 ends it."""

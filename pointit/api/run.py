@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from pointit.api.loop_thread import LoopThread
-from pointit.api.requests import listed
+from pointit.api.requests import as_sequence
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.launch.plan.launches import LOCALIZATIONS, Choices, check_settings, robot_of
@@ -116,11 +116,11 @@ def run(
             seed=seed,
             localize=bool(localize),
             robot=robot_of(localize) if isinstance(localize, str) else None,
-            imu=listed(imu),
+            imu=as_sequence(imu),
             output=output or leds,
             settings=[_setting(name, value) for name, value in (settings or {}).items()],
         )
-        people = users if isinstance(users, int) else listed(users)
+        people = users if isinstance(users, int) else as_sequence(users)
         planned = scenario_launches(read_scenario(str(scenario)), choices, people)
         check_settings(planned, choices)
         check_launches(planned, (listen,) if listen else ())

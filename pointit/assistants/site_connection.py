@@ -41,14 +41,14 @@ class SiteConnection:
     @contextlib.asynccontextmanager
     async def opened(self) -> AsyncGenerator[None]:
         """Keep the site joined in this block."""
-        task = asyncio.create_task(self._keep(), name="site of assistants")
+        task = asyncio.create_task(self._keep_joined(), name="site of assistants")
         try:
             yield
         finally:
             task.cancel()
             await asyncio.wait({task})
 
-    async def _keep(self) -> None:
+    async def _keep_joined(self) -> None:
         while True:
             try:
                 async with self._join() as site:

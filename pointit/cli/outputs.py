@@ -417,10 +417,10 @@ def command(
             return surroundings
 
         outputs = make_outputs(driver.outputs, same, health)
-        asyncio.run(_show(outputs, room, tested))
+        asyncio.run(_show_steps(outputs, room, tested))
 
 
-async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Sequence[Strip]) -> None:
+async def _show_steps(outputs: Sequence[GuardedOutput], room: Environment, strips: Sequence[Strip]) -> None:
     """Show the steps of each strip on all outputs, which are dark afterwards."""
     running = [asyncio.create_task(output.run()) for output in outputs]
     numbers = itertools.count(1)

@@ -328,7 +328,7 @@ def dashboard(
     setup_logging("warning" if log_level == "info" else log_level)
     if not is_available():
         raise page_unavailable_error("pointit dashboard")
-    asked = _asked(port, host, is_lan=lan)
+    asked = _port_settings(port, host, is_lan=lan)
     tokens, notes = stored_tokens(site, renew=new_link)
     for note in notes:
         click.echo(note, err=True)
@@ -339,7 +339,7 @@ def dashboard(
     )
 
 
-def _asked(port: int | None, address: str, *, is_lan: bool) -> dict[str, Any]:
+def _port_settings(port: int | None, address: str, *, is_lan: bool) -> dict[str, Any]:
     try:
         host, own_port = parse_address(address) if address else ("", None)
     except ValueError as error:

@@ -317,7 +317,7 @@ def list_people(folder: Path, *, as_json: bool) -> None:
     """
     state = SiteFolder(folder).state()
     people = [name for name, one in state.identities.items() if one.role == "user"]
-    _tell(people, state, as_json=as_json)
+    _print_identities(people, state, as_json=as_json)
 
 
 @click.command("renew")
@@ -369,10 +369,10 @@ def list_identities(folder: Path, *, as_json: bool) -> None:
     Example: pointit site show --folder lab
     """
     state = SiteFolder(folder).state()
-    click.get_current_context().exit(_tell(present(state), state, as_json=as_json))
+    click.get_current_context().exit(_print_identities(present(state), state, as_json=as_json))
 
 
-def _tell(names: Iterable[str], state: SiteFolderState, *, as_json: bool) -> int:
+def _print_identities(names: Iterable[str], state: SiteFolderState, *, as_json: bool) -> int:
     rows = rows_of(state, names, _now())
     ending = expiring(rows)
     if as_json:

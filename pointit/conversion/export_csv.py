@@ -32,6 +32,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.base import SchemaModel
+from pointit.schemas.text import first_of
 
 Cell = str | int | float | None
 
@@ -238,9 +239,8 @@ class Tables:
         except OSError as error:
             raise ConfigError(f"{folder}: cannot be used as a folder ({error.strerror or error})") from error
         if found and not overwrite:
-            more = f" and {len(found) - 1} more" if len(found) > 1 else ""
             raise ConfigError(
-                f"{folder}: has {found[0]}{more}; give another folder, or --overwrite to replace tables"
+                f"{folder}: has {first_of(found, 1)}; give another folder, or --overwrite to replace tables"
             )
         self._open = ExitStack()
         self._files: dict[str, IO[str]] = {}

@@ -100,12 +100,16 @@ class BagMessages:
         """Convert a geometry_msgs/QuaternionStamped of an arm."""
         turned = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
         stamp_ns = self._stamp_ns(value.header, time_ns)
-        yield self._say(time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
+        yield self._numbered_entry(
+            time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned)
+        )
 
     def button(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a std_msgs/Bool: pressed when it becomes true."""
         if value.data and user not in self._down:
-            yield self._say(time_ns, topics.BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2"))
+            yield self._numbered_entry(
+                time_ns, topics.BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2")
+            )
         (self._down.add if value.data else self._down.discard)(user)
 
     def ray(self, value: Any, user: str, time_ns: int) -> Taken:
@@ -117,7 +121,7 @@ class BagMessages:
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         stamp_ns = self._stamp_ns(value.header, time_ns)
         message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
-        yield self._say(time_ns, topics.RAY, user, message)
+        yield self._numbered_entry(time_ns, topics.RAY, user, message)
 
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
@@ -151,7 +155,7 @@ class BagMessages:
         if state is None:
             raise UnusableError(f"the state {checks.named(value.state)} is unknown")
         message = Interaction.model_validate({"stamp_ns": time_ns, "state": state})
-        yield self._say(time_ns, topics.INTERACTION, user, message)
+        yield self._numbered_entry(time_ns, topics.INTERACTION, user, message)
 
     def packages(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageList."""
@@ -184,7 +188,7 @@ class BagMessages:
                 )
             )
         message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(objects))
-        yield self._say(time_ns, topics.OBJECTS, TRACKER, message)
+        yield self._numbered_entry(time_ns, topics.OBJECTS, TRACKER, message)
 
     def selected(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageUIDList: what changed. It does not say who selected."""
@@ -192,7 +196,9 @@ class BagMessages:
         for uid in sorted(now ^ self._selected):
             event = "selected" if uid in now else "deselected"
             pose_fields = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
-            yield self._say(time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(pose_fields))
+            yield self._numbered_entry(
+                time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(pose_fields)
+            )
         self._selected = now
 
     def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
@@ -212,9 +218,9 @@ class BagMessages:
                 )
             else:
                 cursor = Cursor(stamp_ns=time_ns)
-            yield self._say(time_ns, topics.CURSOR, user, cursor)
+            yield self._numbered_entry(time_ns, topics.CURSOR, user, cursor)
             hover = Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
-            yield self._say(time_ns, topics.HOVER, user, hover)
+            yield self._numbered_entry(time_ns, topics.HOVER, user, hover)
 
     def _pose(self, at: Any, turned: Any, header: Any, user: str, time_ns: int, *, method: str) -> Entry:
         what = f"the pose of {user}"
@@ -225,7 +231,7 @@ class BagMessages:
             "position_m": position_m,
             "yaw_rad": yaw_rad,
         }
-        return self._say(
+        return self._numbered_entry(
             time_ns, topics.POSE, user, UserPose.model_validate({**pose_fields, "method": method})
         )
 
@@ -256,7 +262,7 @@ class BagMessages:
             )
         return stamp_ns
 
-    def _say(self, time_ns: int, row: topics.Topic[Any], name: str, message: Message) -> Entry:
+    def _numbered_entry(self, time_ns: int, row: topics.Topic[Any], name: str, message: Message) -> Entry:
         key = (row.key, name)
         count = self._counts[key] = self._counts.get(key, 0) + 1
         return entry(time_ns, row, name, message.model_copy(update={"seq": count}))

@@ -14,7 +14,6 @@ from pointit.diagnosis.missing_services import (
     GONE,
     gone_processes,
     is_router,
-    listed,
     starved_machines,
     stopped_services,
 )
@@ -38,6 +37,7 @@ from pointit.schemas.problems import (
     UNWRITABLE,
 )
 from pointit.schemas.system import split_instance
+from pointit.schemas.text import few_of
 from pointit.services.registry import person_of, row_of
 
 Symptoms = Sequence[Finding]
@@ -459,6 +459,6 @@ def _first_of(group: Symptoms, code: Code) -> Cause:
     first = group[0]
     services = tuple(dict.fromkeys(each.service for each in group if each.service))
     others = [each for each in services if each != first.service]
-    also = f" (also {listed(others)})" if others else ""
+    also = f" (also {few_of(others)})" if others else ""
     cause = replace(first, code=code, sentence=f"{first.sentence}{also}", services=services)
     return Cause(cause, lambda each: each in group, first)

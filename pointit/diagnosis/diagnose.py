@@ -19,7 +19,7 @@ from pointit.schemas import Health, KeyHealth
 from pointit.schemas.problems import CLOCK, CLOCK_CLAIM, CLOCK_LIMIT
 from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.table_types import fill_key
-from pointit.schemas.text import one_line
+from pointit.schemas.text import all_of, one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 from pointit.services.registry import person_of, present_writers, row_of
 
@@ -59,7 +59,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
             people = set(map(person_of, writers))
             key_name = fill_key(topic.key, person_of(instance) or (people.pop() if len(people) == 1 else ""))
-            sentence = f"its input {key_name} {age}, though {' and '.join(writers)} should write it"
+            sentence = f"its input {key_name} {age}, though {all_of(writers)} should write it"
             yield Finding(
                 "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
             )

@@ -16,6 +16,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.service.service import HEALTH_PERIOD_S
 from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
+from pointit.schemas.text import few_of
 from pointit.schemas.topics import CURSOR, HOVER, IMU, MAP, RAY
 from pointit.services.registry import HOME_ASSISTANT, person_of, present_writers, row_of
 
@@ -30,8 +31,6 @@ HOME_REMEDY = (
     "(`home_assistant: {url, token_file}`)"
 )
 STUCK_REMEDY = "its log names what blocks its event loop; if it is stopped, `kill -CONT {pid}`"
-MAX_LISTED = 4
-"""Number of names that a sentence lists."""
 GONE = ("absent", "left", "silent")
 """Codes of findings of a service that does nothing."""
 
@@ -99,7 +98,7 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
     without = "cursor" if lacking & {"pui", "pointing"} else "selections"
     have = f"has no {without}" if len(names) == 1 else f"have no {without}"
     run = "does not run" if len(lacking) == 1 else "do not run"
-    sentence = f"{listed(names)} {have}: {listed(sorted(lacking))} {run} on this site"
+    sentence = f"{few_of(names)} {have}: {few_of(sorted(lacking))} {run} on this site"
     remedy = SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
     if lacking == {"pointing"}:
         pointing = f"pointing.{names[0]}"
@@ -128,14 +127,7 @@ def home_things(environment: Environment) -> tuple[str, ...]:
 
 def unconnected_sentence(things: Sequence[str]) -> str:
     """Return the sentence on things of a Home Assistant to which the site is not connected."""
-    return f"Home Assistant is not connected: pointing at {listed(things)} switches nothing there"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return `a, b and c`, or of more than four `a, b, c and 3 more`."""
-    if len(names) > MAX_LISTED:
-        return f"{', '.join(names[: MAX_LISTED - 1])} and {len(names) - MAX_LISTED + 1} more"
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"Home Assistant is not connected: pointing at {few_of(things)} switches nothing there"
 
 
 def _missing_writers(seen: Observation, person: str, services: list[str]) -> set[str]:
@@ -196,7 +188,7 @@ def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator
         if services:
             do = "does" if len(services) == 1 else "do"
             sentence = (
-                f"process {process.pid} is stopped (Ctrl-Z or SIGSTOP): {listed(services)} {do} nothing"
+                f"process {process.pid} is stopped (Ctrl-Z or SIGSTOP): {few_of(services)} {do} nothing"
             )
             remedy = CONTINUE.format(pid=process.pid)
             yield Finding("error", "stopped", _subject(services), sentence, remedy, services=tuple(services))
@@ -224,7 +216,7 @@ def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator
         says = f"{claimant} says: " if claimant else ""
         get = "gets" if len(starved) == 1 else "get"
         sentence = (
-            f"{says}{names} of machine {host} ({listed(services)}) {get} too little processor time: reports "
+            f"{says}{names} of machine {host} ({few_of(services)}) {get} too little processor time: reports "
             f"come every {starved[pid]:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
         )
         remedy = "is the machine overloaded (`top`), or its processor time limited? end other programs there"
@@ -242,14 +234,14 @@ def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[F
         code: Code = "silent" if silent == lost else "absent"
         if code == "silent":
             sentence = (
-                f"{process.description} does not report: {listed(lost)} are silent; is it stopped, "
+                f"{process.description} does not report: {few_of(lost)} are silent; is it stopped, "
                 "overloaded or cut off?"
             )
             stuck = STUCK_REMEDY.format(pid=pid or "PID")
             remedy = f"look at it where it runs: {stuck}; else {_again(name, seen)}"
         else:
             sentence = (
-                f"{listed(lost)} should run and do not: their process has ended, or is stopped or cut off"
+                f"{few_of(lost)} should run and do not: their process has ended, or is stopped or cut off"
             )
             remedy = f"{_again(name, seen)}; if it is stopped there, continue it: `kill -CONT {pid or 'PID'}`"
         is_person = name in seen.deployments and not name.startswith(RUN)

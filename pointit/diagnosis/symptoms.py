@@ -11,7 +11,7 @@ from pointit.schemas import Health, UserPose
 from pointit.schemas.problems import HANDLER, IDLE_ARM, INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import fill_key
-from pointit.schemas.text import one_line, round_beyond
+from pointit.schemas.text import all_of, one_line, round_beyond
 from pointit.schemas.topics import TOPICS, Delivery
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.registry import moves_arm, person_of
@@ -106,7 +106,7 @@ def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport])
         for report in reports
     }
     if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
-        pids = " and ".join(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
+        pids = all_of(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
         remedy = "end all but one, or give each person their own --user"
         sentence = f"runs more than once: processes {pids}"
         yield Finding("error", "twice", instance, sentence, remedy, problem=TWICE, subject=pids)

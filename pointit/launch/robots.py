@@ -13,6 +13,7 @@ from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, Goal, RobotState
 from pointit.schemas.environment import Fence
+from pointit.schemas.text import all_of
 from pointit.schemas.topics import GOAL, ROBOT_STATE
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.site.following import follow_topics
@@ -191,7 +192,7 @@ def _person_lines(user: str, score: Mapping[str, Any]) -> list[str]:
 
 
 def _off(distances_m: Sequence[float], target: str) -> str:
-    return f", {_listed([f'{each:.2f}' for each in distances_m])} m from {target}" if distances_m else ""
+    return f", {_distances([f'{each:.2f}' for each in distances_m])} m from {target}" if distances_m else ""
 
 
 def goal_lines(goals: Mapping[str, Sequence[Sequence[float]]]) -> list[str]:
@@ -207,11 +208,12 @@ def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-def _listed(words: Sequence[str]) -> str:
+def _distances(words: Sequence[str]) -> str:
+    """Return numbers as text, or the median and the largest of more than eight."""
     if len(words) > 8:
         numbers = sorted(float(word) for word in words)
         return f"median {numbers[len(numbers) // 2]:.2f}, largest {numbers[-1]:.2f}"
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return all_of(words)
 
 
 class RobotWatcher:

@@ -22,6 +22,7 @@ from pointit.recording.head import FORMAT, METADATA, Head
 from pointit.recording.writer import MAX_CHANNELS
 from pointit.schemas import NS_PER_S, DecodeError
 from pointit.schemas.catalogue.json_channel import from_json
+from pointit.schemas.text import first_problem
 
 MAX_SCHEMAS = 1000
 """Most schemas in a recording: one for each row of the topic table."""
@@ -181,10 +182,9 @@ class Recording:
         """Number of messages of which nothing is known, as the description of their keys is damaged."""
         if damaged:
             length_s = (self.ended_ns - self.began_ns) / NS_PER_S
-            more = f", and {len(damaged) - 1} more" if len(damaged) > 1 else ""
             lost = f"; messages that have lost their description: {self.lost}" if self.lost else ""
             self.problem = (
-                f"{path} is not whole: {damaged[0]}{more}. What is intact of its {length_s:.1f} s "
+                f"{path} is not whole: {first_problem(damaged)}. What is intact of its {length_s:.1f} s "
                 f"can be used{lost}"
             )
 

@@ -147,16 +147,16 @@ class IncomingQuery:
 
     def drop(self) -> None:
         """Drop the query without an answer, because the queryable was closed."""
-        query = self._take()
+        query = self._pop_query()
         if query is not None:
             query.drop()
 
     async def _end(self, reply: Callable[[zenoh.Query], None]) -> None:
-        query = self._take()
+        query = self._pop_query()
         if query is not None:
             await in_daemon_thread(lambda: reply(query), "zenoh-reply")
 
-    def _take(self) -> zenoh.Query | None:
+    def _pop_query(self) -> zenoh.Query | None:
         query = self._query
         self._query = None
         if query is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pointit.errors import ConfigError
+from pointit.schemas.text import first_of
 from pointit.study.model import SHIPPED, Study
 from pointit.study.order import imbalance
 from pointit.study.plan import check_names, check_sequences, plan_of, row_errors
@@ -88,7 +89,7 @@ def _of_one(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) 
     plan = plan_of(study, name)
     missing = sorted({trial.number for trial in plan.trials} - done_trials(rows))
     if missing:
-        some = ", ".join(map(str, missing[:5])) + (" ..." if len(missing) > 5 else "")
+        some = first_of(map(str, missing), 5)
         ended = bool(about.get("ended"))
         text = f"{len(missing)} of {len(plan.trials)} trials are missing: {some}"
         yield Finding(

@@ -101,7 +101,7 @@ class Session:
             await self._ask_after(self._plan.trials[-1].block)
             joined = self._site
             rows = self._table.rows
-            self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
+            self._store_about(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
 
     @property
     def stop_sentence(self) -> str:
@@ -121,7 +121,7 @@ class Session:
         folder = self._folder.path / self._participant
         check_simulated(folder, self._about, self._table.rows, simulated=simulated)
         if "seed" not in self._about:
-            self._put(
+            self._store_about(
                 pseudonym=self._participant,
                 simulated=simulated,
                 group=self._plan.group,
@@ -132,7 +132,7 @@ class Session:
         if self._study.consent != StudyStep() and not self._about.get("consented"):
             if not await self._view.tell(self._study.consent, go="agree"):
                 raise StoppedError(f"{self._participant} does not agree: nothing is measured")
-            self._put(consented=True)
+            self._store_about(consented=True)
         if self._study.instruction != StudyStep():
             await self._view.tell(self._study.instruction, go="begin")
 
@@ -177,7 +177,7 @@ class Session:
         if self._progress.current is not trial:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
-            self._put(begun=utc(self._here.site.now_ns()))
+            self._store_about(begun=utc(self._here.site.now_ns()))
         scene = self._scenes[trial.place]
         before_m = self._scenes[trial.place - 1].target_m if trial.place else None
         if self._study.end == "press":
@@ -215,7 +215,7 @@ class Session:
         later: StudyCommand | None = None
         try:
             while attempt.outcome is None:
-                self._show(trial, "pointing", scene)
+                self._show_status(trial, "pointing", scene)
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
                     attempt.target_m = room.position(target) or attempt.target_m
@@ -245,7 +245,7 @@ class Session:
         end_ns = site.now_ns() + round(seconds * 1e9)
         while (left_ns := end_ns - site.now_ns()) > 0 or (self._here.problem and not is_break):
             rest = f"{BREAK}{math.ceil(left_ns / 1e9)} s left"
-            self._show(trial, rest if is_break else self._here.problem or "pause")
+            self._show_status(trial, rest if is_break else self._here.problem or "pause")
             await site.sleep(TICK_S)
             if (command := self._view.command()) is not None:
                 await self._run_command(command, trial)
@@ -264,7 +264,7 @@ class Session:
             self._table.append({**row, "began_utc": utc(self._here.site.now_ns())})
             self._progress.end(is_done=True)
         elif command.name == "pause":
-            self._show(trial, "paused")
+            self._show_status(trial, "paused")
             while (following := self._view.command()) is None:
                 await self._here.site.sleep(TICK_S)
             if following.name != "pause":
@@ -289,9 +289,11 @@ class Session:
         configurations: list[dict[str, Any]] = self._about.get("configuration", [])
         services = {name: json.loads(text) for name, text in sorted(self._here.configuration.items())}
         if services and (not configurations or configurations[-1]["services"] != services):
-            self._put(configuration=[*configurations, {"from_trial": trial.number, "services": services}])
+            self._store_about(
+                configuration=[*configurations, {"from_trial": trial.number, "services": services}]
+            )
         if attempt.clock_apart_s > max(CLOCK_APART_S, self._about.get("clock_apart_s", 0.0)):
-            self._put(clock_apart_s=round(attempt.clock_apart_s, 3))
+            self._store_about(clock_apart_s=round(attempt.clock_apart_s, 3))
 
     async def _ask_after(self, block: int) -> None:
         """Ask the questionnaires about a block unless they are answered."""
@@ -309,7 +311,7 @@ class Session:
                 answers = enumerate(await self._view.ask(scale, name), 1)
                 table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
-    def _show(self, trial: StudyTrial, state: str, scene: StudyScene | None = None) -> None:
+    def _show_status(self, trial: StudyTrial, state: str, scene: StudyScene | None = None) -> None:
         self._view.status(
             StudyStatus(
                 participant=self._participant,
@@ -334,6 +336,6 @@ class Session:
         if self._lsl is not None:
             self._lsl.mark(event=event, **{name: row[name] for name in ("trial", "attempt", *columns)})
 
-    def _put(self, **about: object) -> None:
+    def _store_about(self, **about: object) -> None:
         self._about |= about
         self._folder.put_about(self._participant, self._about)

@@ -13,7 +13,7 @@ from pointit.schemas.base import SchemaError, SchemaModel
 from pointit.schemas.catalogue import asyncapi
 from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.codec import encode
-from pointit.schemas.text import first_of
+from pointit.schemas.text import all_of, first_of
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 P = TypeVar("P", bound=SchemaModel)
@@ -230,7 +230,7 @@ def _broken(kind: Kind, versions: set[int], committed: Files) -> Iterator[str]:
         before = _parsed(message_path(kind, version), committed)
         if lost := breaking_changes(before, now):
             yield (
-                f"{name} may only grow from {name}.v{version}, but {' and '.join(lost)}; undo that, "
+                f"{name} may only grow from {name}.v{version}, but {all_of(lost)}; undo that, "
                 "or make it a new message"
             )
         elif kind.version == version and strip_annotations(before) != strip_annotations(now):

@@ -439,7 +439,7 @@ class Infeed:
                     f"lane {belt!r} has no room for {length_m:g} m at {at_m:.2f} m: ask again later"
                 )
             package = self._package(kind, length_m)
-            self._put(package, *place)
+            self._place_on_piece(package, *place)
             return package.id
         wait_m = self._wait_m(belt, length_m)
         if wait_m > 0.0:
@@ -468,7 +468,7 @@ class Infeed:
             for index, package in enumerate(packages if self.is_reverse[belt] else packages[::-1]):
                 place = self._network.at(belt, (index + 0.5) * spacing_m)
                 if self._traffic.is_clear(*place, length_m):
-                    self._put(package, *place)
+                    self._place_on_piece(package, *place)
                 else:  # in a junction that is occupied
                     self.fed -= 1
 
@@ -485,7 +485,7 @@ class Infeed:
 
     def _enter(self, kind: str, belt: str, length_m: float) -> Package:
         package = self._package(kind, length_m)
-        self._put(package, *self._entry(belt))
+        self._place_on_piece(package, *self._entry(belt))
         return package
 
     def _package(self, kind: str, length_m: float) -> Package:
@@ -493,7 +493,7 @@ class Infeed:
         self.fed += 1
         return Package(f"{self.prefix}-{self.ids}", kind, length_m)
 
-    def _put(self, package: Package, piece: Piece, offset_m: float) -> None:
+    def _place_on_piece(self, package: Package, piece: Piece, offset_m: float) -> None:
         package.piece = piece.index
         self._send(package)
         self._traffic.put(package, piece, offset_m)

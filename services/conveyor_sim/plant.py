@@ -66,7 +66,7 @@ class Dispatch:
             if not package.bay:
                 package.user = user
                 continue
-            wanted = self._wanted(package, is_selected=bool(user))
+            wanted = self._bay_for(package, is_selected=bool(user))
             if package.bay == wanted or self._routes.reaches(package.decided, wanted):
                 package.bay = wanted
                 package.user = user
@@ -77,7 +77,7 @@ class Dispatch:
 
     def until_ns(self, package: Package, now_ns: int) -> int | None:
         """Return the last time at which (de)selecting `package` changes its bay; 0: past, None: no limit."""
-        wanted = self._wanted(package, is_selected=not package.user)
+        wanted = self._bay_for(package, is_selected=not package.user)
         if not package.bay or package.bay == wanted:
             return None
         if not self._routes.reaches(package.decided, wanted):
@@ -85,7 +85,7 @@ class Dispatch:
         left_s = self._last_way.time_left_s(package, wanted)
         return None if left_s == math.inf else now_ns + int(left_s * NS_PER_S)
 
-    def _wanted(self, package: Package, *, is_selected: bool) -> str:
+    def _bay_for(self, package: Package, *, is_selected: bool) -> str:
         """Return the bay of selected packages or of the rest, or the nearest one if the map lacks it."""
         wanted = self._bay_selected if is_selected else self._bay_rest
         return wanted if self._routes.has(wanted) else self._routes.best(package.decided, wanted)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, RobotState, UserPose
+from pointit.schemas.text import all_of
 
 NO_TARGET_RAD = np.array([1.8, 0.5])
 """1 sigma of the direction of a ray at no robot: about its mean azimuth, and `DOWNWARDS_RAD`."""
@@ -472,5 +473,4 @@ class RobotChoice:
 def _unclear(candidates: list[Candidate]) -> str:
     names = [each.object_id for each in candidates]
     count = "two" if len(names) == 2 else str(len(names))
-    listed = f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"{count} robots may be meant, {listed}: point longer at one"
+    return f"{count} robots may be meant, {all_of(names)}: point longer at one"

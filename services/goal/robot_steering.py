@@ -306,7 +306,7 @@ class RobotSteering:
             self._waypoints = [place_m]
             return self._output(self._go(now_ns), now_ns)
         self._release()
-        outputs = self._take(name, now_ns)
+        outputs = self._take_robot(name, now_ns)
         if self._taken is None:
             raise RefusedError("".join(each.text for each in outputs if isinstance(each, Feedback)))
         self._requested_m = place_m
@@ -346,7 +346,7 @@ class RobotSteering:
 
     def _chosen(self, choice: ChosenRobot, now_ns: int) -> list[Output]:
         if choice.robot:
-            return self._take(choice.robot, now_ns)
+            return self._take_robot(choice.robot, now_ns)
         return [self._cues.make("refused", choice.problem, now_ns)]
 
     def _change(self, now_ns: int) -> list[Output]:
@@ -355,13 +355,13 @@ class RobotSteering:
         self._choice.reset()
         if choice.robot and choice.robot != self.robot:
             self._release()
-            return self._take(choice.robot, now_ns)
+            return self._take_robot(choice.robot, now_ns)
         text = (
             f"{self.robot} has no way-point yet: stay at a place for {self._config.dwell_s:g} s, then press"
         )
         return [self._cues.make("refused", text, now_ns)]
 
-    def _take(self, name: str, now_ns: int) -> list[Output]:
+    def _take_robot(self, name: str, now_ns: int) -> list[Output]:
         state = self._robots[name][0]
         text = self._checker.unsure_reason
         if not text and state.user not in ("", self._user):

@@ -66,28 +66,28 @@ class Goals(Service[GoalConfig]):
     async def run(self) -> None:
         """Withdraw proposals that are not confirmed in time, and requests that no robot answers."""
         while True:
-            self._put(self._steps.tick(self.clock.now_ns()))
+            self._publish(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()
             await wait_until(self.clock, self._steps.deadline_ns, self._moved)
 
     def _on_interaction(self, interaction: Interaction, _user: str) -> None:
-        self._put(self._steps.on_interaction(interaction, self.clock.now_ns()))
+        self._publish(self._steps.on_interaction(interaction, self.clock.now_ns()))
 
     def _on_cursor(self, cursor: Cursor, _user: str) -> None:
-        self._put(self._steps.on_cursor(cursor, self.clock.now_ns()))
+        self._publish(self._steps.on_cursor(cursor, self.clock.now_ns()))
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
-        self._put(self._steps.on_button(event, self.clock.now_ns()))
+        self._publish(self._steps.on_button(event, self.clock.now_ns()))
 
     def _on_robot(self, robots: RobotSteering, state: RobotState, name: str) -> None:
-        self._put(robots.on_robot(name, state, self.clock.now_ns()))
+        self._publish(robots.on_robot(name, state, self.clock.now_ns()))
 
     async def _send(self, query: SendRobot, _user: str) -> Done:
         """Send a robot as the person asks; raises RefusedError with the reason not to."""
-        self._put(self._steps.send(query.robot, query.position_m, self.clock.now_ns()))
+        self._publish(self._steps.send(query.robot, query.position_m, self.clock.now_ns()))
         return Done(message=f"{query.robot or 'the robot'} is sent there")
 
-    def _put(self, outputs: Sequence[Goal | Feedback | Steering]) -> None:
+    def _publish(self, outputs: Sequence[Goal | Feedback | Steering]) -> None:
         for output in outputs:
             if isinstance(output, Goal):
                 self._goals.put(output)

@@ -184,7 +184,7 @@ class RetainedStates:
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int) -> None:
         """Store `message` under `name`, or only drop the old state if it must not be retained."""
-        self._drop((topic.key, name))
+        self._forget((topic.key, name))
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
         if isinstance(message, Deployment):
@@ -193,9 +193,9 @@ class RetainedStates:
                 earlier = value.message
                 # a site runs one scenario at a time; people come and go independently
                 if isinstance(earlier, Deployment) and earlier.scenario and message.scenario:
-                    self._drop(where)
+                    self._forget(where)
         if not dies_with_writer(message):
-            self._put(topic, name, message, encode(message), now_ns)
+            self._store(topic, name, message, encode(message), now_ns)
 
     def set_user(self, user: str, now_ns: int, *, present: bool) -> None:
         """Update the presence of a person."""
@@ -219,7 +219,7 @@ class RetainedStates:
             if self._is_owned(name, value) or value.owned_ns > now_ns:  # the clock was set back
                 value.owned_ns = now_ns
             elif now_ns - value.owned_ns >= self._limit_ns(value.topic):
-                self._drop((key, name))
+                self._forget((key, name))
 
     def record(self, now_ns: int) -> StateRecord:
         """Return the record for the next keeper."""
@@ -249,17 +249,17 @@ class RetainedStates:
                 broken += 1
                 continue
             if (topic.key, state.name) not in self._values and not dies_with_writer(message):
-                self._put(topic, state.name, message, state.payload, now_ns)
+                self._store(topic, state.name, message, state.payload, now_ns)
         return broken
 
-    def _put(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
+    def _store(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
         while len(self._values) >= self._max_values or self.size + len(payload) > self._max_bytes:
             evictable = (key for key, value in self._values.items() if self._is_evictable(*key, value))
             ownerless = next(evictable, None)
             if ownerless is None:
                 self.refused += 1
                 return
-            self._drop(ownerless)
+            self._forget(ownerless)
         value = _Value(topic, message, payload, now_ns)
         self._values[topic.key, name] = value
         self.size += len(payload)
@@ -276,7 +276,7 @@ class RetainedStates:
         may_be_left = is_personal(value.topic) or value.topic is topics.DEPLOYMENT
         return may_be_left and not self._is_owned(name, value)
 
-    def _drop(self, where: tuple[str, str]) -> None:
+    def _forget(self, where: tuple[str, str]) -> None:
         value = self._values.pop(where, None)
         if value is not None:
             self.size -= len(value.payload)

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, LampLease, Localization, Selection
 from pointit.schemas.base import Rgb
+from pointit.schemas.text import all_of
 from pointit.services.led_driver.config import LedDriverConfig
 
 Change = Literal["none", "level", "lamps"]
@@ -190,7 +191,7 @@ class ThingLamps:
         if lamp in self._owners:
             return f"{self._owners[lamp]} has selected {thing}"
         users = sorted(user for user, hovered in self._hovered.items() if hovered.lamp == lamp)
-        return f"{' and '.join(users)} {'points' if len(users) == 1 else 'point'} at {thing}"
+        return f"{all_of(users)} {'points' if len(users) == 1 else 'point'} at {thing}"
 
     def _shade(self, user: str, level: float) -> Rgb:
         red, green, blue = (round(value * level) for value in self._color_of(user))

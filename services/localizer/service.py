@@ -117,10 +117,10 @@ class Localizer(Service[LocalizerConfig]):
             await self._followed.wait()
             now_ns = self.clock.now_ns()
             self._emit(self._pose_manager.due(now_ns))
-            self._show(now_ns)
+            self._set_metrics(now_ns)
             await sleep(self.clock, self._pose_manager.wait_s(now_ns))
 
-    def _show(self, now_ns: int) -> None:
+    def _set_metrics(self, now_ns: int) -> None:
         for name, value, unit in self._pose_manager.figures(now_ns):
             self.bus.set_metric(name, value, unit)
         self.bus.warn(UNCERTAIN, self._pose_manager.problem(now_ns))
@@ -236,14 +236,14 @@ class Localizer(Service[LocalizerConfig]):
         self._poses.put(
             pose.model_copy(update={"seq": self._next(topics.POSE.key), "remembered_bias": remembered})
         )
-        self._show(self.clock.now_ns())
+        self._set_metrics(self.clock.now_ns())
 
     def _withdraw_pose(self) -> None:
         """Withdraw the key for the tracker, so that late subscribers do not get our last pose."""
         if self._poses is not None:
             self._poses.close()
             self._poses = None
-        self._show(self.clock.now_ns())
+        self._set_metrics(self.clock.now_ns())
 
     def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(topics.LOCALIZATION.key)}))

@@ -18,6 +18,7 @@ import numpy as np
 from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Lamp, PointingRay
+from pointit.schemas.text import all_of, first_of
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import unfiltered_rays
 from pointit.services.localizer.estimation.estimator import (
@@ -124,10 +125,8 @@ def map_change_reason(lamps: Sequence[Lamp], room: Environment) -> str:
 
 
 def _named(lamps: Sequence[Lamp]) -> str:
-    names = [lamp.id for lamp in lamps[:MAX_NAMED]]
-    if len(lamps) > MAX_NAMED:
-        return f"{', '.join(names)} and {len(lamps) - MAX_NAMED} more"
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+    names = [lamp.id for lamp in lamps]
+    return all_of(names) if len(names) <= MAX_NAMED else first_of(names, MAX_NAMED)
 
 
 def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:

@@ -275,7 +275,7 @@ class Pui(Service[PuiConfig]):
         self._judge(user)
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
-        self._put(self._person(user).set_interaction(interaction), user)
+        self._publish_cursor(self._person(user).set_interaction(interaction), user)
         self._judge(user, warn=False)
 
     def _on_ray(self, ray: PointingRay, user: str) -> None:
@@ -284,7 +284,7 @@ class Pui(Service[PuiConfig]):
         if cursor is None:
             self._judge(user)
         else:
-            self._put(cursor, user)
+            self._publish_cursor(cursor, user)
             cue = person.cue()
             if cue is not None:
                 self._cues(user).put(cue)
@@ -301,7 +301,7 @@ class Pui(Service[PuiConfig]):
         person = self._persons.get(user)
         if present or person is None or not self._share.serves(user):
             return
-        self._put(person.clear(self.clock.now_ns()), user)
+        self._publish_cursor(person.clear(self.clock.now_ns()), user)
         self.bus.clear("no-pose", user)
         self.bus.clear("misses", user)
 
@@ -316,7 +316,7 @@ class Pui(Service[PuiConfig]):
                 user,
             )
 
-    def _put(self, cursor: Cursor | None, user: str) -> None:
+    def _publish_cursor(self, cursor: Cursor | None, user: str) -> None:
         if cursor is not None:
             self._cursors(user).put(cursor)
 

@@ -16,6 +16,7 @@ import numpy as np
 from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, UserPose
+from pointit.schemas.text import all_of
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.robot_driver import Command, FollowPath, Land, RobotReport, Stop, TakeOff
@@ -206,8 +207,8 @@ class FigureFlight:
         others = [each for each in self._waiting(now_ns) if each != user]
         if not others or self.problem or not self._is_begun:  # one that stands still delays nobody
             return ""
-        who = f"{others[0]} is" if len(others) == 1 else f"{', '.join(others[:-1])} and {others[-1]} are"
-        return f"{self._name} moves until {who} found: take it then"
+        are = "is" if len(others) == 1 else "are"
+        return f"{self._name} moves until {all_of(others)} {are} found: take it then"
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update a person's pose: who is found needs no figure."""

@@ -148,7 +148,7 @@ class Robot(Service[RobotConfig]):
     def _step(self, now_ns: int) -> None:
         command = self._pilot.step(now_ns)
         if command is not None:
-            self._tell(command)
+            self._send_command(command)
         if (state := self._messages.state(now_ns)) is not None:
             self._states.put(state)
         if (plan := self._messages.plan(now_ns)) is not None:
@@ -159,7 +159,7 @@ class Robot(Service[RobotConfig]):
         if (objects := self._messages.objects(now_ns)) is not None:
             self._objects.put(objects)
 
-    def _tell(self, command: Command) -> None:
+    def _send_command(self, command: Command) -> None:
         sent_command = command if self._frame is None else in_frame(command, self._frame)
         self._guard.call("command", lambda: self._driver.command(sent_command))
 

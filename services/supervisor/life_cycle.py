@@ -470,7 +470,7 @@ class LifeCycle:
         self._reason = reason or row.reason or self._reason
         self._enter(before if row.then == "before" else row.then, now_ns, localization)
         requests = [request for effect in row.effects for request in self._apply(effect, before, now_ns)]
-        return [*requests, *self._tell(row.cue, now_ns, localization)]
+        return [*requests, *self._closing_outputs(row.cue, now_ns, localization)]
 
     @property
     def _before_attempt(self) -> Literal["idle", "pointing"]:
@@ -512,7 +512,7 @@ class LifeCycle:
                     self._readiness.on_interrupted(now_ns)
         return []
 
-    def _tell(
+    def _closing_outputs(
         self, outcome: Cue | Literal[""], now_ns: int, localization: Localization | None
     ) -> list[Output]:
         attempt = self._attempt

@@ -18,7 +18,7 @@ from pointit.schemas import NS_PER_S, Localization, PointingOffset
 from pointit.schemas.cues import Cue
 from pointit.schemas.pointing import PressEffect
 from pointit.schemas.selection import SelectionManner
-from pointit.schemas.text import round_beyond
+from pointit.schemas.text import all_of, round_beyond
 
 Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
 
@@ -142,8 +142,8 @@ def point(*, is_end: bool, manner: SelectionManner | None, hears_names: bool) ->
 def _pressed(manner: SelectionManner) -> str:
     """Return the objects that want a press, in words."""
     more = manner.pressed_count - len(manner.pressed)
-    *first, last = (*manner.pressed, f"{more} more") if more > 0 else manner.pressed
-    return f"{', '.join(first)} and {last}" if first else last
+    others = (f"{more} more",) if more > 0 else ()
+    return all_of((*manner.pressed, *others))
 
 
 def press_effect(

@@ -94,7 +94,7 @@ class SequentialTargets:
         """Create with `choose`, which returns the next goal after the one of the given key."""
         self._choose = choose
         self._hold_s = hold_s
-        self._pace = times
+        self._times = times
         self._goal = REST
         self._until_ns: int | None = None
 
@@ -102,7 +102,7 @@ class SequentialTargets:
         """Return the current goal."""
         if self._until_ns is None or now_ns >= self._until_ns:
             self._goal = self._choose(self._goal.key, sight) or REST
-            hold_s = FIND_S + self._hold_s * self._pace.between(0.5, 1.5)
+            hold_s = FIND_S + self._hold_s * self._times.between(0.5, 1.5)
             self._until_ns = now_ns + round(hold_s * NS_PER_S) if self._goal is not REST else None
         return self._goal
 

@@ -48,7 +48,7 @@ class _RobotUser(ABC):
     def __init__(self, kind: RobotKind, spots_m: Sequence[Vec3], times: DecisionTimes) -> None:
         self._kind = kind
         self._spots_m = spots_m
-        self._pace = times
+        self._times = times
         self._stage: Stage = "choose"
         self._since_ns = self._called_ns = 0
         self._attempts: int = 0
@@ -175,7 +175,7 @@ class _RobotUser(ABC):
         return (now_ns - self._since_ns) / NS_PER_S
 
     def _usually(self, duration_s: float) -> float:
-        return duration_s * self._pace.quickness
+        return duration_s * self._times.quickness
 
     @property
     def _spot_m(self) -> Vec3:

@@ -70,7 +70,7 @@ class Selecting:
     def __init__(self, config: UserSimConfig, things: PerceivedObjects, times: DecisionTimes) -> None:
         self._kinds = frozenset(config.target_kinds)
         self._things = things
-        self._pace = times
+        self._times = times
         self._give_up_ns = round(config.give_up_s * NS_PER_S)
         self._retry_ns = round(config.retry_s * NS_PER_S)
         arm = config.arm
@@ -168,8 +168,8 @@ class Selecting:
                 self._since_ns = now_ns
                 self._before = self._things.status(self._current)
                 self._goal = on_object(seen, sight, closed_loop=True)
-                if self._pace.lapses():
-                    self._leave_ns = now_ns + round(self._pace.between(*LEAVE_S) * NS_PER_S)
+                if self._times.lapses():
+                    self._leave_ns = now_ns + round(self._times.between(*LEAVE_S) * NS_PER_S)
             self._next = ""
             return
         if 0 <= self._look_again_ns - now_ns <= LOOK_NS:
@@ -180,10 +180,10 @@ class Selecting:
         if not tasks:
             return
         chosen = min(tasks, key=lambda seen: (sight.time_left_s(seen, now_ns), *self._last(seen)))
-        if self._pace.lapses():
+        if self._times.lapses():
             chosen = self._mistake(chosen, objects)
         self._next = chosen.thing.id
-        self._ready_ns = now_ns + round(self._pace.find_s(len(objects), len(tasks)) * NS_PER_S)
+        self._ready_ns = now_ns + round(self._times.find_s(len(objects), len(tasks)) * NS_PER_S)
 
     def _is_task(self, seen: SeenObject) -> bool:
         thing = seen.thing

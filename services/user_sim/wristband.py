@@ -27,7 +27,7 @@ class Wristband:
         self._boot_s = float(rng.uniform(0.0, BOOT_SPAN_S))
         self._at_ns: int | None = None
         self._running_s = 0.0
-        self._pace = 1.0 + config.clock_skew_ppm * 1e-6
+        self._clock_rate = 1.0 + config.clock_skew_ppm * 1e-6
         self._silent = False
         self._seq = 0
         self.drift_rad = 0.0
@@ -37,7 +37,7 @@ class Wristband:
         """Return the sample at `now_ns`, or None if the radio loses it."""
         passed_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
-        self._running_s += passed_s * self._pace
+        self._running_s += passed_s * self._clock_rate
         self._drift(passed_s)
         half_rad = 0.5 * math.radians(self._config.noise_sd_deg)
         x, y, z = self._rng.standard_normal(3).tolist()

@@ -62,12 +62,12 @@ def findings(
         if not each.is_ours and not each.is_bridge and each.domain != domain  # for another PointIt
     ]
     found = [*_bridges(others, domain), *_generations(others, distro)]
-    wanted = {_wanted(mine) for mine in ours}
+    wanted = {_counterpart(mine) for mine in ours}
     offered: dict[End, list[Endpoint]] = defaultdict(list)
     for each in others:
         if _end(each) in wanted:
             offered[_end(each)].append(each)
-    counterparts = {mine: sorted(offered.get(_wanted(mine), ()), key=_order) for mine in ours}
+    counterparts = {mine: sorted(offered.get(_counterpart(mine), ()), key=_order) for mine in ours}
     for mine, remote in counterparts.items():
         found += _types(mine, remote, matching)
         found += _qualities(mine, [each for each in remote if _can_match(mine, each, matching)])
@@ -175,7 +175,7 @@ def _domains(
 ) -> list[Finding]:
     found = list(other_domains)
     if not is_alone:  # another robot's domain is normal, unless it has endpoints for us
-        missing = {_wanted(mine) for mine, remote in counterparts.items() if not remote}
+        missing = {_counterpart(mine) for mine, remote in counterparts.items() if not remote}
         found = [each for each in found if _end(each) in missing]
     if not found:
         return []
@@ -194,7 +194,7 @@ def _end(endpoint: Endpoint) -> End:
     return endpoint.name, endpoint.kind
 
 
-def _wanted(mine: Endpoint) -> End:
+def _counterpart(mine: Endpoint) -> End:
     """Return name and kind of the counterpart."""
     return mine.name, COUNTERPART[mine.kind]
 

@@ -18,6 +18,7 @@ from pointit.schemas import (
     SetYawOrigin,
     topics,
 )
+from pointit.schemas.text import first_of
 
 ALL = "*"
 """Stands for every belt in a command."""
@@ -51,7 +52,7 @@ def belt_command(value: Any, context: ConversionContext) -> Taken:
         elif name == ALL:
             taken.append(_at_speed(speed_mps))
         elif lane is None:
-            there_are = ", ".join(context.state.lanes[:20]) or "none"
+            there_are = first_of(context.state.lanes, 20) or "none"
             taken.append(
                 ConversionWarning(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}")
             )

@@ -114,7 +114,7 @@ class ActionClient:
         types = self._types
         info = types.make("action_msgs/msg/GoalInfo", goal_id=self._id(goal))
         request = types.make(types.request_of(CANCEL), goal_info=info)
-        return int((await self._asked("cancel_goal", CANCEL, CANCEL_S, request)).return_code)
+        return int((await self._call_service("cancel_goal", CANCEL, CANCEL_S, request)).return_code)
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -123,9 +123,9 @@ class ActionClient:
 
     async def _call(self, name: str, service: str, timeout_s: float, identity: bytes, **fields: Any) -> Any:
         request = self._types.make(self._types.request_of(service), goal_id=self._id(identity), **fields)
-        return await self._asked(name, service, timeout_s, request)
+        return await self._call_service(name, service, timeout_s, request)
 
-    async def _asked(self, name: str, service: str, timeout_s: float, request: Any) -> Any:
+    async def _call_service(self, name: str, service: str, timeout_s: float, request: Any) -> Any:
         types = self._types
         cdr = types.encode(types.request_of(service), request)
         full = f"{self._topics}/{name}"
@@ -235,7 +235,7 @@ class Navigator:
                 self._cleared_ns = 0
                 self.tick()
             case _:
-                self._say("refused", "a robot with Nav2 neither takes off nor lands")
+                self._report_outcome("refused", "a robot with Nav2 neither takes off nor lands")
 
     def tick(self) -> None:
         """Send the place to follow if it is time, and cancel what nobody wants."""
@@ -364,9 +364,9 @@ class Navigator:
         if outcome == "done" and self._way:
             self._next()
             return
-        self._say(outcome, reason if is_bad else "")
+        self._report_outcome(outcome, reason if is_bad else "")
 
-    def _say(self, outcome: Outcome, reason: str) -> None:
+    def _report_outcome(self, outcome: Outcome, reason: str) -> None:
         self._tell(OrderStatus(order=self._order, state=outcome, reason=reason))
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

@@ -218,13 +218,13 @@ class Lanes:
         while self._gone and at_ns - self._gone[0][0] > GRACE_NS:
             gone_ns, instance = self._gone.popleft()
             user = person_of(instance)
-            self._put("warnings", user, (gone_ns, gone_ns, f"{instance} has gone"))
+            self._append_item("warnings", user, (gone_ns, gone_ns, f"{instance} has gone"))
 
     def _on_presence(self, at_ns: int, row: Presence, name: str, *, present: bool) -> None:
         if row is USER_ALIVE:
             self._until_ns[name] = math.inf if present else at_ns
         if row is USER_ALIVE and present:
-            self._put("interaction", name, None)
+            self._append_item("interaction", name, None)
         elif row is USER_ALIVE:
             self._close(name, "", at_ns)
         elif row is SERVICE_ALIVE and not present:
@@ -238,14 +238,14 @@ class Lanes:
         wanted = {kind for kinds in self._wanted.values() for kind in kinds}
         is_wanted = not event.kind or not wanted or event.kind in wanted
         if event.event in ("selected", "deselected"):
-            self._put("selections", event.user, (at_ns, at_ns, f"{event.event} {what}"))
+            self._append_item("selections", event.user, (at_ns, at_ns, f"{event.event} {what}"))
             if event.event == "selected" and not is_wanted:
-                self._put("wrong", event.user, (at_ns, at_ns, f"not wanted: {what}"))
+                self._append_item("wrong", event.user, (at_ns, at_ns, f"not wanted: {what}"))
         elif event.event == "refused":
             reason = f": {event.reason}" if event.reason else ""
-            self._put("refusals", event.user, (at_ns, at_ns, f"refused {what}{reason}"))
+            self._append_item("refusals", event.user, (at_ns, at_ns, f"refused {what}{reason}"))
         elif event.event in ("left", "dispatched") and not event.user and is_wanted and wanted:
-            self._put("misses", "", (at_ns, at_ns, f"{what} left without being selected"))
+            self._append_item("misses", "", (at_ns, at_ns, f"{what} left without being selected"))
 
     def _called(self, object_id: str, kind: str = "") -> str:
         """Return the name of an object in the page, such as `red 24`, or `""` without an object."""
@@ -268,7 +268,7 @@ class Lanes:
             if before[2] == identity:
                 return
             del self._open[key]
-            self._put(kind, user, (before[0], at_ns, before[1]))
+            self._append_item(kind, user, (before[0], at_ns, before[1]))
         if text:
             if len(self._open) >= MAX_LANES:
                 del self._open[next(iter(self._open))]
@@ -280,7 +280,7 @@ class Lanes:
             if its_instance == instance and (instance or its_user == user):
                 self._set(kind, its_user, instance, "", at_ns)
 
-    def _put(self, kind: LaneKind, user: str, item: Item | None) -> None:
+    def _append_item(self, kind: LaneKind, user: str, item: Item | None) -> None:
         """Add `item` to its lane, or only create the lane if it is None."""
         if (kind, user) in self._items or len(self._items) < MAX_LANES:
             items = self._items.setdefault((kind, user), deque(maxlen=MAX_ITEMS))

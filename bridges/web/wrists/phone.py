@@ -300,15 +300,15 @@ class Phones:
 
     def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
         """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
-        self._tell(user, self._cues_of(user).feedback(feedback))
+        self._send_cue(user, self._cues_of(user).feedback(feedback))
 
     def interaction(self, user: str, interaction: Interaction) -> None:
         """Send the phone of `user` the state of the interaction."""
-        self._tell(user, self._cues_of(user).interaction(interaction))
+        self._send_cue(user, self._cues_of(user).interaction(interaction))
 
     def localization(self, user: str, progress: Localization) -> None:
         """Send the phone of `user` the target to point at."""
-        self._tell(user, self._cues_of(user).localization(progress))
+        self._send_cue(user, self._cues_of(user).localization(progress))
 
     def set_lamps(self, lamps: tuple[str, ...]) -> None:
         """Set the lamps of the map, whose names the phones show."""
@@ -319,17 +319,17 @@ class Phones:
 
     def lost(self, user: str, *, is_own: bool = False) -> None:
         """Notify the phone of `user` that it has lost the wrist; `is_own`: to the person's own device."""
-        self._tell(user, self._cues_of(user).loss(is_own=is_own))
+        self._send_cue(user, self._cues_of(user).loss(is_own=is_own))
 
     def centred(self, user: str) -> None:
         """Notify the phone of `user` that its direction was set."""
-        self._tell(user, self._cues_of(user).say(CENTRED))
+        self._send_cue(user, self._cues_of(user).say(CENTRED))
 
     def end_names_except(self, users: Collection[str]) -> None:
         """Notify the phones of all but `users` that no selector announces names to them any more."""
         for user, cues in self._cues.items():
             if user not in users:
-                self._tell(user, cues.end_names())
+                self._send_cue(user, cues.end_names())
 
     def forget(self, user: str) -> None:
         """Forget the cues of a person who has left."""
@@ -438,7 +438,7 @@ class Phones:
     def _hello(self, phone: Phone) -> Hello:
         return self._host.greeting.model_copy(update={"user": phone.user, "lamps": self._lamps})
 
-    def _tell(self, user: str, cue: Cue | None) -> None:
+    def _send_cue(self, user: str, cue: Cue | None) -> None:
         line = self._lines.get(self._pairing.paired(user, time.monotonic()))
         if cue is not None and line is not None:
             line.put(cue)

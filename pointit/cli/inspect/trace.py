@@ -233,7 +233,7 @@ async def command(site: SiteAddress, user: str, *, count: int, watch: bool, as_j
         tracer = Tracer(bus, user)
         while True:
             paths = await _measure(tracer, count)
-            read_on = _show(tracer.trace(paths), count, as_json=as_json)
+            read_on = _print_measurement(tracer.trace(paths), count, as_json=as_json)
             if not (watch and read_on):
                 return 0
 
@@ -418,7 +418,7 @@ def _joined(names: Iterable[str]) -> str:
     return " or ".join(sorted(set(names)))
 
 
-def _show(trace: Trace, count: int, *, as_json: bool) -> bool:
+def _print_measurement(trace: Trace, count: int, *, as_json: bool) -> bool:
     """Print one measurement. Return False if the reader of the pipe is gone."""
     if trace.samples < count:
         click.echo(f"only {trace.samples} of {count} samples came, then none for {SILENCE_S:g} s", err=True)

@@ -132,7 +132,7 @@ def command(
     found: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, request, say=_say, notice=notify_if_slow_site))
+        found.append(await fetched(config, request, say=_print_progress, notice=notify_if_slow_site))
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")
@@ -147,7 +147,7 @@ def command(
     return 0
 
 
-def _say(sentence: str) -> None:
+def _print_progress(sentence: str) -> None:
     click.echo(sentence, err=True)
 
 

@@ -23,6 +23,7 @@ from pointit.maps.file import map_path, parse_map_file, read_map_file, read_whol
 from pointit.maps.model import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
+from pointit.schemas.text import all_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -187,7 +188,7 @@ def new(*, file: Path, width: float, depth: float, lamps: int, strips: int) -> N
 def room_map(file: Path, width_m: float, depth_m: float, lamps: int, strips: int) -> str:
     """Return the text of the map of a room, in {W} with the origin in the middle of its floor."""
     counts = ((lamps, "lamp"), (strips, "strip"))
-    has = " and ".join(f"{count} {word}{'s' * (count > 1)}" for count, word in counts if count)
+    has = all_of(f"{count} {word}{'s' * (count > 1)}" for count, word in counts if count)
     sections = [HEADER.format(width=width_m, depth=depth_m, has=has, path=file)]
     if lamps:
         sections += ["lamps:", *_lamps(width_m / 2, depth_m / 2, lamps)]

@@ -97,7 +97,7 @@ async def command(
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
     if show or erase:
-        return await _keep(site, user, erase=erase, as_json=as_json)
+        return await _show_or_erase(site, user, erase=erase, as_json=as_json)
     guidance = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
@@ -254,7 +254,7 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
     return {"sensor_from_arm_xyzw": reply.sensor_from_arm_xyzw, "message": reply.message}
 
 
-async def _keep(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
+async def _show_or_erase(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
     """Show the stored mounting, or delete it with `erase`, and return the exit code.
 
     The request goes to imu-bridge if it runs, else the file on this machine is read or changed.

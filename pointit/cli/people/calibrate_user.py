@@ -320,7 +320,7 @@ async def command(
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
     if show or erase:
-        return await _keep(site, user, erase=erase, as_json=as_json)
+        return await _show_or_erase(site, user, erase=erase, as_json=as_json)
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
     options = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
     return await _measure(site, user, options, as_json=as_json)
@@ -351,7 +351,7 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
                 "calibrate again"
             )
         if not options.keeps and not as_json:
-            _show(user, rows)
+            _print_residuals(user, rows)
         if problem and options.keeps:
             raise PointItError(f"{user}: nothing is stored: {problem}")
         if fitted.offset is None:
@@ -369,7 +369,7 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
         )
     else:
         if options.keeps:
-            _show(user, rows)
+            _print_residuals(user, rows)
         click.echo(f"{user}: {describe(fitted.offset)}")
         say(f"{user}: {note}")
     return 0
@@ -433,7 +433,7 @@ async def _begun(anchoring: AnchorRequester, lamp: str, timeout_s: float, which:
     return await point_once(anchoring, lamp, timeout_s, which)
 
 
-def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
+def _print_residuals(user: str, rows: Sequence[AnchorResidual]) -> None:
     about = (
         f"how far {user} pointed too far right and too low, before and after correction, without a common "
         "turn, which belongs to the pose"
@@ -442,7 +442,7 @@ def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     print_table(console(), section)
 
 
-async def _keep(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
+async def _show_or_erase(site: SiteAddress, user: str, *, erase: bool, as_json: bool) -> int:
     """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:

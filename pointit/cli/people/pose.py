@@ -169,7 +169,7 @@ async def _pose(site: SiteAddress, user: str, asked: _Asked, *, as_json: bool) -
         latest_localization = LatestMessage(bus, LOCALIZATION, user)
         latest_truth = LatestTruth(bus, user)
         try:
-            sentences = await _say(bus, user, asked, latest_pose)
+            sentences = await _request_changes(bus, user, asked, latest_pose)
         except NoAnswerError as error:
             there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
             raise (
@@ -257,7 +257,9 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     )
 
 
-async def _say(bus: Bus, user: str, asked: _Asked, latest_pose: LatestMessage[UserPose]) -> list[str]:
+async def _request_changes(
+    bus: Bus, user: str, asked: _Asked, latest_pose: LatestMessage[UserPose]
+) -> list[str]:
     """Request the changes of the pose from the localizer, and return its answers as sentences."""
     if asked.forget_bias:
         return [(await bus.call(CANCEL_LOCALIZATION, CancelLocalization(forget_bias=True), user)).message]

@@ -72,11 +72,11 @@ def execute(plan: Plan, log_level: str) -> int:
     if drawn:  # else the supervisors log their own
         notes += stored_offset_notices(plan.launches)
     for note in notes:
-        _tell(note, console if drawn else None)
+        _print_event(note, console if drawn else None)
     return run_until_shutdown(_run(plan, console if drawn else None))
 
 
-def _tell(sentence: str, console: Console | None) -> None:
+def _print_event(sentence: str, console: Console | None) -> None:
     """Print `sentence` above the view, or log it."""
     if console is not None:
         console.print(Text(sentence))
@@ -102,7 +102,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
     finally:
         await bus.close()
         for sentence in filter(None, (each.closing_note() for each in plan.beside)):
-            _say(sentence)
+            _print_sentence(sentence)
     return 0 if run.stage is None else _verdict(run.stage)
 
 
@@ -139,7 +139,7 @@ class _Run:
             self._bus,
             self._bus.link,
             clock,
-            tell=lambda sentence: _tell(sentence, self._console),
+            tell=lambda sentence: _print_event(sentence, self._console),
             news=None if is_drawn else log.info,
             on_end=self._changed.set,
             on_beside=self._announce,
@@ -166,7 +166,11 @@ class _Run:
                 await scenario.end()
 
     def _announce(self, beside: Beside) -> None:
-        say_or_tell = _say if self._console is None else functools.partial(_tell, console=self._console)
+        say_or_tell = (
+            _print_sentence
+            if self._console is None
+            else functools.partial(_print_event, console=self._console)
+        )
         for sentence in beside.greeting(is_drawn=self._console is not None):
             say_or_tell(sentence)
 
@@ -211,7 +215,7 @@ class _Run:
         return now_s - scenario.began_s
 
 
-def _say(sentence: str) -> None:
+def _print_sentence(sentence: str) -> None:
     """Log `sentence`, or print it on a terminal, as the log hides links, and if the log level hides it."""
     if log.isEnabledFor(logging.INFO) and not sys.stderr.isatty():
         log.info("%s", sentence)

@@ -135,7 +135,7 @@ async def command(
         synthesizer = SpeechSynthesizer(clock, on_problem=say) if speak else None
 
         def tell(understood: Understood) -> None:
-            _tell(understood)
+            _print_understood(understood)
             if synthesizer is not None:
                 synthesizer.say(understood)
 
@@ -192,7 +192,7 @@ async def _nothing() -> AsyncIterator[Speech]:
     yield Speech(stamp_ns=0)  # not reached
 
 
-def _tell(understood: Understood) -> None:
+def _print_understood(understood: Understood) -> None:
     about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
     sentence = ": ".join(filter(None, (understood.result, understood.message)))
     say(f'"{understood.text}": {sentence}{f" ({about})" if about else ""}')

@@ -12,7 +12,7 @@ from pointit.bridges.mqtt_things.mqtt_things import MqttThings
 from pointit.bridges.speaker.speech_synthesizer import require_synthesizer
 from pointit.cli.parts import RunAddition, RunPart
 from pointit.cli.summary import DisplayPart
-from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
+from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher, OnEvent, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
@@ -25,7 +25,7 @@ from pointit.runtime.mqtt.broker import discovery_prefix, require_client
 from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
 from pointit.schemas import Announced, Environment, Health, SelectionEvent, Step
 from pointit.schemas.problems import NAMES_SPOKEN, VOICE
-from pointit.schemas.text import LANGUAGE
+from pointit.schemas.text import LANGUAGE, few_of
 from pointit.schemas.topics import ANNOUNCED, ANY, HEALTH, SELECTION_EVENTS, STEP
 from pointit.services.reactions.targets import reactions_in
 from pointit.services.registry import HOME_ASSISTANT, with_service_name
@@ -257,7 +257,7 @@ def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]
     has_other_processes = bool(options.get("connect")) or given_credentials() is not None
     is_simulated = "user-sim" in scenario.user and not choices.imu and not options.get("site_only")
     if things and is_connected and is_simulated:
-        switched = f"a simulated person points, and switches {listed(things)} of your Home Assistant"
+        switched = f"a simulated person points, and switches {few_of(things)} of your Home Assistant"
         return [f"{switched}; to point yourself, add --imu page, or --imu with a wrist"]
     if things and not is_connected and not has_other_processes:
         return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"]

@@ -320,16 +320,18 @@ class ServedPublisher:
             try:
                 reply = await server(query, name)
             except Exception as error:
-                self._put(
+                self._publish_request(
                     asked_ns, request.at(name), query, None, hide_secrets(str(error)) or type(error).__name__
                 )
                 raise
-            self._put(asked_ns, request.at(name), query, reply, "")
+            self._publish_request(asked_ns, request.at(name), query, reply, "")
             return reply
 
         return answer
 
-    def _put(self, asked_ns: int, key: str, query: Query, reply: Reply | None, refusal: str) -> None:
+    def _publish_request(
+        self, asked_ns: int, key: str, query: Query, reply: Reply | None, refusal: str
+    ) -> None:
         """Publish the request. Errors are only logged, since the request itself was answered."""
         self._seq += 1
         try:

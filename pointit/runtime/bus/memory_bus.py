@@ -399,13 +399,13 @@ class MemoryBus(Participant):
         counts = self.exchange.present.setdefault(presence.key, {})
         counts[name] = counts.get(name, 0) + 1
         if counts[name] == 1:
-            self._tell(presence, name, present=True)
+            self._notify_watchers(presence, name, present=True)
 
         def undo() -> None:
             counts[name] -= 1
             if not counts[name]:
                 del counts[name]
-                self._tell(presence, name, present=False)
+                self._notify_watchers(presence, name, present=False)
 
         return Declaration(undo, self.declarations)
 
@@ -459,7 +459,7 @@ class MemoryBus(Participant):
             raise RefusedError(shutting_down(request))
         return reply.result()
 
-    def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
+    def _notify_watchers(self, presence: Presence, name: str, *, present: bool) -> None:
         for watcher in self.exchange.watchers.get(presence.key, ()):
             self._loop.call_soon(partial(watcher.notify, name, present=present))
 

@@ -53,7 +53,7 @@ class Layers:
         for name in self._replaced:
             if isinstance(values.get(name), Mapping):
                 self.values.pop(name, None)
-        self._lay(values, source)
+        self._add_layer(values, source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
         """Override one value, given as YAML text (`0.5`, `[1, 2]`, `red`) and read as in files."""
@@ -69,7 +69,7 @@ class Layers:
         nested: Any = text.strip() if is_plain else value  # with what follows ` #`
         for name in reversed(path[1:]):
             nested = dict[str, Any]({name: nested})
-        add = self._lay if len(path) > 1 else self.add  # one entry of a mapping is changed
+        add = self._add_layer if len(path) > 1 else self.add  # one entry of a mapping is changed
         add({path[0]: nested}, source)
 
     def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
@@ -91,7 +91,7 @@ class Layers:
             loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
             raise ConfigError(f"{self._source_of(loc)}: {describe_validation_error(error, kind)}") from error
 
-    def _lay(self, values: Mapping[str, Any], source: str) -> None:
+    def _add_layer(self, values: Mapping[str, Any], source: str) -> None:
         self._sources.setdefault((), source)  # of a value that is missing
         self._merge(self.values, values, (), source)
 

@@ -48,7 +48,7 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
         text = first["msg"]
     else:
         is_secret = any(SECRET_NAME.search(str(part)) for part in loc)
-        text = _wanted(first, kind) + ("" if is_secret else f" (got {format_value(first['input'])})")
+        text = _remedy(first, kind) + ("" if is_secret else f" (got {format_value(first['input'])})")
     return loc, text + more_errors_suffix(len(details) - 1)
 
 
@@ -89,7 +89,7 @@ def _missing(detail: ErrorDetails) -> str:
     return "is missing; give it a value"
 
 
-def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
+def _remedy(detail: ErrorDetails, kind: type[BaseModel]) -> str:
     what = detail["type"]
     if what in ("model_type", "model_attributes_type", "dataclass_type"):
         model = _model_at(kind, detail["loc"])

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import yaml
 
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import first_of
 
 log = logging.getLogger(__name__)
 
@@ -213,7 +214,7 @@ def load_yaml(text: str, source: Path | str) -> Any:
     if (disputed := sorted(disputes_of(loader))) and not isinstance(root, yaml.ScalarNode):  # of --set
         line, warning = disputed[0]
         others = [str(each) for each in sorted({each for each, _ in disputed} - {line})]
-        more = f"; line {', '.join(others[:10])}{', ...' * (len(others) > 10)}, too" if others else ""
+        more = f"; line {first_of(others, 10)}, too" if others else ""
         _warn_once(f"{source}: line {line}: {warning}{more}")
     return data
 

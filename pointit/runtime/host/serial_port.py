@@ -166,11 +166,11 @@ class SerialThread:
             began_s = time.monotonic()
             try:
                 with open_port(self._settings) as port:
-                    self._tell("")
+                    self._report_state("")
                     self._work(port, self._stopping)
             except OSError as error:  # SerialException is one
                 if not self._stopping.is_set():
-                    self._tell(describe_error(error, self._settings.port))
+                    self._report_state(describe_error(error, self._settings.port))
             except Exception as error:  # noqa: BLE001 - raised by `run`
                 self.post(self._fail, error)
                 return
@@ -179,7 +179,7 @@ class SerialThread:
             self._stopping.wait(wait_s)
             wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
-    def _tell(self, why: str) -> None:
+    def _report_state(self, why: str) -> None:
         """Log each change to down and to up. Report every change of the reason to the loop."""
         port = self._settings.port
         if why and not self._reported:

@@ -389,9 +389,9 @@ class ZenohBus(MemoryBus):
         names = {presence.name_in(str(token.ok.key_expr)) for token in tokens if token.ok is not None}
         return {name for name in names if NAME.match(name)} | await super().list_present(presence)
 
-    def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
+    def _notify_watchers(self, presence: Presence, name: str, *, present: bool) -> None:
         if self._is_observer:
-            super()._tell(presence, name, present=present)
+            super()._notify_watchers(presence, name, present=present)
         elif not present:  # Zenoh reports all other names
             for watcher in self.exchange.watchers.get(presence.key, ()):
                 if isinstance(watcher, ZenohWatcher):

@@ -80,14 +80,14 @@ class TimedButton:
         """Handle a change of the button."""
         now_s = asyncio.get_running_loop().time()
         gesture = self._gestures.down(now_s) if is_down else self._gestures.up(now_s)
-        self._tell(gesture)
+        self._deliver_gesture(gesture)
 
     def release(self) -> None:
         """Forget what is pending, such as when the connection ends."""
         self._gestures = ButtonGestures()
         self._schedule()
 
-    def _tell(self, gesture: Gesture | None) -> None:
+    def _deliver_gesture(self, gesture: Gesture | None) -> None:
         self._schedule()
         if gesture is not None:
             self._on_gesture(gesture)
@@ -101,7 +101,7 @@ class TimedButton:
 
     def _on_due(self) -> None:
         gesture = self._gestures.wait(asyncio.get_running_loop().time())
-        self._tell(gesture)
+        self._deliver_gesture(gesture)
 
 
 class WristSearch:
@@ -190,7 +190,7 @@ class WristSearch:
         ]
         sentence = (
             f"several wrists of the kind {kind.label} are within reach: {used.label} is used, not "
-            f"{', '.join(others[:NAMED])}; give the address of the right one by "
+            f"{first_of(others, NAMED)}; give the address of the right one by "
             f"{set_option('imu-bridge', f'{kind.plugin}.sensor', 'ADDRESS')}"
         )
         self._warnings.warn("sensors", sentence if others and (is_named or not self._wanted) else "")

@@ -313,7 +313,7 @@ class SerialSource:
                     self._post(item)
                 if detection.found != detected:
                     detected = detection.found
-                    self._tell(detected)
+                    self._on_detected(detected)
                 framer = detection.framer
                 if framer is not None:
                     if framer.commands and now_s > command_s:
@@ -328,13 +328,13 @@ class SerialSource:
         finally:
             self._port = None
 
-    def _tell(self, found: DetectedSensor | None) -> None:
+    def _on_detected(self, found: DetectedSensor | None) -> None:
         if found is not None and found != self._first:
             log.info("%s: %s", self._name, found)
         self._first = found or self._first
-        self._thread.post(self._show, found)
+        self._thread.post(self._set_port_metrics, found)
 
-    def _show(self, found: DetectedSensor | None) -> None:
+    def _set_port_metrics(self, found: DetectedSensor | None) -> None:
         label = "" if found is None else found.label
         for each in DetectedSensor.labels():
             baud = float(found.baud) if found is not None and each == label else None

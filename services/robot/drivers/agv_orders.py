@@ -332,7 +332,7 @@ class AgvOrders:
         self._stop_number = number
         if self._sent:
             self._cancel()
-        self._drop()
+        self._drop_order()
         if self._state is not None:
             self._on_state_without_order(self._state)
 
@@ -518,12 +518,12 @@ class AgvOrders:
         """End the command, stop the AGV, and report the reason."""
         if self._sent is not None:
             self._cancel()
-        self._drop()
+        self._drop_order()
         number = self._number
         self._number = 0
         self._tell(number, outcome, reason)
 
-    def _drop(self) -> None:
+    def _drop_order(self) -> None:
         self._sent = None
         self._route.replace([])
 

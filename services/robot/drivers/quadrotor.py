@@ -325,7 +325,7 @@ class SmoothMotion:
             max_speed_mps: speed limit. If it is exceeded, it brakes to it.
             beyond_m: distance behind the target for which it need not have stopped at the target.
         """
-        wanted = ZERO if target_m is None else self._wanted(target_m, max_speed_mps, beyond_m)
+        wanted = ZERO if target_m is None else self._stoppable_velocity(target_m, max_speed_mps, beyond_m)
         self._speed = self._accelerated(wanted)
         self._lead = vector.add(self._lead, vector.scale(self._speed, STEP_S))
         entering = vector.scale(self._speed, 1.0 / self._count)
@@ -339,7 +339,7 @@ class SmoothMotion:
         else:
             self.position_m = vector.add(self.position_m, vector.scale(self.velocity_mps, STEP_S))
 
-    def _wanted(self, target_m: Vec3, max_speed_mps: float, beyond_m: float) -> Vec3:
+    def _stoppable_velocity(self, target_m: Vec3, max_speed_mps: float, beyond_m: float) -> Vec3:
         """Return the velocity to the target from which it can stop there."""
         limits = self._limits
         gap = vector.subtract(target_m, self._lead)

@@ -99,7 +99,7 @@ class SimulatedGroundRobot:
 
     def step(self) -> None:
         """Advance by `STEP_S`."""
-        speed_mps, turn_rad = self._wanted()
+        speed_mps, turn_rad = self._target_speed_and_turn()
         rate_radps = math.copysign(min(TURN_RADPS, braking_speed(abs(turn_rad), TURN_RADPS2)), turn_rad)
         self._speed_mps = towards(self._speed_mps, speed_mps, self._limits.max_acceleration_mps2 * STEP_S)
         self._rate_radps = towards(self._rate_radps, rate_radps, TURN_RADPS2 * STEP_S)
@@ -139,7 +139,7 @@ class SimulatedGroundRobot:
     def _turn_left_rad(self) -> float:
         return 0.0 if self._face_rad is None else vector.wrap(self._face_rad - self._yaw_rad)
 
-    def _wanted(self) -> tuple[float, float]:
+    def _target_speed_and_turn(self) -> tuple[float, float]:
         """Return the speed, m/s, and the angle to turn, rad."""
         route = self._route
         if route is None:

@@ -151,7 +151,9 @@ class Agv:
             now_ns,
             prefix=config.topic_prefix,
         )
-        self._orders = AgvOrders(f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._tell)
+        self._orders = AgvOrders(
+            f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._report_outcome
+        )
         self._timestamps = {"state": TimestampCheck(), "visualization": TimestampCheck()}
         self._unreadable = {name: UnreadableFields() for name in (*self._timestamps, "connection")}
         self._clock = SenderClock(round(MAX_AGV_AGE_S * NS_PER_S))
@@ -272,7 +274,9 @@ class Agv:
             and now_s - max(self._received_s, self._repeated_s) >= REPEAT_S
         ):
             self._repeated_s = now_s
-            self._say(self._last.position_m, self._last.yaw_rad, (0.0, 0.0), self._last.position_sigma_m)
+            self._report_position(
+                self._last.position_m, self._last.yaw_rad, (0.0, 0.0), self._last.position_sigma_m
+            )
         self._polled_s = min(self._polled_s, now_s)
         received_s = self._received_s if self._orders.has_state else 0.0  # its place alone does not tell
         if self._orders.is_active and now_s - max(received_s, self._polled_s) >= POLL_S:
@@ -345,9 +349,9 @@ class Agv:
         theta = position.theta
         if theta is None:  # health names it
             theta = self._last.yaw_rad if self._last else 0.0
-        self._say((*place, 0.0), theta, message.velocity_mps, position.deviation_range)
+        self._report_position((*place, 0.0), theta, message.velocity_mps, position.deviation_range)
 
-    def _say(
+    def _report_position(
         self, position_m: tuple[float, float, float], yaw_rad: float, velocity: Point, sigma_m: float | None
     ) -> None:
         self._last = RobotReport(
@@ -370,7 +374,7 @@ class Agv:
             self._lost = reason
             self._report(LinkLost(reason))
 
-    def _tell(self, number: int, outcome: Outcome, reason: str) -> None:
+    def _report_outcome(self, number: int, outcome: Outcome, reason: str) -> None:
         if number:
             self._report(OrderStatus(number, outcome, reason))
 

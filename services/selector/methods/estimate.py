@@ -143,12 +143,12 @@ class EstimateMethod:
         self._stamp_ns = now_ns
         if cursor.direction is None or cursor.origin_m is None or view is None:
             self._beside.clear()
-            self._show(None, now_ns)
+            self._change_shown(None, now_ns)
             return SelectionProgress()
         if elapsed_s > LONGEST_GAP_S:
             self._speed.clear()
             self._beside.clear()
-            self._show(None, now_ns)
+            self._change_shown(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
         logs = self._log_likelihoods(view, cursor.origin_m, cursor.direction, share)
@@ -221,16 +221,16 @@ class EstimateMethod:
                 best = kept
             speed = view.relative_rate(best, rate)
             if speed < FAST_RADPS and probabilities[best] >= shown_from:
-                self._show(best, now_ns)
+                self._change_shown(best, now_ns)
                 moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
                 jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
                 if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
                     self._stays_ns = now_ns
                     self._anchor = self._beside[best]
                 return
-        self._show(None, now_ns)
+        self._change_shown(None, now_ns)
 
-    def _show(self, object_id: str | None, now_ns: int) -> None:
+    def _change_shown(self, object_id: str | None, now_ns: int) -> None:
         if object_id != self._shown:
             self._shown = object_id
             self._stays_ns = now_ns

@@ -293,7 +293,7 @@ def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: 
 def test_address_of_a_dashboard_may_have_brackets_and_a_port(
     host: str, port: int | None, values: dict[str, object], *, is_lan: bool
 ) -> None:
-    assert dashboard._asked(port, host, is_lan=is_lan) == values
+    assert dashboard._port_settings(port, host, is_lan=is_lan) == values
 
 
 @pytest.mark.parametrize(
@@ -405,7 +405,7 @@ def test_a_terminal_without_a_view_is_shown_the_token_which_the_log_hides(
 ) -> None:
     caplog.set_level("INFO")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    run_command._say(f"page: {LINK}")
+    run_command._print_sentence(f"page: {LINK}")
     assert (capsys.readouterr().err, caplog.text) == (f"page: {LINK}\n", "")
 
 

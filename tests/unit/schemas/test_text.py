@@ -1,10 +1,10 @@
-"""Numbers in sentences that compare them with a limit."""
+"""Numbers and lists of names in sentences."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas.text import round_beyond
+from pointit.schemas.text import all_of, few_of, first_of, first_problem, round_beyond
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,27 @@ def test_stated_comparison_stays_true(value: float, limit: float, digits: int) -
     assert shown >= limit if value > limit else shown <= limit
     assert abs(shown - value) <= 1.001 * 10**-digits
     assert shown != limit or value == limit
+
+
+@pytest.mark.parametrize(
+    ("names", "all_names", "few", "first_two"),
+    [
+        ("", "", "", ""),
+        ("a", "a", "a", "a"),
+        ("ab", "a and b", "a and b", "a, b"),
+        ("abcd", "a, b, c and d", "a, b, c and d", "a, b and 2 more"),
+        ("abcdef", "a, b, c, d, e and f", "a, b, c and 3 more", "a, b and 4 more"),
+    ],
+)
+def test_names_are_listed_in_words(names: str, all_names: str, few: str, first_two: str) -> None:
+    assert all_of(names) == all_names
+    assert few_of(names) == few
+    assert first_of(names, 2) == first_two
+
+
+@pytest.mark.parametrize(
+    ("problems", "text"),
+    [([], ""), (["it is dark"], "it is dark"), (["it is dark", "b", "c"], "it is dark (2 more)")],
+)
+def test_first_problem_counts_the_others(problems: list[str], text: str) -> None:
+    assert first_problem(problems) == text

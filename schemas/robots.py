@@ -1,7 +1,6 @@
 """Robots that people steer: their state and plan, what a person wants of one, and the topics of these."""
 
-import re
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -19,11 +18,50 @@ lost: nothing is heard of it.
 """
 
 
-_FIGURE = re.compile(r"\d+(?:\.\d+)?")
+StopKind = Literal[
+    "person",
+    "stuck",
+    "not_pointing",
+    "gone",
+    "cursor",
+    "unsure",
+    "pose",
+    "report",
+    "other_master",
+    "jump",
+    "fence",
+    "people",
+    "robots",
+]
+"""Kind of a stop. `person`: on request. `report`: the robot sends no reports."""
+
+RobotReasonCode = Literal[
+    "",
+    StopKind,
+    "lost",
+    "moved_away",
+    "goal_early",
+    "goal_late",
+    "refused",
+    "unanswered",
+    "unreachable",
+    "limited",
+    "not_free",
+    "waiting",
+    "no_figure",
+]
+"""Kind of a `RobotState.reason`.
+
+A kind of stop, or: lost: nothing is heard of it. moved_away: somebody moved it. goal_early, goal_late: by its
+stamp. refused: by the robot. unanswered: its driver is silent. unreachable, limited: the place or way.
+not_free: for who asks for it. waiting: held up on its path. no_figure: no room for one that people follow.
+"""
 
 
 class RobotState(Message):
     """Pose and activity of a robot, and the person who steers it; `stamp_ns` is that of the pose."""
+
+    version: ClassVar[int] = 2
 
     kind: RobotKind
     phase: RobotPhase
@@ -39,13 +77,19 @@ class RobotState(Message):
     reason: Annotated[
         str, Field(description="why it does not move as asked, and the remedy; empty if it does")
     ] = ""
+    reason_code: Annotated[
+        RobotReasonCode, Field(description="kind of the reason, which stays while its figures change")
+    ] = ""
     goal_ns: Annotated[Ns, Field(description="stamp of the goal that it carries out; 0: none")] = 0
     battery: Annotated[Fraction | None, Field(description="charge, if known")] = None
 
     def has_new_reason(self, previous: "RobotState | None") -> bool:
-        """Return True if it has a reason that differs from that of `previous` in more than its figures."""
-        before = "" if previous is None else previous.reason
-        return bool(self.reason) and _FIGURE.sub("#", self.reason) != _FIGURE.sub("#", before)
+        """Return True if it has a reason of another kind than `previous`, or of no kind and another one."""
+        if not self.reason:
+            return False
+        if previous is None or self.reason_code != previous.reason_code:
+            return True
+        return not self.reason_code and self.reason != previous.reason
 
 
 class RobotPlan(Message):

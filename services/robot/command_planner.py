@@ -9,7 +9,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.stop_reason import StopReason
+from pointit.services.robot.stop_reason import NO_HINDRANCE, Hindrance, StopReason, hindrance_of
 
 Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
 """Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""
@@ -175,7 +175,7 @@ class CommandPlanner:
         """Goal that waits until the robot can go."""
         self._refused: tuple[str, Vec3 | None] | None = None
         """Mode and place of steering that the robot refused: it is not asked again."""
-        self.problem = ""
+        self.hindrance = NO_HINDRANCE
         """Reason not to do what it is asked for."""
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
@@ -184,18 +184,21 @@ class CommandPlanner:
             return
         age_s = (now_ns - goal.stamp_ns) / NS_PER_S
         if age_s < -MAX_GOAL_AGE_S:
-            self.problem = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
+            text = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
+            self.hindrance = Hindrance("goal_early", text)
             return
         self._goal_ns[user] = goal.stamp_ns
         if age_s > MAX_GOAL_AGE_S:
-            self.problem = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
+            text = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
+            self.hindrance = Hindrance("goal_late", text)
         else:
             self._goal = goal
 
     def on_failure(self, command: Command, state: str, reason: str) -> None:
         """Record that the robot has not executed `command`."""
         why = f": {reason}" if reason else ""
-        self.problem = f"the robot has {state} its order{why}; point there again, or elsewhere"
+        text = f"the robot has {state} its order{why}; point there again, or elsewhere"
+        self.hindrance = Hindrance("refused", text)
         if not isinstance(command, FollowPath):
             self._refused = (self._owners.steering.mode, self._owners.steering.target_m)
 
@@ -208,12 +211,14 @@ class CommandPlanner:
         """End the order and all that was wanted."""
         self.interrupt()
         self._refused = None
-        self.problem = ""
+        self.hindrance = NO_HINDRANCE
 
     def step(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
         """Return the command that starts or continues the request of the robot's user."""
-        if (silent_s := self._order.unanswered_s(now_ns)) > ANSWER_S:
-            self.problem = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
+        silent_s = self._order.unanswered_s(now_ns)
+        if silent_s > ANSWER_S:
+            text = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
+            self.hindrance = Hindrance("unanswered", text)
         command = self._next(stage, report, cursor, now_ns)
         if command is not None:
             goal_ns = self._goal_ns.get(self._owners.user, 0) if isinstance(command, FollowPath) else 0
@@ -245,20 +250,20 @@ class CommandPlanner:
             case "land":
                 return self._landing(steering.target_m, report)
             case _:
-                return self._stay("")
+                return self._stay(NO_HINDRANCE)
 
-    def _stay(self, problem: str) -> Command | None:
+    def _stay(self, reason: Hindrance) -> Command | None:
         """Return the command by which it stays where it is, if it does not already."""
-        self.problem = problem
+        self.hindrance = reason
         command = self._order.command
         return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
 
     def _following(self, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
         target = None if cursor is None else self._target(cursor, report.position_m)
         if target is None:
-            return self._stay(UNREACHABLE)
+            return self._stay(Hindrance("unreachable", UNREACHABLE))
         set_point = self._safety.set_point(self._owners.user, target, now_ns)
-        self.problem = set_point.problem
+        self.hindrance = hindrance_of("limited", set_point.problem)
         return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
 
     def _path(self, report: RobotReport, now_ns: int) -> Command | None:
@@ -269,12 +274,13 @@ class CommandPlanner:
         here_m = report.position_m
         wanted_m = (*goal.via_m, goal.position_m)
         if not all(self._is_reachable(point, here_m) for point in wanted_m):
-            self.problem = UNREACHABLE
+            self.hindrance = Hindrance("unreachable", UNREACHABLE)
             return None
         points = tuple(self._above(point, here_m) for point in wanted_m)
         user = self._owners.user
-        self.problem = self._safety.target_problem(user, points, now_ns, sigma_m=goal.position_sigma_m)
-        if self.problem:
+        problem = self._safety.target_problem(user, points, now_ns, sigma_m=goal.position_sigma_m)
+        self.hindrance = hindrance_of("limited", problem)
+        if problem:
             return None
         speed_mps = self._safety.speed_limit_mps((here_m, *points))
         return FollowPath(self._order.next(), points, goal.yaw_rad, speed_mps)
@@ -287,8 +293,8 @@ class CommandPlanner:
         problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
         if problem:
             self._refused = ("land", place_m)
-            return self._stay(problem)
-        self.problem = ""
+            return self._stay(Hindrance("limited", problem))
+        self.hindrance = NO_HINDRANCE
         return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
 
     def _target(self, cursor: Cursor, here_m: Vec3) -> Vec3 | None:

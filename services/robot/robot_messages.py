@@ -41,7 +41,8 @@ class RobotMessages:
         """Return the state ten times a second, and at once if its phase, user or reason changes."""
         pilot = self._pilot
         config = self._config
-        current = (pilot.phase, pilot.user, pilot.reason)
+        hindrance = pilot.hindrance
+        current = (pilot.phase, pilot.user, hindrance.text)
         if current == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
             return None
         self._reported = current
@@ -65,7 +66,8 @@ class RobotMessages:
             radius_m=config.radius_m,
             user=pilot.user,
             target_m=way[-1] if way else None,
-            reason=pilot.reason,
+            reason=hindrance.text,
+            reason_code=hindrance.code,
             goal_ns=pilot.goal_ns,
             battery=report.battery,
         )

@@ -31,7 +31,7 @@ from pointit.services.robot.robot_driver import (
     report_fault,
 )
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.stop_reason import StopReason
+from pointit.services.robot.stop_reason import NO_HINDRANCE, Hindrance, StopReason, hindrance_of
 
 MAX_CLAIM_AGE_S = 2.0
 """Maximum age of a user's choice of the robot, and maximum lead of its stamp, s."""
@@ -80,13 +80,25 @@ class RobotPilot:
     @property
     def reason(self) -> str:
         """Return the reason not to move as asked, or `""`."""
+        return self.hindrance.text
+
+    @property
+    def hindrance(self) -> Hindrance:
+        """Return the reason not to move as asked, with its kind."""
         if self._lost:
-            return "" if self._is_expected else self._lost
+            return NO_HINDRANCE if self._is_expected else Hindrance("lost", self._lost)
         if self._standstill.problem:
-            return self._standstill.problem
-        held = self._planner.problem or self._wait or self._figure.problem
-        is_asked = not self.user and self._planner.problem  # who asks hears why not, not why others lost it
-        return held if self._stop is None or is_asked else self._stop.text
+            return Hindrance("moved_away", self._standstill.problem)
+        asked = self._planner.hindrance
+        if asked.text and not self.user:  # who asks hears why not, not why others lost it
+            return asked
+        if self._stop is not None:
+            return Hindrance(self._stop.kind, self._stop.text)
+        if asked.text:
+            return asked
+        if self._wait:
+            return Hindrance("waiting", self._wait)
+        return hindrance_of("no_figure", self._figure.problem)
 
     @property
     def has_other_master(self) -> bool:
@@ -264,7 +276,7 @@ class RobotPilot:
             problem = barred or self._safety.take_problem(wanted, now_ns)
         elif late := self._owners.late(*span_ns):
             problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
-        self._planner.problem = problem
+        self._planner.hindrance = hindrance_of("not_free", problem)
         if wanted and not problem:
             self._owners.user = wanted
             self._stop = None

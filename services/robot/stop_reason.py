@@ -1,25 +1,26 @@
 """Results of the checks before and while a robot moves."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from pointit.geometry.vector import Vec3
+from pointit.schemas.robots import RobotReasonCode, StopKind
 
-StopKind = Literal[
-    "person",
-    "stuck",
-    "not_pointing",
-    "gone",
-    "cursor",
-    "unsure",
-    "pose",
-    "report",
-    "other_master",
-    "jump",
-    "fence",
-    "people",
-    "robots",
-]
-"""Kind of a stop. `person`: on request. `report`: the robot sends no reports."""
+
+class Hindrance(NamedTuple):
+    """Reason not to do what is asked, without a stop."""
+
+    code: RobotReasonCode
+    """Kind of the reason, or `""` if there is none."""
+    text: str
+    """Problem and remedy, in one sentence, or `""`."""
+
+
+NO_HINDRANCE = Hindrance("", "")
+
+
+def hindrance_of(code: RobotReasonCode, text: str) -> Hindrance:
+    """Return the hindrance `text`, which is none if it is empty."""
+    return Hindrance(code, text) if text else NO_HINDRANCE
 
 
 class StopReason(NamedTuple):

@@ -42,7 +42,6 @@ KNOWN = {
     "self.reason.startswith(NOT_DONE)": "SelectionEvent: it takes back an act that failed",
     "RESTORED in self.reason": "SelectionEvent: it restores what was before a restart",
     "REPORTED in self.reason": "SelectionEvent: the target was changed by somebody else",
-    "_FIGURE.sub('#', self.reason)": "RobotState: a code beside the reason",
     "attempt.reason.startswith(REPEATED)": "Attempt of a study: it is repeated",
     'framer.reason.startswith("\'")': "TextFramer: a line could not be read",
     "lamps.reason.replace('; correct `lamps`', '; ask for one of those')": "Refusal: who asked",

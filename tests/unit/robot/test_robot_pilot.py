@@ -424,8 +424,8 @@ async def test_a_figure_ends_with_the_localizer_and_an_old_localization_begins_n
 async def test_a_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "idle")
     begin(pilotage)
-    await pilotage.until(lambda state: state.reason == NO_FIGURE)
-    assert pilotage.state.phase == "idle"
+    without_room = await pilotage.until(lambda state: state.reason == NO_FIGURE)
+    assert (without_room.phase, without_room.reason_code) == ("idle", "no_figure")
     pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
     await pilotage.until(lambda state: state.reason == "")
 

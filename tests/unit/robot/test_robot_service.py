@@ -153,6 +153,7 @@ async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_g
     await pilotage.until(lambda state: state.phase == "landed")
     lost = await pilotage.until(lambda state: state.phase == "lost")
     assert lost.reason == "the driver of the robot has ended; it is started again"
+    assert lost.reason_code == "lost"
     assert pilotage.objects[-1].objects == ()
     await pilotage.until(lambda state: state.phase == "landed")
     said = " ".join(warning for each in health for warning in each.warnings)

@@ -263,7 +263,8 @@ async def test_a_quadrotor_neither_rises_nor_lands_beside_a_person_who_comes(
     orders = len(driver.commands)
     pilotage.pose("bob", beside(driver, 0.0, 0.3))
     since_ns = pilotage.bench.clock.now_ns()
-    await pilotage.until(lambda state: state.phase == "stopped" and "bob" in state.reason)
+    stopped = await pilotage.until(lambda state: state.phase == "stopped" and "bob" in state.reason)
+    assert stopped.reason_code == "people"
     assert pilotage.bench.clock.now_ns() - since_ns <= 0.1 * NS_PER_S
     assert isinstance(driver.commands[orders], Stop)
     if mode == "follow":

@@ -8,7 +8,7 @@ import { emptyPerson, emptySite } from "./site/site";
 import { friendly, placeName } from "./words";
 
 const robot = (part: Partial<RobotState> = {}): RobotState => ({
-  battery: null, goal_ns: 0, kind: "quadrotor", phase: "landed", position_m: [0, 0, 0], position_sigma_m: null, radius_m: 0.15, reason: "",
+  battery: null, goal_ns: 0, kind: "quadrotor", phase: "landed", position_m: [0, 0, 0], position_sigma_m: null, radius_m: 0.15, reason: "", reason_code: "",
   seq: 0, stamp_ns: 0, target_m: null, user: "", velocity_mps: [0, 0, 0], yaw_rad: 0, ...part,
 });
 const steering = (part: Partial<Steering> = {}): Steering => ({ candidates: [], mode: "none", robot: "", seq: 0, stamp_ns: 0, target_m: null, waypoints_m: [], ...part });

@@ -8,7 +8,7 @@ import { emptyPerson, emptySite, goalOf, proposalOf, type Site } from "./site";
 
 const STATE = {
   stamp_ns: 0, seq: 0, kind: "ground", phase: "moving", position_m: [1, 0, 0], yaw_rad: 0, velocity_mps: [2, 0, 0], position_sigma_m: null, radius_m: 0.2,
-  user: "ada", target_m: null, reason: "", goal_ns: 0, battery: null,
+  user: "ada", target_m: null, reason: "", reason_code: "", goal_ns: 0, battery: null,
 } as const;
 
 function heard(site: Site, topic: "state" | "plan", message: object | null, name = "cart", keeper = new Keeper(site)): void {

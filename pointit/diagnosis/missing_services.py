@@ -202,12 +202,13 @@ def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator
         if present := [each for each in services if each in seen.present]:
             by_host[process.host, process.claimant][process.pid] = present
     for (host, claimant), processes in by_host.items():
-        periods_s = {pid: min(map(seen.period_s, services)) for pid, services in processes.items()}
-        starved = {
-            pid: period_s
-            for pid, period_s in periods_s.items()
-            if period_s > STARVED_S or (period_s > LATE_S and not affected.isdisjoint(processes[pid]))
-        }
+        starved: dict[int, float] = {}
+        for pid, own_services in processes.items():
+            period_s = min(map(seen.period_s, own_services))
+            # a little delay counts where it explains a symptom
+            limit_s = STARVED_S if affected.isdisjoint(own_services) else LATE_S
+            if period_s > limit_s:
+                starved[pid] = period_s
         if not starved:
             continue
         services = sorted(each for pid in starved for each in processes[pid])

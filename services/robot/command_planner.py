@@ -9,7 +9,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.stop_reason import NO_HINDRANCE, Hindrance, StopReason, hindrance_of
+from pointit.services.robot.stop_reason import Hindrance, StopReason, hindrance_of
 
 Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
 """Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""
@@ -175,7 +175,7 @@ class CommandPlanner:
         """Goal that waits until the robot can go."""
         self._refused: tuple[str, Vec3 | None] | None = None
         """Mode and place of steering that the robot refused: it is not asked again."""
-        self.hindrance = NO_HINDRANCE
+        self.hindrance = Hindrance()
         """Reason not to do what it is asked for."""
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
@@ -211,7 +211,7 @@ class CommandPlanner:
         """End the order and all that was wanted."""
         self.interrupt()
         self._refused = None
-        self.hindrance = NO_HINDRANCE
+        self.hindrance = Hindrance()
 
     def step(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
         """Return the command that starts or continues the request of the robot's user."""
@@ -250,7 +250,7 @@ class CommandPlanner:
             case "land":
                 return self._landing(steering.target_m, report)
             case _:
-                return self._stay(NO_HINDRANCE)
+                return self._stay(Hindrance())
 
     def _stay(self, reason: Hindrance) -> Command | None:
         """Return the command by which it stays where it is, if it does not already."""
@@ -294,7 +294,7 @@ class CommandPlanner:
         if problem:
             self._refused = ("land", place_m)
             return self._stay(Hindrance("limited", problem))
-        self.hindrance = NO_HINDRANCE
+        self.hindrance = Hindrance()
         return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
 
     def _target(self, cursor: Cursor, here_m: Vec3) -> Vec3 | None:

@@ -31,7 +31,7 @@ from pointit.services.robot.robot_driver import (
     report_fault,
 )
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.stop_reason import NO_HINDRANCE, Hindrance, StopReason, hindrance_of
+from pointit.services.robot.stop_reason import Hindrance, StopReason, hindrance_of
 
 MAX_CLAIM_AGE_S = 2.0
 """Maximum age of a user's choice of the robot, and maximum lead of its stamp, s."""
@@ -86,7 +86,7 @@ class RobotPilot:
     def hindrance(self) -> Hindrance:
         """Return the reason not to move as asked, with its kind."""
         if self._lost:
-            return NO_HINDRANCE if self._is_expected else Hindrance("lost", self._lost)
+            return Hindrance() if self._is_expected else Hindrance("lost", self._lost)
         if self._standstill.problem:
             return Hindrance("moved_away", self._standstill.problem)
         asked = self._planner.hindrance

@@ -9,18 +9,15 @@ from pointit.schemas.robots import RobotReasonCode, StopKind
 class Hindrance(NamedTuple):
     """Reason not to do what is asked, without a stop."""
 
-    code: RobotReasonCode
+    code: RobotReasonCode = ""
     """Kind of the reason, or `""` if there is none."""
-    text: str
+    text: str = ""
     """Problem and remedy, in one sentence, or `""`."""
-
-
-NO_HINDRANCE = Hindrance("", "")
 
 
 def hindrance_of(code: RobotReasonCode, text: str) -> Hindrance:
     """Return the hindrance `text`, which is none if it is empty."""
-    return Hindrance(code, text) if text else NO_HINDRANCE
+    return Hindrance(code, text) if text else Hindrance()
 
 
 class StopReason(NamedTuple):

@@ -336,7 +336,8 @@ class Arbiter:
         """
         object_id = act.record.object_id
         kind = act.record.kind
-        name, (code, text) = kind or object_id, act.problem
+        name = kind or object_id
+        code, text = act.problem
         outputs = [self._publisher.outcome(act.outcome(now_ns))]
         if code == "replaced":
             return outputs if act.user == newer_user else [*outputs, self._cue_of(act, now_ns)]

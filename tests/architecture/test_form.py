@@ -144,3 +144,11 @@ def test_prose_reads_texts_and_identifiers(tmp_path: Path, name: str, text: str,
     done = subprocess.run([ROOT / "scripts/prose", file], capture_output=True, text=True, check=False)
     assert done.returncode == int(bool(rule)), done.stderr
     assert done.stdout.startswith(f"{file}:1: {rule}: " if rule else "")
+
+
+def test_prose_prints_the_whole_sentence(tmp_path: Path) -> None:
+    file = tmp_path / "docstring.py"
+    words = "The map of the room in which every lamp stands", "and every strip is kept ti" + "ll it ends."
+    file.write_text(f'"""First sentence.\n\nAnother one. {words[0]}\n{words[1]} Last one.\n"""\n')
+    done = subprocess.run([ROOT / "scripts/prose", file], capture_output=True, text=True, check=False)
+    assert done.stdout == f"{file}:1: write until: {' '.join(words)}\n", done.stderr

@@ -119,7 +119,10 @@ def test_unit_tests_wait_for_no_real_time() -> None:
         for path in sorted(UNIT.rglob("*.py"))
         if (calls := wall_time_calls(path))
     }
-    assert found == listed(), "take the time of the loop or of a clock that tests move; lower fallen counts"
+    assert found == listed(), (
+        "take the time of the loop or of a clock that tests move; a new test with a socket, a thread or a "
+        "process stands in tests/integration (docs/how-to/contribute.md); lower counts that have fallen"
+    )
     assert sum(found.values()) <= MOST
 
 

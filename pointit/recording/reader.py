@@ -183,9 +183,9 @@ class Recording:
         if damaged:
             length_s = (self.ended_ns - self.began_ns) / NS_PER_S
             lost = f"; messages that have lost their description: {self.lost}" if self.lost else ""
+            damage = first_problem([str(error) for error in damaged])
             self.problem = (
-                f"{path} is not whole: {first_problem(damaged)}. What is intact of its {length_s:.1f} s "
-                f"can be used{lost}"
+                f"{path} is not whole: {damage}. What is intact of its {length_s:.1f} s can be used{lost}"
             )
 
     @classmethod

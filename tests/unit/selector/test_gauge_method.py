@@ -1,9 +1,11 @@
-"""The gauge: filling, draining, firing once, latching, gaps; and the speed of the ray that fills it."""
+"""Method gauge: any cursors against a reading of the docstring of `Gauges`, and the speed of the ray."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
@@ -11,97 +13,117 @@ from pointit.services.selector.methods.gauge import Gauges, RaySpeedEstimator
 from tests.support import there
 
 MS = 1_000_000
+GAP = 250
+"""Longest gap, ms."""
+FULL = 800
+"""Time that fills a gauge, ms. It drains in twice this time."""
+LEAVE = 300
+"""Time off an object after which its gauge fills again, ms."""
+
+Cursor = tuple[int, str | None, bool]
+"""Pause before it, ms, the object that is hovered, and whether its gauge fills."""
+
+pauses_ms = st.sampled_from([1, 10, 50, 100, 240, 249, 250, 251, 290, 300, 400])
+cursors = st.lists(
+    st.tuples(st.lists(pauses_ms, min_size=1, max_size=12), st.sampled_from(["a", "b", None]), st.booleans()),
+    max_size=12,
+).map(lambda stays: [(pause, name, fills) for pauses, name, fills in stays for pause in pauses])
 
 
-def new() -> Gauges:
-    """Return empty gauges, full after 0.8 s, that drain at half the rate."""
-    return Gauges(longest_gap_s=0.25, full_s=0.8)
+def stay(count: int, name: str | None, *, pause_ms: int = 10, fills: bool = True) -> list[Cursor]:
+    return [(pause_ms, name, fills)] * count
 
 
-def run(
-    gauges: Gauges, times_ms: list[int], hovered: str | None, *, full_s: float = 0.8, fills: bool = True
-) -> list[int]:
-    fired: list[int] = []
-    for time_ms in times_ms:
-        near = (hovered,) if hovered else ()
-        if gauges.step(time_ms * MS, hovered, fills=fills, full_s=full_s, not_left=near):
-            fired.append(time_ms)
-    return fired
+@dataclass
+class Reading:
+    """What the docstring says, with levels in ms of filling, 0 to `FULL`."""
+
+    time_ms: int = 0
+    levels: dict[str, float] = field(default_factory=lambda: {"a": 0.0, "b": 0.0})
+    left_ms: dict[str, int | None] = field(default_factory=dict)
+    """Fired objects, and the time since which they are left."""
+
+    def fired(self, pause_ms: int, hovered: str | None, *, fills: bool, is_first: bool) -> str | None:
+        passed_ms = 0 if is_first else pause_ms
+        self.time_ms += pause_ms
+        has_gap = passed_ms > GAP
+        for name, since_ms in [*self.left_ms.items()]:
+            if name == hovered:
+                self.left_ms[name] = None
+            elif since_ms is None or has_gap:
+                self.left_ms[name] = self.time_ms
+            elif self.time_ms - since_ms >= LEAVE:
+                del self.left_ms[name]
+        for name, level in self.levels.items():
+            if name != hovered or has_gap:
+                self.levels[name] = max(level - passed_ms / 2, 0.0)
+            elif fills and name not in self.left_ms:
+                self.levels[name] = level + passed_ms
+        if hovered is None or self.levels[hovered] < FULL:
+            return None
+        self.levels[hovered] = 0.0
+        self.left_ms[hovered] = None
+        return hovered
 
 
-def every(step_ms: int, start_ms: int, end_ms: int) -> list[int]:
-    return list(range(start_ms, end_ms + 1, step_ms))
-
-
-@given(st.integers(1, 240), st.integers(50, 3000))
-def test_any_rate_fires_at_the_first_cursor_from_its_time_on(step_ms: int, full_ms: int) -> None:
-    fired = run(new(), every(step_ms, 0, 5000), "a", full_s=full_ms / 1000)
-    assert len(fired) == 1
-    assert full_ms <= fired[0] < full_ms + step_ms
-
-
-def test_it_stays_as_it_is_while_the_ray_moves_fast() -> None:
-    gauges = new()
-    run(gauges, every(10, 0, 400), "a")
-    run(gauges, every(10, 410, 2000), "a", fills=False)
-    assert gauges.fill("a") == pytest.approx(0.5)
-    assert run(gauges, every(10, 2010, 3000), "a") == [2400]
-
-
-def test_others_drain_at_half_the_rate() -> None:
-    gauges = new()
-    run(gauges, every(10, 0, 400), "a")
-    run(gauges, every(10, 410, 800), "b")
-    assert gauges.fill("a") == pytest.approx(0.25)
-    assert gauges.filled_s("a") == pytest.approx(0.2)
-    assert gauges.fill("b") == pytest.approx(0.5)
-    run(gauges, every(10, 810, 1200), None)
-    assert gauges.fill("a") == pytest.approx(0.0)
-    assert gauges.fill("b") == pytest.approx(0.25)
-
-
-def test_nothing_fills_in_a_gap_and_everything_drains() -> None:
-    gauges = new()
-    run(gauges, every(10, 0, 400), "a")
-    assert run(gauges, [800], "a") == []
-    assert gauges.fill("a") == pytest.approx(0.25)
-
-
-def test_a_fired_gauge_fills_again_once_it_was_left_long_enough() -> None:
-    gauges = new()
-    assert run(gauges, every(10, 0, 1000), "a") == [800]
-    run(gauges, every(10, 1010, 1300), None)
-    assert run(gauges, every(10, 1310, 3000), "a") == []  # left for 0.29 s
-    run(gauges, every(10, 3010, 3310), None)
-    assert run(gauges, every(10, 3320, 5000), "a") == [4110]
-
-
-def test_time_without_cursors_is_not_leaving_even_between_times_away() -> None:
-    gauges = new()
-    assert run(gauges, every(10, 0, 1000), "a") == [800]
-    run(gauges, every(10, 1010, 1100), None)
-    run(gauges, every(10, 1500, 1590), None)  # away for 0.09 s, twice
-    assert run(gauges, every(10, 1600, 4000), "a") == []
-
-
-@given(
-    st.lists(st.tuples(st.integers(1, 400), st.sampled_from(["a", "b", None]), st.booleans()), max_size=200)
-)
-def test_no_sequence_breaks_its_bounds(steps: list[tuple[int, str | None, bool]]) -> None:
-    gauges = new()
+def fired_ms(gauges: Gauges, stream: list[Cursor]) -> Iterator[int]:
+    """Yield the times at which a gauge fires, ms after the first cursor."""
     time_ms = 0
-    last: dict[str, int] = {}
-    for passed_ms, hovered, fills in steps:
-        time_ms += passed_ms
-        near = (hovered,) if hovered else ()
-        fired = gauges.step(time_ms * MS, hovered, fills=fills, full_s=0.5, not_left=near)
-        for object_id in ("a", "b"):
-            assert 0.0 <= gauges.fill(object_id) < 1.0
-        if fired is not None:
-            assert fired == hovered
-            # between two firings lie the time to leave and the time to fill
-            assert time_ms - last.get(fired, -10_000) >= 700
-            last[fired] = time_ms
+    for index, (pause_ms, hovered, fills) in enumerate(stream):
+        time_ms += pause_ms if index else 0
+        not_left = () if hovered is None else (hovered,)
+        if gauges.step(time_ms * MS, hovered, fills=fills, full_s=FULL / 1000, not_left=not_left):
+            yield time_ms
+
+
+@settings(max_examples=200)
+@given(cursors)
+@example([*stay(81, "a"), *stay(29, None), *stay(200, "a")])  # left for 0.29 s, which is too short
+@example([*stay(81, "a"), *stay(31, None), *stay(200, "a")])
+@example([*stay(81, "a"), *stay(9, None), *stay(1, None, pause_ms=400), *stay(9, None), *stay(200, "a")])
+def test_any_cursors_fill_and_fire_as_the_docstring_says(stream: list[Cursor]) -> None:
+    gauges = Gauges(longest_gap_s=GAP / 1000, full_s=FULL / 1000)
+    reading = Reading()
+    for index, (pause_ms, hovered, fills) in enumerate(stream):
+        expected = reading.fired(pause_ms, hovered, fills=fills, is_first=index == 0)
+        not_left = () if hovered is None else (hovered,)
+
+        fired = gauges.step(reading.time_ms * MS, hovered, fills=fills, full_s=FULL / 1000, not_left=not_left)
+
+        assert fired == expected
+        assert set(gauges.latched) == set(reading.left_ms)
+        for name, level in reading.levels.items():
+            assert gauges.fill(name) == pytest.approx(level / FULL, abs=1e-9)
+            assert gauges.filled_s(name) == pytest.approx(level / 1000, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stream", "fires_ms"),
+    [
+        (stay(500, "a"), [800]),
+        (stay(5, "a", pause_ms=240), [960]),  # at the first cursor from its time on
+        (
+            [*stay(41, "a"), *stay(160, "a", fills=False), *stay(100, "a")],
+            [2400],
+        ),  # a fast ray keeps the level
+        ([*stay(41, "a"), *stay(40, "b"), *stay(100, "a")], [1400]),  # drained by half of what it had
+        ([*stay(41, "a"), *stay(1, "a", pause_ms=400), *stay(100, "a")], [1400]),  # so does a gap
+    ],
+)
+def test_gauge_by_example(stream: list[Cursor], fires_ms: list[int]) -> None:
+    assert [*fired_ms(Gauges(longest_gap_s=0.25, full_s=0.8), stream)] == fires_ms
+
+
+def test_spent_time_is_that_of_a_shorter_fill() -> None:
+    """Beside nothing else a gauge fills faster; of a drained level the same share of the time is left."""
+    gauges = Gauges(longest_gap_s=0.25, full_s=0.8)
+    for time_ms in range(0, 201, 10):
+        gauges.step(time_ms * MS, "a", fills=True, full_s=0.4)
+    for time_ms in range(210, 401, 10):
+        gauges.step(time_ms * MS, None, fills=True, full_s=0.4)
+
+    assert gauges.fill("a") == pytest.approx(0.5 - 0.125)
+    assert gauges.filled_s("a") == pytest.approx(0.2 * 0.375 / 0.5)
 
 
 S = 1_000_000_000

@@ -10,7 +10,6 @@ import pytest
 
 from pointit.plugins import Disconnected, ImuSource, Press, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.network import datagram_source
-from pointit.services.imu_bridge.network.datagram_source import MAX_OTHERS, SenderChoice
 from pointit.services.imu_bridge.network.osc import OSC
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
@@ -61,15 +60,6 @@ async def test_of_two_programs_on_one_machine_the_first_is_used_and_the_other_na
         await until(both)
         assert set(readings(wrist)) == {ONE}
         assert wrist.of(Reconnected) == [Reconnected()]
-
-
-def test_a_new_port_of_a_program_that_was_restarted_takes_over_after_the_old_one_was_silent() -> None:
-    senders = SenderChoice("10.0.0.1")
-    senders.use(("10.0.0.1", 5000), 0.0)
-    assert not senders.may_use(("10.0.0.1", 6000), 2.9)
-    assert senders.others(2.9) == ["10.0.0.1:6000"]
-    assert senders.may_use(("10.0.0.1", 6000), 3.1)
-    assert not senders.may_use(("10.0.0.2", 6000), 99.0)
 
 
 async def test_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
@@ -203,18 +193,6 @@ async def test_flood_is_named_and_cut_back() -> None:
             return "127.0.0.1 sends more than 2000" in wrist.warnings.get("flood", "")
 
         await until(flood)
-
-
-def test_senders_beyond_the_limit_are_forgotten_and_the_place_is_free_after_a_silence() -> None:
-    senders = SenderChoice()
-    assert senders.may_use(("10.0.0.1", 5000), 0.0)
-    senders.use(("10.0.0.1", 5000), 0.0)
-    for number in range(2, 200):
-        assert not senders.may_use((f"10.0.0.{number}", 5000), 1.0)
-    assert senders.others(1.0) == [f"10.0.0.{number}" for number in range(2, 2 + MAX_OTHERS)]
-    assert senders.others(7.0) == []
-    assert not senders.may_use(("10.0.0.2", 5000), 9.0)
-    assert senders.may_use(("10.0.0.2", 5000), 10.1)
 
 
 async def sends(wrist: Running, phone: Phone, data: bytes) -> None:

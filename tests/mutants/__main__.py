@@ -12,6 +12,9 @@ Python imports its file (`plugin.py`): the files themselves are never touched.
 tests of their rooms, then the golden and the replayed sessions, until one fails. Those that survive need a
 test, or a row in `equivalent.toml` with the reason if no behaviour differs.
 
+`scripts/mutants FILE --by TEST` makes a mistake in each line of one file and counts those that this test file
+finds: before and after it is rewritten. `--sample N` makes N of them.
+
 When code moves, `scripts/mutants --check` names the rows whose line is no longer found exactly once, and
 where such a line is now; `--mend` enters the new path where only one file has it, and leaves out the names of
 tests that are gone. To add a mutant, append a row whose mistake changes behaviour and whose test is quick.
@@ -167,6 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--fresh", type=int, metavar="N", help="N mistakes that are no rows, chosen by --seed"
     )
+    parser.add_argument("--by", metavar="TEST", help="mistakes of the file `part` that this test file finds")
     parser.add_argument("--seed", default="0", help="any text; the same text chooses the same mutants")
     parser.add_argument("--check", action="store_true", help="only check the rows; run no test")
     parser.add_argument(
@@ -177,6 +181,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     if chosen.fresh is not None:
         return _run_fresh(chosen.fresh, chosen.seed, chosen.part)
+    if chosen.by is not None:
+        (file,) = chosen.part or [""]
+        return _run_by(file, chosen.by, chosen.sample, chosen.seed)
     if chosen.mend:
         mend()
     mutants = [
@@ -192,6 +199,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(bool(errors) or not mutants)
 
     return _run(mutants)
+
+
+def _run_by(file: str, test: str, count: int | None, seed: str) -> int:
+    """Run a test file with the mistakes of `file`, and print how many it finds; return 0 if it passes without."""
+    code, printed = run_tests([test])
+    if code != PASSED:
+        _say(f"{printed}\n{test} fails without any mistake.")
+        return 1
+    mistakes = fresh.of_file(file, seed)[:count]
+    killed = 0
+    for line, mutated in mistakes:
+        answer = verdict(Mutant(file, line, mutated, test))
+        is_killed = not answer.startswith("SURVIVED")  # BROKEN: it can no longer be imported
+        killed += is_killed
+        if not is_killed:
+            _say(f"{file}: {line} -> {mutated}: {answer}")
+    _say(f"{test} finds {killed} of {len(mistakes)} mistakes in {file}")
+    return 0
 
 
 def _say(text: str) -> None:

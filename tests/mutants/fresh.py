@@ -57,6 +57,18 @@ def unit_tests(file: str) -> list[str]:
     return [path.relative_to(ROOT).as_posix() for path in (*tests, *lab)]
 
 
+def of_file(file: str, seed: str) -> list[tuple[str, str]]:
+    """Return lines of a file and mistakes, one for each line in which one can be made, in an order by `seed`."""
+    found: dict[str, list[str]] = {}
+    for line, mutated in changes((ROOT / file).read_text("utf-8")):
+        found.setdefault(line, []).append(mutated)
+    drawn: list[tuple[float, str, str]] = []
+    for line, mistakes in found.items():
+        chance = random.Random(f"{seed} {file} {line}")
+        drawn.append((chance.random(), line, chance.choice(mistakes)))
+    return [(line, mutated) for _, line, mutated in sorted(drawn)]
+
+
 def sample(count: int, seed: str, without: set[tuple[str, str]]) -> list[tuple[str, str, str]]:
     """Return files, lines and mistakes: one for each of `count` lines, none of them in `without`.
 

@@ -1,8 +1,11 @@
 """The newest of every state: lookup, expiry and restoration."""
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from pointit.schemas import (
     NS_PER_S,
@@ -69,21 +72,84 @@ def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
     assert len(kept) == 1
 
 
-def test_states_of_an_absent_person_are_not_handed_out() -> None:
-    kept = shelf(forget_person_after_s=30.0)
-    kept.take(topics.PROFILE, "anna", profile(), NOW_NS)
-    kept.take(topics.PROFILE, "ben", profile(), NOW_NS)
-    assert set(held(kept, topics.PROFILE)) == {"anna"}, "ben is not there"
-    kept.set_user("anna", NOW_NS + 100 * NS_PER_S, present=False)
-    assert held(kept, topics.PROFILE) == {}
-    kept.expire(NOW_NS + 129 * NS_PER_S)
-    kept.set_user("anna", NOW_NS + 129 * NS_PER_S, present=True)
-    assert set(held(kept, topics.PROFILE)) == {"anna"}, "back within the time"
-    kept.set_user("anna", NOW_NS + 130 * NS_PER_S, present=False)
-    kept.expire(NOW_NS + 160 * NS_PER_S)
-    kept.set_user("anna", NOW_NS + 161 * NS_PER_S, present=True)
-    assert held(kept, topics.PROFILE) == {}
-    assert (len(kept), kept.size) == (0, 0)
+PERSON_S = 30.0
+SITE_S = 100.0
+MAX_VALUES = 3
+
+people = st.sampled_from(["anna", "ben", "carl"])
+pauses_s = st.sampled_from([0.0, 1.0, 10.0, 29.0, 30.0, 31.0, 99.0, 100.0, -5.0, -500.0])
+doings = st.lists(
+    st.tuples(pauses_s, st.sampled_from(["profile", "selection", "user", "selector"]), people, st.booleans()),
+    max_size=50,
+)
+
+
+@dataclass
+class Reading:
+    """What the configuration promises: states, and when their owner was last known to be there, s."""
+
+    owned_s: dict[tuple[str, str], float] = field(default_factory=dict)
+    present: set[str] = field(default_factory=set)
+    refused: int = 0
+
+    def is_owned(self, kind: str, name: str) -> bool:
+        return (name if kind == "profile" else "selector") in self.present
+
+    def expire(self, now_s: float) -> None:
+        for (kind, name), owned_s in [*self.owned_s.items()]:
+            if self.is_owned(kind, name) or owned_s > now_s:  # the clock was set back
+                self.owned_s[kind, name] = now_s
+            elif now_s - owned_s >= (PERSON_S if kind == "profile" else SITE_S):
+                del self.owned_s[kind, name]
+
+    def store(self, kind: str, name: str, now_s: float) -> None:
+        self.owned_s.pop((kind, name), None)
+        strangers = [row for row in self.owned_s if row[0] == "profile" and not self.is_owned(*row)]
+        if len(self.owned_s) >= MAX_VALUES and strangers:
+            del self.owned_s[strangers[0]]
+        if len(self.owned_s) >= MAX_VALUES:
+            self.refused += 1
+            return
+        self.owned_s[kind, name] = now_s
+
+    def handed_out(self, kind: str) -> set[str]:
+        """Return the names of states, those of people only while they are present."""
+        rows = [name for row_kind, name in self.owned_s if row_kind == kind]
+        return {name for name in rows if kind != "profile" or name in self.present}
+
+
+@settings(max_examples=200)
+@given(doings)
+@example([(0.0, "user", "anna", True), (0.0, "profile", "anna", True), (9.0, "user", "anna", False)])
+def test_any_states_are_retained_as_long_as_promised(events: list[tuple[float, str, str, bool]]) -> None:
+    kept = RetainedStates(
+        KeeperConfig(forget_person_after_s=PERSON_S, forget_site_after_s=SITE_S, max_values=MAX_VALUES)
+    )
+    reading = Reading()
+    now_s = 1e6
+    for pause_s, kind, name, present in events:
+        now_s += pause_s
+        now_ns = round(now_s * NS_PER_S)
+        reading.expire(now_s)
+        kept.expire(now_ns)
+        if kind == "profile":
+            reading.store(kind, name, now_s)
+            kept.take(topics.PROFILE, name, profile(), now_ns)
+        elif kind == "selection":
+            reading.store(kind, "", now_s)
+            kept.take(topics.SELECTION, "", Selection(stamp_ns=1), now_ns)
+        else:
+            subject = name if kind == "user" else "selector"
+            change = kept.set_user if kind == "user" else kept.set_instance
+            change(subject, now_ns, present=present)
+            reading.present -= {subject}
+            reading.present |= {subject} if present else set()
+
+        assert set(held(kept, topics.PROFILE)) == reading.handed_out("profile")
+        assert set(held(kept, topics.SELECTION)) == reading.handed_out("selection")
+        assert len(kept) == len(reading.owned_s)
+        assert kept.size == sum(len(state.payload) for state in kept.record(now_ns).states)
+        assert kept.refused == reading.refused
 
 
 def deployment(name: str, *, scenario: str = "", is_over: bool = False) -> Deployment:
@@ -114,26 +180,6 @@ def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -
     for name, scenario in (("run.scenario_4", "scenario_4"), ("anna", ""), ("run.scenario_2", "scenario_2")):
         kept.take(topics.DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
     assert set(held(kept, topics.DEPLOYMENT)) == {"anna", "run.scenario_2"}
-
-
-def test_shared_state_outlives_its_writer_for_a_long_time() -> None:
-    kept = shelf(forget_site_after_s=3600.0)
-    kept.set_instance("selector", NOW_NS, present=True)
-    kept.take(topics.SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
-    kept.set_instance("selector", NOW_NS + 7200 * NS_PER_S, present=False)
-    kept.expire(NOW_NS + 10_799 * NS_PER_S)
-    assert set(held(kept, topics.SELECTION)) == {""}
-    kept.expire(NOW_NS + 10_800 * NS_PER_S)
-    assert held(kept, topics.SELECTION) == {}
-
-
-def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
-    kept = shelf(forget_person_after_s=30.0)
-    kept.take(topics.PROFILE, "ben", profile(), NOW_NS)
-    kept.expire(NOW_NS - 500 * NS_PER_S)
-    assert len(kept) == 1
-    kept.expire(NOW_NS - 470 * NS_PER_S)
-    assert len(kept) == 0
 
 
 @pytest.mark.parametrize(

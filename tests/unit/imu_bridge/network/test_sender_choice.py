@@ -88,6 +88,10 @@ class Reading:
 @settings(max_examples=300)
 @given(st.sampled_from(["", "10.0.0.2"]), st.booleans(), datagrams)
 @example("", True, [(0.0, FIRST), *OTHER_PORTS, (0.1, ("10.0.0.2", 5000)), (0.1, FIRST)])  # a roaming machine
+@example("", True, [(0.0, FIRST), *OTHER_PORTS[:7], (0.1, FIRST), *OTHER_PORTS[:3]])  # heard in between
+@example(
+    "", True, [(0.0, FIRST), (1.0, OTHER_PORTS[0][1]), (1.0, FIRST), (3.1, OTHER_PORTS[0][1])]
+)  # a rival
 @example("", True, [(0.0, FIRST), (1.0, ("10.0.0.2", 5000)), (1.0, FIRST), (11.0, ("10.0.0.2", 5000))])
 def test_any_datagrams_are_used_or_named_as_the_rules_say(
     wanted: str,
@@ -113,7 +117,7 @@ def test_any_datagrams_are_used_or_named_as_the_rules_say(
 
 def used(stream: list[Datagram], wanted: str = "", *, excludes_rivals: bool = False) -> list[bool]:
     """Return for each datagram whether it is used."""
-    senders = SenderChoice(wanted, excludes_rivals=excludes_rivals)
+    senders = SenderChoice(wanted, excludes_rivals=True) if excludes_rivals else SenderChoice(wanted)
     now_s = 0.0
     found: list[bool] = []
     for pause_s, address in stream:
@@ -140,6 +144,7 @@ ANOTHER = ("10.0.0.2", 5000)
 )
 def test_sender_is_replaced_after_a_silence(stream: list[Datagram], expected: list[bool]) -> None:
     assert used(stream) == expected
+    assert used(stream, excludes_rivals=True) == expected  # none was heard side by side
 
 
 def test_wanted_sender_is_the_only_one_used() -> None:
@@ -150,6 +155,7 @@ def test_rival_heard_beside_the_sender_never_replaces_it() -> None:
     stream = [(0.0, FIRST), (1.0, ANOTHER), (1.0, FIRST), (99.0, ANOTHER), (1.0, ("10.0.0.3", 5000))]
 
     assert used(stream, excludes_rivals=True) == [True, False, True, False, True]
+    assert used(stream) == [True, False, True, True, False]
 
 
 def test_senders_beyond_the_limit_are_not_named() -> None:

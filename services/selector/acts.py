@@ -150,14 +150,13 @@ class Acts:
         """Return the record of an event with its carriers: all but the one whose report caused it."""
         if record.event not in ("selected", "deselected") or record.reason:  # it is so already
             return record
-        names = [
-            name
-            for name, each in self._carriers.items()
-            if (state := each.states.get(record.object_id)) is not None
-            and each.is_present
-            and name != record.user
-            and _is_act(record.event, mode, state)
-        ]
+        names: list[str] = []
+        for name, carrier in self._carriers.items():
+            state = carrier.states.get(record.object_id)
+            if state is None or not carrier.is_present or name == record.user:
+                continue
+            if _is_act(record.event, mode, state):
+                names.append(name)
         record = record._replace(carriers=" ".join(names))
         if names:
             self.resume(record, is_newest=True)

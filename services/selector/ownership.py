@@ -432,10 +432,12 @@ class Reservations:
         A reservation that ends later than possible was made by another machine's clock.
         """
         last_ns = now_ns + self._for_ns + NS_PER_S
-        if not self._held or all(now_ns <= until_ns <= last_ns for _, until_ns in self._held.values()):
-            return False
-        self._held = {name: held for name, held in self._held.items() if now_ns <= held[1] <= last_ns}
-        return True
+        expired = [
+            object_id for object_id, (_, until_ns) in self._held.items() if not now_ns <= until_ns <= last_ns
+        ]
+        for object_id in expired:
+            del self._held[object_id]
+        return bool(expired)
 
     def objects(self) -> tuple[ReservedObject, ...]:
         """Return all reservations."""

@@ -202,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_by(file: str, test: str, count: int | None, seed: str) -> int:
-    """Run a test file with the mistakes of `file`, and print how many it finds; return 0 if it passes without."""
+    """Print how many mistakes of `file` a test file finds. Return 1 if it fails without any."""
     code, printed = run_tests([test])
     if code != PASSED:
         _say(f"{printed}\n{test} fails without any mistake.")

@@ -58,7 +58,7 @@ def unit_tests(file: str) -> list[str]:
 
 
 def of_file(file: str, seed: str) -> list[tuple[str, str]]:
-    """Return lines of a file and mistakes, one for each line in which one can be made, in an order by `seed`."""
+    """Return lines of a file, each with one mistake, in an order by `seed`."""
     found: dict[str, list[str]] = {}
     for line, mutated in changes((ROOT / file).read_text("utf-8")):
         found.setdefault(line, []).append(mutated)

@@ -13,7 +13,15 @@ from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import AddPackage, ResetConveyor, SetSpeed
 from pointit.schemas.topics import ADD_PACKAGE, MAP, RESET_CONVEYOR, SET_SPEED
-from pointit.services.conveyor_sim.feeding import END, check_schedule, read_schedule
+from pointit.services.conveyor_sim.feeding import (
+    END,
+    Feeder,
+    FeedingStep,
+    FeedSpec,
+    Schedule,
+    check_schedule,
+    read_schedule,
+)
 from pointit.services.conveyor_sim.plant import Plant
 from tests.support.bench import ManualClock, until
 from tests.support.data import data_file
@@ -90,6 +98,88 @@ def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
 
     assert sorted(kinds(0.04, 5)) == sorted(kinds(3.0, 5))
     assert sorted(kinds(0.04, 5)) != sorted(kinds(0.04, 6))
+
+
+def supply(kinds: str = "", count: int = 0, intervals_s: tuple[float, float] = (1.0, 1.0)) -> FeedSpec:
+    shortest_s, longest_s = intervals_s
+    return FeedSpec(
+        sequence=tuple(kinds), count=count, min_interval_s=shortest_s, max_interval_s=longest_s, length_m=0.2
+    )
+
+
+supplies = st.builds(
+    supply,
+    st.sampled_from(["", "r", "rrb", "rgb"]),
+    st.integers(0, 4),
+    st.sampled_from([(0.0, 0.0), (1.0, 1.0), (1.0, 3.0), (0.0, 2.0)]),
+)
+ticks_s = st.lists(st.sampled_from([0.0, 0.1, 0.5, 1.0, 2.5, 10.0]), max_size=30)
+
+
+@given(supplies, st.sampled_from(["1", "12", "123"]), st.integers(0, 3), ticks_s)
+def test_any_feeder_gives_its_kinds_in_turn_within_its_intervals(
+    spec: FeedSpec, belts: str, seed: int, pauses_s: list[float]
+) -> None:
+    feeder = Feeder("f", belts, spec, seed=seed)
+    spread_s = spec.max_interval_s - spec.min_interval_s
+    assert 0.0 <= feeder.due_s <= spread_s
+    given_packages: list[tuple[str, str, float]] = []
+    for pause_s in pauses_s:
+        due_s = feeder.due_s
+        feeder.tick(pause_s)
+        assert feeder.due_s == max(due_s - pause_s, 0.0)
+        is_over = not spec.sequence or len(given_packages) == spec.count > 0
+        assert feeder.is_done is is_over
+        if feeder.is_done or feeder.due_s:
+            continue
+
+        number = len(given_packages)
+        belt = feeder.belt
+        kind = feeder.take()
+
+        assert (belt, kind) == (belts[number % len(belts)], spec.sequence[number % len(spec.sequence)])
+        assert spec.min_interval_s <= feeder.due_s <= spec.max_interval_s
+        given_packages.append((belt, kind, feeder.due_s))
+        assert feeder.taken == len(given_packages)
+
+    feeder.restart()
+    assert feeder.taken == 0
+    for package in given_packages:  # the same again, with the same intervals
+        assert (feeder.belt, feeder.take(), feeder.due_s) == package
+
+
+durations_s = st.lists(st.sampled_from([0.5, 1.0, 2.5]), min_size=1, max_size=4)
+
+
+@given(durations_s, ticks_s)
+def test_any_schedule_runs_its_steps_once_in_order(durations: list[float], pauses_s: list[float]) -> None:
+    feeders = [Feeder(f"f{number}", "1", supply("r"), seed=1) for number in range(len(durations))]
+    schedule = Schedule(
+        [
+            FeedingStep(name=str(number), speed_mps=1.0, duration_s=duration_s, feeders=(feeders[number],))
+            for number, duration_s in enumerate(durations)
+        ]
+    )
+    current = 0
+    left_s = durations[0]
+    for pause_s in pauses_s:
+        is_running = current < len(durations)
+        left_s -= pause_s
+        begins = False
+        if is_running and left_s <= 0.0:
+            current += 1
+            begins = current < len(durations)
+            left_s = durations[current] if begins else 0.0
+
+        assert schedule.tick(pause_s) is begins
+        is_over = current == len(durations)
+        assert (schedule.index, schedule.is_over) == (current, is_over)
+        assert schedule.step.name == str(min(current, len(durations) - 1))
+        assert schedule.feeders == (() if is_over else (feeders[current],))
+
+    feeders[-1].take()
+    schedule.restart()
+    assert (schedule.index, schedule.left_s, feeders[-1].taken) == (0, durations[0], 0)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,12 @@
 """The score of a run, of its robots and of what its monitor tells."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pointit.cli.summary import summary_lines
@@ -169,12 +170,45 @@ def test_names_without_number_are_counted_and_not_remembered() -> None:
     assert sum(score.counts().values()) == MAX_OBJECTS + 30 - (MAX_OBJECTS + 30 + 5) // 6  # blue, only left
 
 
-@given(st.lists(st.tuples(st.sampled_from(["selected", "deselected", "left"]), st.sampled_from("abcd"))))
-def test_every_target_is_in_one_class(history: list[tuple[str, str]]) -> None:
-    kinds = {"a": "red", "b": "red", "c": "blue", "d": "blue"}
-    counts = of_reds(things(*kinds.items()), *(event(what, name) for what, name in history))
-    assert counts["selected"] + counts["missed"] + counts["pending"] == 2
-    assert 0 <= counts["wrong"] <= 2
+KINDS = {"a": "red", "b": "red", "c": "blue", "d": "blue"}
+happenings = st.lists(
+    st.tuples(
+        st.sampled_from(["selected", "deselected", "left", "dispatched for anna", "dispatched"]),
+        st.sampled_from([*KINDS]),
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=200)
+@given(happenings)
+@example([("selected", "c"), ("deselected", "c"), ("dispatched for anna", "c"), ("deselected", "c")])
+def test_any_history_counts_each_object_by_its_last_state(history: list[tuple[str, str]]) -> None:
+    expected = Counter(NONE)
+    for name, kind in KINDS.items():
+        is_selected = has_left = is_final = False
+        corrected = 0
+        for what in (what for what, other in history if other == name):
+            if what.startswith("dispatched"):  # the bay is final, and tells for whom it went there
+                is_selected = what == "dispatched for anna"
+                corrected = 0 if is_selected else corrected
+                has_left = is_final = True
+            elif what == "left":
+                has_left = True
+            elif not is_final:
+                is_selected = what == "selected"
+                corrected += what == "deselected" and kind == "blue"
+        if kind == "red":
+            expected["selected" if is_selected else "missed" if has_left else "pending"] += 1
+        else:
+            expected["wrong"] += is_selected
+            expected["corrected"] += corrected
+    messages = [
+        event(what.partition(" ")[0], name, user="anna" if what == "dispatched for anna" else "")
+        for what, name in history
+    ]
+
+    assert of_reds(things(*KINDS.items()), *messages) == expected
 
 
 def cursor(stamp_ms: float, surface: str = "strip") -> Cursor:

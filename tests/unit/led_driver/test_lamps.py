@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -249,12 +249,72 @@ def test_the_earliest_request_is_served_and_all_others_of_its_lamps_wait_in_orde
     assert queue.service().targets == {"led_0"}
 
 
-def test_person_who_points_is_not_interrupted_by_a_machine_whose_clock_is_behind() -> None:
-    queue = LampQueue(60 * S)
-    queue.on_localization("anna", news(20), S)
-    queue.on_localization("ben", news(5, ahead=("anna",)), S)
-    assert order(queue) == {"anna": (), "ben": ("anna",)}
-    assert queue.service().targets == {"led_0"}
+SILENCE_S = 60
+"""Silence after which a localization without lamps has ended, s."""
+LAMPS_SILENCE_S = 3
+"""The same of one with lamps."""
+
+news_of_people = st.builds(
+    news,
+    st.sampled_from([5, 10, 20]),
+    st.sampled_from([(), LEFT, RIGHT, BOTH, ("led_2",)]),
+    phase=st.sampled_from(["sampling", "sampling", "sampling", "solved"]),
+    ahead=st.sampled_from([(), (), ("somebody",)]),
+)
+events = st.lists(
+    st.tuples(
+        st.sampled_from([0.0, 0.5, 1.0, 2.9, 3.0, 3.1, 56.0, 60.0, -1.0]),
+        st.sampled_from(["anna", "ben", "zoe"]),
+        news_of_people | st.none(),
+    ),
+    max_size=40,
+)
+"""Pauses, s, people, and what their localizers say, or None if they leave."""
+
+
+@settings(max_examples=200)
+@given(events)
+@example([(1.0, "anna", news(20)), (0.0, "ben", news(5, ahead=("anna",)))])  # its clock is behind
+@example([(1.0, "anna", news(7, ()).model_copy(update={"target_id": "led_0"}))])  # an older version lights it
+def test_any_localizations_share_lamps_by_time_of_request(
+    stream: list[tuple[float, str, Localization | None]],
+) -> None:
+    queue = LampQueue(SILENCE_S * S)
+    active: dict[str, tuple[float, Localization]] = {}
+    now_s = 1000.0
+    for pause_s, user, localization in stream:
+        now_s += pause_s
+        now_ns = round(now_s * S)
+        queue.expire(now_ns)
+        ends_s = {
+            each: at_s + (LAMPS_SILENCE_S if said.lamps else SILENCE_S)
+            for each, (at_s, said) in active.items()
+        }
+        active = {each: row for each, row in active.items() if row[0] <= now_s < ends_s[each]}
+        if localization is None:
+            queue.leave(user)
+            active.pop(user, None)
+        else:
+            queue.on_localization(user, localization, now_ns)
+            active.pop(user, None)
+            if localization.phase == "sampling":
+                active[user] = (now_s, localization)
+
+        # those who point come first, then by the time of the request, then by name
+        rows = [(bool(said.ahead), said.since_ns, each) for each, (_, said) in active.items() if said.lamps]
+        expected: dict[str, tuple[str, ...]] = {}
+        targets: set[str] = set()
+        for _, _, each in sorted(rows):
+            said = active[each][1]
+            expected[each] = tuple(other for other in expected if {*active[other][1].lamps} & {*said.lamps})
+            if not expected[each] and not said.ahead:
+                targets.add(said.target_id)
+        assert order(queue) == expected
+        assert [*order(queue)] == [*expected]
+        assert queue.service().targets == targets
+        assert queue.is_in_use == any(not said.ahead for _, said in active.values())
+        expiry_s = [at_s + (LAMPS_SILENCE_S if said.lamps else SILENCE_S) for at_s, said in active.values()]
+        assert queue.next_expiry_ns() == min((round(each * S) for each in expiry_s), default=None)
 
 
 def test_leases_of_a_large_room_can_be_read() -> None:
@@ -264,28 +324,6 @@ def test_leases_of_a_large_room_can_be_read() -> None:
         queue.on_localization(f"person_{index:02}", news(index, lamps), S)
     leases = LampLeases(stamp_ns=1, leases=queue.service().leases)
     assert decode(LampLeases, encode(leases)) == leases
-
-
-@pytest.mark.parametrize("after_s", [3.0, -5.0], ids=["silent for too long", "the clock was set back"])
-def test_silent_people_leave_the_queue(after_s: float) -> None:
-    queue = LampQueue(60 * S)
-    queue.on_localization("anna", news(7), 10 * S)
-    queue.on_localization("robin", news(7, ()), 10 * S)  # follows a robot, and says nothing while it stands
-    assert queue.next_expiry_ns() == 13 * S
-    queue.expire(13 * S - 1)
-    assert order(queue) == {"anna": ()}
-    queue.expire(10 * S + round(after_s * S))
-    assert order(queue) == {}
-    assert queue.is_in_use == (after_s > 0)
-    queue.expire(70 * S)
-    assert not queue.is_in_use
-    assert queue.next_expiry_ns() is None
-
-
-def test_a_lamp_that_another_version_lights_itself_is_left_to_it() -> None:
-    queue = LampQueue(60 * S)
-    queue.on_localization("anna", news(7, ()).model_copy(update={"target_id": "led_0"}), S)
-    assert queue.service().targets == set()
 
 
 def test_people_without_number_are_not_all_remembered() -> None:

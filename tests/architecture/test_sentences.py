@@ -25,7 +25,7 @@ WORDS = re.compile(r"[A-Za-z]{2,} \(?[A-Za-z]{2,}")
 
 FOREIGN = {
     "HANDSHAKE": "log of Zenoh",
-    "CONNECTION_ATTEMPTS": "log of Zenoh",
+    "CONNECTION_ATTEMPT": "log of Zenoh",
     "PASSWORD": "log of Zenoh",
     "NO_ZENOH": "log of Zenoh",
     "SILENT": "log of Zenoh",

@@ -117,12 +117,12 @@ async def test_card_in_each_beginning_of_ones_own_map(
         ("user2", "This is a simulation. Take over:"),
         ("user3", "user3 points with their own device."),
     ):
-        await page.get_by_role("group", name="Person").get_by_text(user).click()
+        await page.get_by_role("radio", name=user, exact=True).check()
         await expect(guide).to_contain_text(said)
         await expect(guide.get_by_role("button", name="Point with the mouse")).to_be_visible()
         await picture(page, tmp_path, f"beginning-{user}")
         assert await violations(page) == [], user
-    await page.get_by_role("group", name="Person").get_by_text("user1").click()
+    await page.get_by_role("radio", name="user1", exact=True).check()
 
     async with home.operator() as operator:
         await operator.ask(deed="take", name="user1")
@@ -155,7 +155,7 @@ async def test_who_points_is_first_and_above_the_fold(
     window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
     page = window.page
     await window.is_shown()
-    await page.get_by_role("group", name="Person").get_by_text("user1").click()
+    await page.get_by_role("radio", name="user1", exact=True).check()
     await expect(page.locator(".things li")).to_have_count(THINGS)
     for width, height in SIZES:
         await page.set_viewport_size({"width": width, "height": height})

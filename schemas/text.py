@@ -1,5 +1,7 @@
 """Text for people: foreign text made safe to show, mistakes in data, rounded numbers; secrets are hidden."""
 
+import errno
+import os
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
@@ -29,6 +31,7 @@ SECRET_NAME = re.compile(
 LANGUAGE = r"^([A-Za-z]{2,3}(-[A-Za-z0-9]{2,8}){0,3})?$"
 """Pattern of the tag of a language, such as `de` or `en-GB`, or of `""`."""
 _SPACE = re.compile(r"\s+")
+_ERROR_NUMBER = re.compile(r"\[Errno -?\d+\] ")
 _WEB_ADDRESS = re.compile(r"\b(https?|wss?)://([^\s'\"<>`]{1,4096})", re.IGNORECASE)
 _HOST = re.compile(r"(\[[^\]]*\]|[^:]*)(:\d*)?")
 _NAME = r"(?:token|passw(?:or)?d|passphrase|secret|(?:api|access|private)[_-]?key)s?"
@@ -82,6 +85,13 @@ def first_of(names: Iterable[str], most: int) -> str:
     all_names = list(names)
     more = len(all_names) - most
     return ", ".join(all_names[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def system_reason(error: BaseException, most: int = LONGEST_SENTENCE) -> str:
+    """Return the reason of an error of the system or a connection, without error numbers and addresses."""
+    if isinstance(error, OSError) and error.errno in errno.errorcode:
+        return os.strerror(error.errno).lower()
+    return one_line(_ERROR_NUMBER.sub("", str(error)), most) or "no answer"  # several addresses were tried
 
 
 def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:

@@ -5,11 +5,9 @@ https://developers.home-assistant.io/docs/api/websocket
 
 import asyncio
 import contextlib
-import errno
 import importlib.util
 import json
 import logging
-import os
 import re
 import socket
 import ssl
@@ -24,7 +22,7 @@ from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.mqtt.broker import encrypts
-from pointit.schemas.text import one_line
+from pointit.schemas.text import one_line, system_reason
 
 if TYPE_CHECKING:
     from websockets.asyncio.client import ClientConnection
@@ -397,13 +395,6 @@ def _status_problem(config: HomeAssistantConfig, status: int, headers: Mapping[s
     return STATUS_PROBLEMS.get(status, "").format(url=config.url, status=status)
 
 
-def _plain(error: Exception) -> str:
-    """Return an error of a connection in words, without numbers and addresses of the system."""
-    if isinstance(error, OSError) and error.errno in errno.errorcode:
-        return os.strerror(error.errno).lower()
-    return one_line(str(error), MAX_REASON) or "no answer"
-
-
 async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) -> NoReturn:
     """Raise the meaning of an error of a connection, with the remedy."""
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415 - an extra
@@ -412,7 +403,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     host = parts.hostname or ""
     is_encrypted = config.address.startswith("wss")
     plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
-    problem = f"no Home Assistant answers at {config.url} ({_plain(error)})"
+    problem = f"no Home Assistant answers at {config.url} ({system_reason(error, MAX_REASON)})"
     problem += ": start it, or correct `url`, its usual port is 8123"
     may_encrypt = not isinstance(error, OSError)
     if (refusal := certificate_error_in(error)) is not None:

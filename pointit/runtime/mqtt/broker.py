@@ -22,7 +22,7 @@ from pointit.runtime.host.name_lookup import browse
 from pointit.runtime.host.state_file import read_secret
 from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
-from pointit.schemas.text import one_line
+from pointit.schemas.text import one_line, system_reason
 
 log = logging.getLogger(__name__)
 
@@ -164,7 +164,7 @@ def describe_error(error: BaseException, *, has_user: bool) -> str:
             f"the broker refuses the connection ({text}): {action} `username` and {PASSWORD} or "
             f"`password_file`{also}"
         )
-    return f"the broker cannot be reached ({text}): start it, or correct its address"
+    return f"the broker cannot be reached ({system_reason(error)}): start it, or correct its address"
 
 
 def _return_code(error: BaseException) -> int | None:

@@ -56,3 +56,13 @@ def test_names_are_listed_in_words(names: str, all_names: str, few: str, first_t
 )
 def test_first_problem_counts_the_others(problems: list[str], text: str) -> None:
     assert first_problem(problems) == text
+
+
+def test_reason_of_the_system_has_no_error_number() -> None:
+    assert (
+        system_reason(ConnectionRefusedError(111, "Connect call failed ('127.0.0.1', 9)"))
+        == "connection refused"
+    )
+    both = OSError("Multiple exceptions: [Errno 111] Connect call failed, [Errno 101] unreachable")
+    assert system_reason(both) == "Multiple exceptions: Connect call failed, unreachable"
+    assert system_reason(TimeoutError()) == "no answer"

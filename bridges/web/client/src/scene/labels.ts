@@ -37,6 +37,9 @@ export const NAME = 0.5;
 const MIN_HALF_PX = 4;
 /** Size of a number in place of a name, px. */
 const NUMBER_PX = { width: 28, height: 22 } as const;
+/** A legend that takes more than a line, and more of the picture's height than this share, is left out with its numbers: it would hide what can be pointed at. */
+const MAX_LEGEND_SHARE = 0.2;
+const LINE_PX = 26;
 /** A label that had to go aside stays there so long, ms: what is in its way may move. */
 const ASIDE_MS = 3000;
 
@@ -57,6 +60,7 @@ export class Labels {
   private numbers: HTMLElement[] = [];
   private legend: HTMLElement | null = null;
   private explained = "";
+  private isTooLong = false;
   private theme: Theme | null = null;
   /** What lies over the picture, px from its upper left corner; no label goes there. */
   covered: readonly Rect[] = [];
@@ -161,23 +165,29 @@ export class Labels {
   /** Number what has no room for its name, and explain the numbers. */
   private showNumbers(seen: readonly Label[], wishes: readonly Wish[], spots: readonly ({ x: number; y: number } | null)[], picture: Size): void {
     const without = seen.map((_, i) => i).filter((i) => !spots[i] && seen[i]!.number);
+    this.explain(without.map((i) => `${seen[i]!.number} ${seen[i]!.text}`).join(" · "), picture);
     const full = [...this.covered, ...spots.flatMap((at, i) => (at ? [{ ...at, width: wishes[i]!.width, height: wishes[i]!.height }] : []))];
     const places = placed(without.map((i) => ({ ...wishes[i]!, ...NUMBER_PX, rank: 1 })), full, picture);
     while (this.numbers.length < without.length) this.numbers.push(this.make());
     this.numbers.forEach((element, n) => {
       const label = seen[without[n] ?? -1], wish = wishes[without[n] ?? -1], at = places[n] ?? (wish && { x: wish.x - NUMBER_PX.width / 2, y: wish.y - NUMBER_PX.height });
-      element.style.visibility = label ? "visible" : "hidden";
+      element.style.visibility = label && !this.isTooLong ? "visible" : "hidden";
       if (!label || !at) return;
       element.textContent = String(label.number);
       element.style.transform = `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)`;
     });
-    const legend = without.map((i) => `${seen[i]!.number} ${seen[i]!.text}`).join(" · ");
+  }
+
+  /** Show the legend of the numbers, if it leaves the picture free. */
+  private explain(legend: string, picture: Size): void {
     if (legend === this.explained) return;
     this.explained = legend;
     this.legend ??= this.make();
     const low = Math.max(0, ...this.covered.filter(({ y, height }) => y + height / 2 > picture.height / 2).map(({ y }) => picture.height - y));
-    Object.assign(this.legend.style, { top: "auto", bottom: `${low + 4}px`, left: "4px", maxWidth: "calc(100% - 8px)", boxSizing: "border-box", whiteSpace: "normal", visibility: legend ? "visible" : "hidden" });
+    Object.assign(this.legend.style, { top: "auto", bottom: `${low + 4}px`, left: "4px", maxWidth: "calc(100% - 8px)", boxSizing: "border-box", whiteSpace: "normal", visibility: "hidden" });
     this.legend.textContent = legend;
+    this.isTooLong = this.legend.offsetHeight > Math.max(LINE_PX, MAX_LEGEND_SHARE * picture.height);
+    if (legend && !this.isTooLong) this.legend.style.visibility = "visible";
   }
 
   /** The part of the picture that something takes up, px; null behind the camera. */

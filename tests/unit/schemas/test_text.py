@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas.text import all_of, few_of, first_of, first_problem, round_beyond
+from pointit.schemas.text import all_of, few_of, first_of, first_problem, round_beyond, system_reason
 
 
 @pytest.mark.parametrize(

@@ -229,6 +229,7 @@ class Cue(WireModel):
     text: str = ""
     state: str = ""
     next_step: str = ""
+    press: Annotated[str, Field(description="effect of a press now, as in `Interaction`; empty if none")] = ""
     wants_double: Annotated[bool, Field(description="a double press does what the next step asks for")] = (
         False
     )

@@ -238,7 +238,10 @@ class PhoneCues:
     def interaction(self, interaction: Interaction) -> Cue | None:
         """Return the new state, or None if it is unchanged."""
         return self._change(
-            state=interaction.state, next_step=interaction.next_step, wants_double=interaction.is_unsure
+            state=interaction.state,
+            next_step=interaction.next_step,
+            press=interaction.press,
+            wants_double=interaction.is_unsure,
         )
 
     def localization(self, news: Localization) -> Cue | None:

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit, urlunsplit
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands
 from tests.support.links import link_in
@@ -21,6 +22,7 @@ SELDOM = {
     "POINTIT_USER_SIM__RATE_HZ": "25",
     "POINTIT_LED_DRIVER__MAX_RATE_HZ": "20",
     "POINTIT_WEB__RATE_HZ": "20",
+    LOG_FORMAT: "json",  # the link is read from the log
 }
 """Still more than the page draws here (`FRAME_MS`): a site's work goes by its rates."""
 

@@ -230,7 +230,7 @@ class Wrist {
     const next = stage === "centre" ? CENTRE : this.shown(cue?.next_step ?? "");
     screen.next(next, stage === "button" ? (cue?.progress ?? null) : null);
     screen.write("big-name", stage === "centre" ? "Centre" : "Press");
-    screen.write("big-note", stage === "centre" ? "this is straight ahead" : pressWords(state));
+    screen.write("big-note", stage === "centre" ? "this is straight ahead" : cue ? pressWords(cue.press) : "");
     screen.write("place", state === "localizing" ? "Call off" : "Find my place");
     screen.write("let-go", this.hasArm ? "Let go" : "Take my arm");
   }

@@ -5,7 +5,7 @@ import { LEAST_MS, MOST_BUFFERED, Pace, Rate, STILL_MS } from "./pace";
 import { RetryPolicy } from "./retry_policy";
 import { DOUBLE_MS, HOLD_MS, Taps } from "./taps";
 import { sentence } from "../format";
-import { figures } from "./words";
+import { figures, pressWords } from "./words";
 import { withNames } from "../words";
 
 type Matrix = number[][];
@@ -162,4 +162,8 @@ test("lamps have names instead of ids in sentences", () => {
   assert.equal(withNames("You point 60° to the left of lamp led_10: turn right.", lamps), "You point 60° to the left of lamp 10: turn right.");
   assert.equal(withNames("Lamp led_1 left, lamp behind_left and door stay, xled_1 is none.", lamps), "lamp 1 left, lamp behind left and door stay, xled_1 is none.");
   assert.equal(withNames("Point at led_1.", []), "Point at led_1.");
+});
+
+test("the big button says what a press does now, not what the state might allow", () => {
+  assert.deepEqual(["start", "cancel", "stop", "confirm", ""].map(pressWords), ["starts pointing", "calls it off", "stops", "confirms; hold it to stop", "hold it to stop"]);
 });

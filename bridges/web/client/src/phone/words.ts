@@ -10,9 +10,9 @@ export function stateWords(state: string): string {
   return STATES[state] ?? "";
 }
 
-/** Effect of the big button in a state. */
-export function pressWords(state: string): string {
-  return { idle: "starts pointing", localizing: "calls it off", pointing: "stops, or confirms" }[state] ?? "";
+/** Effect of the big button, by that of a press (`Interaction.press`); while staying selects, a press has none. */
+export function pressWords(press: string): string {
+  return { "": "hold it to stop", start: "starts pointing", cancel: "calls it off", stop: "stops", confirm: "confirms; hold it to stop" }[press] ?? "";
 }
 
 const LINKS: Readonly<Record<LinkState, string>> = {

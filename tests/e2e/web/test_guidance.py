@@ -238,12 +238,12 @@ class Pointer:
         box = await self.window.page.locator("#view canvas").bounding_box()
         assert box is not None
         patience = Patience(20)
+        x, y = box["x"] + 0.06 * box["width"], box["y"] + 0.45 * box["height"]  # no card is there
         while not await self.window.page.evaluate(ON_NOTHING):
             assert not patience.is_over(), "something is pointed at everywhere"
-            await self.window.page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.93)
-            await asyncio.sleep(0.1)
-            await self.window.page.mouse.move(box["x"] + box["width"] * 0.51, box["y"] + box["height"] * 0.93)
-            await asyncio.sleep(0.1)
+            for by_px in (0, 5):
+                await self.window.page.mouse.move(x + by_px, y)
+                await asyncio.sleep(0.1)
 
     async def try_thing(self, name: str, told: str, cause: str) -> None:
         """Stay on a thing whose act fails, until the page says `told`. Keep what it says in between."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from typing import Any
 
 import pytest
 from playwright.async_api import Browser
@@ -17,6 +18,7 @@ from pointit.schemas import (
     Health,
     Interaction,
     Localization,
+    Message,
     SelectionEvent,
     ThingState,
     ThingStates,
@@ -28,6 +30,7 @@ from pointit.schemas import (
 from pointit.schemas.environment import Thing
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import Figure
+from pointit.schemas.topics import Topic
 from tests.e2e.web.conftest import page_is_built
 from tests.e2e.web.window import NO_WEBGL, Window
 from tests.integration.web.pages import OPERATOR, serving
@@ -91,7 +94,7 @@ async def publish_everything(bench: Bench, text: str) -> None:
     understood = Understood(stamp_ns=now_ns, text=text, command=text, result="refused", message=text)
     localization = Localization(stamp_ns=now_ns, phase="refused", target_id=text, reason=text)
     interaction = Interaction(stamp_ns=now_ns, state="pointing", next_step=text, reason=text)
-    for topic, name, message in (
+    messages: list[tuple[Topic[Any], str, Message]] = [
         (topics.HEALTH, f"pointing.{USER}", health),
         (topics.OBJECTS, "evil", TrackedObjects(stamp_ns=now_ns, objects=(box,))),
         (topics.SELECTION_EVENTS, "", event),
@@ -102,7 +105,8 @@ async def publish_everything(bench: Bench, text: str) -> None:
         (topics.INTERACTION, USER, interaction),
         (topics.FEEDBACK, USER, Feedback(stamp_ns=now_ns, cue="refused", text=text, target_id=text)),
         (topics.ANNOUNCED, USER, Announced(stamp_ns=now_ns, object_id=text, label=text, began_ns=now_ns)),
-    ):
+    ]
+    for topic, name, message in messages:
         bench.put(topic, message, name)
         await asyncio.sleep(0)
 

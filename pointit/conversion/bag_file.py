@@ -3,6 +3,7 @@
 import shutil
 import sqlite3
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -72,6 +73,8 @@ class BagConnection(NamedTuple):
     msgtype: str
     digest: str
     """Hash of the type, or `""` if the bag has none."""
+    messages: int
+    """Number of its messages."""
 
 
 @dataclass
@@ -99,10 +102,13 @@ def open_bag(path: Path) -> Generator[OpenBag]:
     """
     metadata = _Metadata(path) if path.is_dir() else None
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        folder: Path | None = None
         readers: list[Any] = []
         for file in [path] if metadata is None else metadata.files:
-            storage = _unpack(file, folder) if file.suffix == COMPRESSED else file
+            storage = file
+            if file.suffix == COMPRESSED:
+                folder = folder or _temporary_folder(file, stack)
+                storage = _unpack(file, folder)
             readers.append(_open_storage(file, storage, stack))
         count = sum(reader.message_count for reader in readers)
         if metadata is not None and count != metadata.count:
@@ -116,8 +122,12 @@ def open_bag(path: Path) -> Generator[OpenBag]:
         topics = {
             (each.topic, each.msgtype): each.digest for reader in readers for each in reader.connections
         }
+        counts: Counter[tuple[str, str]] = Counter()
+        for reader in readers:
+            for each in reader.connections:
+                counts[each.topic, each.msgtype] += each.msgcount
         connections = {
-            key: BagConnection(number, *key, digests.get(key[0], "") or digest)
+            key: BagConnection(number, *key, digests.get(key[0], "") or digest, counts[key])
             for number, (key, digest) in enumerate(topics.items())
         }
 
@@ -246,6 +256,17 @@ def _check_tables(path: Path) -> None:
             )
             if any(hidden for (hidden,) in columns):
                 raise DamagedError(f"its {kind} {str(name)[:20]!r} is computed, and no plain table")
+
+
+def _temporary_folder(path: Path, stack: ExitStack) -> Path:
+    """Return a folder in which `path` can be unpacked. Raises: ConfigError: If none can be written."""
+    try:
+        return Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: is packed, and no temporary folder can be written ({error.strerror or error}): set "
+            "TMPDIR to a folder that can be, or unpack the file by `zstd -d` and give that one"
+        ) from error
 
 
 def _unpack(path: Path, folder: Path) -> Path:

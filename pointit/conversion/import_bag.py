@@ -322,6 +322,8 @@ class Bag:
     """Messages that were taken, by topic."""
     left_out: dict[str, str] = field(default_factory=dict[str, str])
     """Reasons why topics, or the first of their messages that were, are left out: by topic."""
+    left_out_messages: Counter[str] = field(default_factory=Counter[str])
+    """Messages that were left out, by topic."""
 
     def entries(self) -> Iterator[Entry]:
         """Yield the entries in the order of the bag.
@@ -346,6 +348,7 @@ class Bag:
             why, route, user = self._route(types, connection)
             if route is None:
                 self.left_out[connection.topic] = why
+                self.left_out_messages[connection.topic] += connection.messages
             else:
                 routes[connection.id] = route, user
         wanted = [each for each in bag.connections if each.id in routes]
@@ -356,8 +359,10 @@ class Bag:
                 yield from route.take(messages, value, user, max(0, time_ns))
             except ValidationError as error:
                 self.left_out.setdefault(connection.topic, summarize_validation_error(error))
+                self.left_out_messages[connection.topic] += 1
             except (UnusableError, KeyNameError, ValueError, OverflowError) as error:
                 self.left_out.setdefault(connection.topic, str(error))
+                self.left_out_messages[connection.topic] += 1
             else:
                 self.taken[connection.topic] += 1
 

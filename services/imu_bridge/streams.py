@@ -2,12 +2,14 @@
 
 import codecs
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeGuard
 
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.parameters import set_option
 from pointit.schemas.base import unit_quaternion
+from pointit.schemas.text import first_of
 
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers in a list."""
@@ -18,6 +20,17 @@ MIN_READINGS = 3
 """Number of readings that prove a sensor: a name in a damaged line comes once."""
 FORGET_AFTER = 500
 """Number of readings after which a silent sensor is forgotten."""
+
+PROOF = 64
+"""Number of rises in succession that prove the number of a message: more than a stream has sensors."""
+MAX_DIGITS = 20
+"""Number of digits from which a name is no number."""
+MAX_KINDS = 16
+"""Number of kinds of messages that are counted one by one."""
+MAX_SHOWN_KINDS = 4
+"""Maximum number of kinds that a warning names."""
+MORE_KINDS = "other kinds"
+"""Kind of the messages beyond `MAX_KINDS`."""
 
 MIN_READABLE = 0.8
 """Smallest share of readable characters in text."""
@@ -31,6 +44,78 @@ _LISTS = frozenset({"quaternion", "quat", "q"})
 _COMPONENT = re.compile(r"(|q|quat|quat_)([wxyz])", re.IGNORECASE)
 
 
+class PassedOver:
+    """Numbers of valid messages that no reader needs, by their kind."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        """At most `MAX_KINDS`. Messages of later kinds are counted as `MORE_KINDS`."""
+
+    def add(self, kind: str) -> None:
+        """Count a message of `kind`, such as the letter or the address with which it begins."""
+        kind = kind[:MAX_NAME]
+        if kind not in self.counts and len(self.counts) >= MAX_KINDS:
+            kind = MORE_KINDS
+        self.counts[kind] += 1
+
+    @property
+    def count(self) -> int:
+        """Return the number of all messages."""
+        return self.counts.total()
+
+    @property
+    def text(self) -> str:
+        """Return the numbers by kind for a sentence, such as `120 of L, 3 of N`, or `""`."""
+        return first_of([f"{count} of {kind}" for kind, count in self.counts.items()], MAX_SHOWN_KINDS)
+
+
+class MessageNumbers:
+    """Tells the names of sensors from numbers of messages, which some apps send in a field `id`.
+
+    A number that rises with each of `PROOF` messages is the number of the message. Sensors side by side take
+    turns, so theirs falls.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[int, int] = {}
+        """Last number by position in the names."""
+        self._rises: dict[int, int] = {}
+        """Number of rises in succession by position in the names."""
+        self.is_undecided = False
+        """True if a name may be the number of the message, and is not proven yet."""
+
+    def names_of_sensor(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return `names` of a message without those that are its number."""
+        sensor_names: list[str] = []
+        self.is_undecided = False
+        for position, name in enumerate(names[:MAX_SENSORS]):
+            rises = self._count_rises(position, name)
+            if rises >= PROOF:
+                continue
+            self.is_undecided = self.is_undecided or rises > 1
+            sensor_names.append(name)
+        return tuple(sensor_names)
+
+    def _count_rises(self, position: int, name: str) -> int:
+        last = self._last.get(position)
+        is_number = name.isdecimal() and len(name) < MAX_DIGITS
+        number = int(name) if is_number else None
+        if number is None:
+            self._last.pop(position, None)
+            self._rises[position] = 0
+            return 0
+        self._last[position] = number
+        rises = self._rises.get(position, 0)
+        # a counter of one byte starts again, which a number that was proven before may do
+        is_restart = rises >= PROOF and last is not None and number < last
+        if last is not None and (number > last or is_restart):
+            rises += 1
+        else:
+            rises = 0
+        self._rises[position] = rises
+        return rises
+
+
 class SensorChoice:
     """Uses the configured sensor, or the only one. Of several, none is used until one is configured."""
 
@@ -38,6 +123,7 @@ class SensorChoice:
         """Use the sensor of which one name is `wanted`, which `parameter` sets; `""`: the only one."""
         self._parameter = parameter
         self._wanted = wanted.strip().casefold()
+        self._numbers = MessageNumbers()
         self._count = 0
         self._sensors: dict[str, tuple[int, int]] = {}
         """Names of sensors, `""` for one without; number of readings of each, and that of its last."""
@@ -46,6 +132,11 @@ class SensorChoice:
 
     def accepts(self, *names: str) -> bool:
         """Return True if a reading of the sensor with `names`, such as an address and a number, is used."""
+        if not self._wanted:  # what the user has named is a sensor
+            sensor_names = self._numbers.names_of_sensor(names)
+            if len(sensor_names) < len(names) and len(self._sensors) > 1:
+                self._sensors.clear()  # they were numbers of messages
+            names = sensor_names
         name = " ".join(filter(None, names))
         self._count += 1
         readings = self._sensors.pop(name, (0, 0))[0] + 1
@@ -80,7 +171,9 @@ class SensorChoice:
     @property
     def warning(self) -> str:
         """Return the warning that several sensors are heard, or not the configured one, or `""`."""
-        sensors = self.several or [*self._sensors] * (len(self._sensors) >= MAX_SENSORS)
+        sensors = self.several
+        if not sensors and len(self._sensors) >= MAX_SENSORS and not self._numbers.is_undecided:
+            sensors = [*self._sensors]
         names = ", ".join(sorted(name or "one without a name" for name in sensors))
         if self._wanted and sensors and self.used not in self._sensors:
             option = set_option("imu-bridge", self._parameter, min(sensors))

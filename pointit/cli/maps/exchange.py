@@ -114,7 +114,7 @@ def import_(
     csv has a pixel a line, below the names x,y,z in metres, and strip, pixel or wire; --columns declares
     others. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
     counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
-    are scanned or moved. A matrix in WLED's configuration (cfg.json) is laid out by its panels.
+    are scanned or moved. A matrix is laid out as one line, also the panels in WLED's cfg.json.
 
     home-assistant lists lights, switches, covers, fans, media players, scenes and scripts of the Home
     Assistant at --url by area. --entity and --area choose those that become things.
@@ -194,6 +194,11 @@ def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[s
         if each.rows > 1:
             size = f"{each.columns} x {each.rows}"
             _print_note(f"{name} is a matrix of {size} pixels, laid out as one line")
+        if each.panels:
+            _print_note(
+                f"{name} has {each.pixels} pixels on {each.panels} panels of a matrix, laid out as one line: "
+                "for their positions, scan them, or give WLED's ledmap by --as ledmap"
+            )
     return exchange.laid_out(segments, pitch_m)
 
 

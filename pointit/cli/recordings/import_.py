@@ -132,4 +132,5 @@ def _import_bag(
         for topic, taken in bag.taken.items():
             click.echo(f"{topic}: {taken} messages")
         for topic, why in bag.left_out.items():
-            click.echo(f"note: {topic}: left out, {why}", err=True)
+            count = bag.left_out_messages[topic]
+            click.echo(f"note: {topic}: {count} messages left out, {why}", err=True)

@@ -39,6 +39,8 @@ class WledSegment:
     """1, unless it is a part of a matrix."""
     row: int = 0
     """Row of a matrix in which it begins."""
+    panels: int = 0
+    """Number of panels of a matrix that its pixels are on, of a configured output."""
 
     @property
     def pixels(self) -> int:
@@ -63,7 +65,8 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     if preset is not None or (state and all(key.isdecimal() for key in state)):
         state = _preset(state, preset)
     elif outputs := list_of(inside(state, "hw", "led", "ins")):
-        return _used([_output(number, each) for number, each in enumerate(outputs)])
+        used = _used([_output(number, each) for number, each in enumerate(outputs)])
+        return _on_panels(used, list_of(inside(state, "hw", "led", "matrix", "panels")))
     seg = state.get("seg")
     if not (listed := [seg] if isinstance(seg, dict) else list_of(seg)):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
@@ -173,6 +176,24 @@ def _output(number: int, data: Any) -> WledSegment | None:
     length, start = (_count(cast("Json", data), key, where, 0) for key in ("len", "start"))
     name = f"output_{number}"
     return WledSegment(name=name, number=number, start=start, columns=length, rows=1) if length else None
+
+
+def _on_panels(outputs: Sequence[WledSegment], panels: Sequence[Any]) -> list[WledSegment]:
+    """Return `outputs` with the number of `panels`, whose pixels are on the wire one after the other."""
+    counts: Counter[int] = Counter()
+    first = 0
+    for number, each in enumerate(panels[:MAX_SEGMENTS]):
+        if not isinstance(each, dict):
+            raise ConfigError(f"panel {number} is {format_value(each)}; give WLED's cfg.json")
+        panel = cast("Json", each)
+        where = f"panel {number} of hw.led.matrix"
+        end = first + _count(panel, "w", where, 0) * _count(panel, "h", where, 0)
+        for output in outputs:
+            start = output.start or 0
+            if start < end and first < start + output.pixels:
+                counts[output.number] += 1
+        first = end
+    return [replace(output, panels=counts[output.number]) for output in outputs]
 
 
 def _preset(data: Json, wanted: int | None) -> Json:

@@ -14,8 +14,8 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.services.imu_bridge.network.udp_server import Address, PortSource
-from pointit.services.imu_bridge.sources import Disconnected, Item, Reconnected
-from pointit.services.imu_bridge.streams import ContentError, SensorChoice
+from pointit.services.imu_bridge.sources import Disconnected, Item, RawReading, Reading, Reconnected
+from pointit.services.imu_bridge.streams import ContentError, PassedOver, SensorChoice
 
 REPLACED_S = 10.0
 """Time without a datagram after which another machine takes the place of one that nobody has named, s."""
@@ -46,6 +46,10 @@ def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
         raise ContentError("has a vector that is not three finite numbers")
     x, y, z = numbers[:3]
     return (scale * x, scale * y, scale * z)
+
+
+def _is_motion(item: Item) -> bool:
+    return isinstance(item, Reading | RawReading)
 
 
 class SenderChoice:
@@ -167,6 +171,10 @@ class Decoder(ABC):
     def __init__(self, sensors: SensorChoice) -> None:
         """Use one of the `sensors` that a sender names."""
         self.sensors = sensors
+        self.passed_over = PassedOver()
+        """Valid messages without anything that is read."""
+        self.has_orientation = False
+        """True if it has read an orientation or rates. The owner sets it."""
 
     @abstractmethod
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
@@ -231,6 +239,7 @@ class DatagramSource(PortSource):
             decoder.problem = ""
         if not items:
             return
+        decoder.has_orientation = decoder.has_orientation or any(map(_is_motion, items))
         self._senders.use(sender, now_s)
         self._read_s = now_s
         if is_new:
@@ -238,6 +247,13 @@ class DatagramSource(PortSource):
             self._pass_on(Reconnected())
         for item in items:
             self._pass_on(item)
+
+    def _unused_clause(self) -> str:
+        """Return the clause about what arrives from a device that sends no orientation, or `""`."""
+        for decoder in self._decoders.values():
+            if decoder.unused and not decoder.has_orientation:
+                return decoder.unused
+        return ""
 
     def _new_decoder(self, sender: Address) -> Decoder:
         host = sender[0]
@@ -266,9 +282,11 @@ class DatagramSource(PortSource):
             self._deliver(Disconnected("" if is_explained else reason))
         place = self._server.place
         missing = f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
-        unused = next((each.unused for each in self._decoders.values() if each.unused), "")
+        unused = self._unused_clause()
         missing = f"UDP port {place} {unused}" if unused else f"{missing}{self._only_here}"
-        self._health.warn("silent", "" if host or is_explained else missing)  # later, `Disconnected`
+        # a device out of reach is told by `Disconnected`; one that sends its battery alone is not
+        is_known = bool(host) and not (unused and self._read_s is not None)
+        self._health.warn("silent", "" if is_known or is_explained else missing)
         self._health.warn("sensors", several)
         others = "" if self._is_chosen else ", ".join(self._senders.others(now_s))
         self._health.warn(

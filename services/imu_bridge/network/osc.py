@@ -271,8 +271,6 @@ class OscDecoder(Decoder):
         self._components: dict[str, float] = {}
         """Components of a quaternion of four messages that is not complete."""
         self._battery: Battery | None = None
-        self._addresses: dict[str, None] = {}
-        """Addresses of messages that were not used."""
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
         """Return the readings and events of a datagram.
@@ -328,9 +326,9 @@ class OscDecoder(Decoder):
         if address.rpartition("/")[2] == "button":
             is_pressed = not numbers or numbers[-1] > 0
             return Press(stamp_ns) if is_pressed and not self._is_of_other(address) else None
-        if not self._has_orientation and len(self._addresses) < MAX_SHOWN:
-            self._addresses[address] = None
-            known = ", ".join(self._addresses)
+        self.passed_over.add(address)
+        if not self._has_orientation:
+            known = ", ".join([*self.passed_over.counts][:MAX_SHOWN])
             self.unused = (
                 f"gets messages ({known}), but none with a documented orientation: switch it on in the app, "
                 f"or name the quaternion by {set_option('imu-bridge', 'osc.address', '/ADDRESS')} and its "

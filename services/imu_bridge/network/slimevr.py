@@ -28,6 +28,7 @@ from pointit.services.imu_bridge.sources import (
     Reconnected,
     Signal,
 )
+from pointit.services.imu_bridge.streams import PassedOver
 
 MAX_CALLERS = 16
 """Trackers that are remembered at the same time; further ones are ignored."""
@@ -40,6 +41,8 @@ CALLING_S = 5.0
 LATE = 100
 """Numbers by which a datagram may be late. A tracker whose numbers fall by more was restarted."""
 
+KEEP_ALIVE = 0
+"""Kind of the packets without content by which a tracker shows that it is there."""
 TAKEN = (
     "end the program that has it, such as a SlimeVR server, or use another port, here "
     f"({set_option('imu-bridge', 'slimevr.port', protocol.PORT + 1)}) and in the tracker's app"
@@ -264,6 +267,8 @@ class SlimevrSource(PortSource):
         self._trackers = SlimevrTrackers(config.tracker)
         self._battery: Battery | None = None
         self._sensors: set[int] = set()
+        self.passed_over = PassedOver()
+        """Packets of other kinds than those that are read."""
         self._pinged_s = 0.0
         self._pings = 0
         self._unreadable = 0
@@ -328,6 +333,8 @@ class SlimevrSource(PortSource):
         if not datagram.is_readable:
             self._unreadable += 1
             self._unreadable_s = now_s
+        elif datagram.packet is None and datagram.kind != KEEP_ALIVE:
+            self.passed_over.add(f"kind {datagram.kind}")
         item = self._item(datagram.packet, used, now_s)
         if item is not None:
             self._pass_on(item)
@@ -398,6 +405,13 @@ class SlimevrSource(PortSource):
             f"the tracker has no sensor {self._config.sensor}, but {', '.join(map(str, sent))}: "
             + set_option("imu-bridge", "slimevr.sensor", sent[0])
             if lacks
+            else "",
+        )
+        sends_none = not self._sensors and not self._trackers.is_lost and self.passed_over.count > 0
+        self._health.warn(
+            "kinds",
+            f"the tracker sends packets without a rotation ({self.passed_over.text}): update its firmware"
+            if sends_none
             else "",
         )
         if now_s - self._unreadable_s > BAD_S:

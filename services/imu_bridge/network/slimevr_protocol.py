@@ -110,6 +110,8 @@ class SlimevrDatagram:
     """None if it is of another kind, or without sense."""
     is_readable: bool = True
     """False if it is too short or has implausible numbers."""
+    kind: int = 0
+    """Number of the kind of packet."""
 
 
 def decode(data: bytes) -> SlimevrDatagram | None:
@@ -120,9 +122,9 @@ def decode(data: bytes) -> SlimevrDatagram | None:
     if kind in (HANDSHAKE, PING):  # the former has none, the latter is an echo of ours
         number = 0
     try:
-        return SlimevrDatagram(number, _packet(kind, data[_HEAD.size :]))
+        return SlimevrDatagram(number, _packet(kind, data[_HEAD.size :]), kind=kind)
     except (struct.error, IndexError, ContentError):
-        return SlimevrDatagram(number, None, is_readable=False)
+        return SlimevrDatagram(number, None, is_readable=False, kind=kind)
 
 
 def ping(number: int) -> bytes:

@@ -34,6 +34,7 @@ TOGETHER_NS = NS_PER_S // 10
 DAY_NS = 24 * 3600 * NS_PER_S
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
+_RATES = frozenset({"accelerometer", "gyroscope"})
 _ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector", "geomagnetic_rotation_vector"})
 
 
@@ -81,32 +82,50 @@ class UdpDecoder(Decoder):
         text = data.strip()
         if len(data) == _WEARMOCAP.size and not text.isascii() and not self._is_described:
             return [self._wearmocap(data, stamp_ns)]
-        if not self._is_described and (reading := _sensagram(text)) is not None:
-            if not self.sensors.accepts(*names_in(reading)):
-                return []
-            try:
-                item = self._android(reading, _numbers(reading["values"]), stamp_ns)
-            except (ValueError, TypeError, OverflowError) as error:
-                raise ContentError(f"{quoted(text)} has a wrong value: {error}") from error
-            return [] if item is None else [item]
-        return self._text(text, stamp_ns)
-
-    def _text(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
         items: list[Item] = []
-        for line in [text] if text.startswith(b"{") else text.splitlines()[:MAX_LINES]:
+        for message in self._messages(text):
             try:
-                parsed = self._lines.parse(line)
+                item = self._item(message, stamp_ns)
             except ContentError as error:
-                self.problem = f"{quoted(line)} {error}"
+                self.problem = f"{quoted(message)} {error}"
                 continue
-            if isinstance(parsed, ButtonLine):
-                if not self.sensors.is_other(*parsed.names):
-                    items.append(Press(stamp_ns, parsed.gesture))
-            elif parsed is not None and self.sensors.accepts(*parsed.names):
-                items.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+            if item is not None:
+                items.append(item)
         if self.problem and not items:
             raise ContentError(self.problem)
         return items
+
+    def _messages(self, text: bytes) -> Sequence[bytes]:
+        """Return the lines in `text`, or its objects of JSON, which may have several lines each."""
+        if not text.startswith((b"{", b"[{")):
+            return text.splitlines()[:MAX_LINES]
+        return [text] if self._lines.has_form(text) else _json_objects(text)
+
+    def _item(self, message: bytes, stamp_ns: int) -> Item | None:
+        """Return what an object of JSON or a line has, or None if it is of another sensor, or passed over.
+
+        Raises:
+            ContentError: If it cannot be read.
+        """
+        content = None if self._is_described else _sensagram(message)
+        if content is not None:
+            if not self.sensors.accepts(*names_in(content)):
+                return None
+            try:
+                return self._android(content, _numbers(content["values"]), stamp_ns)
+            except ContentError:
+                raise
+            except (ValueError, TypeError, OverflowError) as error:
+                raise ContentError(f"has a wrong value: {error}") from error
+        parsed = self._lines.parse(message)
+        if parsed is None:
+            self.passed_over.add("comment lines")
+            return None
+        if isinstance(parsed, ButtonLine):
+            return None if self.sensors.is_other(*parsed.names) else Press(stamp_ns, parsed.gesture)
+        if not self.sensors.accepts(*parsed.names):
+            return None
+        return Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)
 
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
         time_ns = _time_ns(content)
@@ -120,6 +139,8 @@ class UdpDecoder(Decoder):
             if len(values) < 4:
                 raise ContentError(f"has {len(values)} values, 4 were expected")
             return Reading(stamp_ns, unit_rotation(values[:4], "xyzw"), time_ns)
+        if kind not in _RATES:
+            self.passed_over.add(kind)
         if kind == "accelerometer":
             self._acceleration = vector(values)
             self._acceleration_ns = stamp_ns
@@ -144,6 +165,26 @@ class UdpDecoder(Decoder):
             time_ns += DAY_NS * max(0, round((self._before_ns - time_ns) / DAY_NS))
         self._before_ns = time_ns
         return Reading(stamp_ns, world_from_sensor, time_ns)
+
+
+def _json_objects(text: bytes) -> list[bytes]:
+    """Return the objects of JSON in `text`, in a list or one after the other; the last may be no object."""
+    try:
+        rest = text.decode()
+    except UnicodeDecodeError:
+        return [text]
+    decoder = json.JSONDecoder()
+    objects: list[bytes] = []
+    rest = rest.removeprefix("[")
+    while rest and len(objects) < MAX_LINES:
+        try:
+            _, end = decoder.raw_decode(rest)
+        except (ValueError, RecursionError):
+            objects.append(rest.encode())
+            break
+        objects.append(rest[:end].encode())
+        rest = rest[end:].lstrip(" \t\r\n,;]\0")
+    return objects
 
 
 def _sensagram(text: bytes) -> dict[str, Any] | None:

@@ -57,6 +57,7 @@ class Ximu3Decoder(Decoder):
     def __init__(self) -> None:
         super().__init__(SensorChoice("ximu3.sensor"))
         self.framer = Ximu3Framer()
+        self.passed_over = self.framer.passed_over
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
         """Return the items of a datagram.
@@ -72,6 +73,10 @@ class Ximu3Decoder(Decoder):
             )
         before = self.framer.bad
         items = self.framer.feed(b"\n".join(messages) + b"\n", stamp_ns)
+        if self.passed_over.count:
+            self.unused = (
+                f"gets messages that have no orientation ({self.passed_over.text}): {self.framer.MISSING}"
+            )
         if self.framer.bad > before and not items:
             raise ContentError(self.framer.reason)
         return items

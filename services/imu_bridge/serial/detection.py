@@ -197,6 +197,15 @@ class Detection:
         is_text = isinstance(framer, TextFramer) and framer.reason.startswith("'")
         return framer.reason if framer is not None and is_text else ""
 
+    @property
+    def passed_over(self) -> str:
+        """Return what the device of the only format in question sends instead of readings, or `""`."""
+        framers = [*self._candidates.values()] if self.framer is None else [self.framer]
+        if len(framers) != 1 or not framers[0].passed_over.count:
+            return ""
+        (framer,) = framers
+        return f"messages without an orientation ({framer.passed_over.text}): {framer.MISSING}"
+
     def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
         """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""
         is_silent = self._restarts.is_silent(now_s)

@@ -10,6 +10,7 @@ from typing import ClassVar, Final
 
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.sources import Item
+from pointit.services.imu_bridge.streams import PassedOver
 
 QUATERNION: Final = 0
 EULER: Final = 1
@@ -31,6 +32,8 @@ class SerialFramer(ABC):
     """Unit of `bad`."""
     HINT: ClassVar[str] = "check cable and baud"
     """Action against unreadable data, for a warning."""
+    MISSING: ClassVar[str] = "let the device send an orientation"
+    """Action if all that arrives is passed over, for a warning."""
 
     def __init__(self) -> None:
         self.good: int = 0
@@ -39,6 +42,8 @@ class SerialFramer(ABC):
         """Number of unreadable lines or bytes after the first valid one. The owner may set it back to 0."""
         self.reason: str = ""
         """Error of the last of them."""
+        self.passed_over = PassedOver()
+        """Valid messages without anything that is read."""
         self.commands: deque[bytes] = deque(maxlen=MAX_COMMANDS)
         """Commands to the device, to be sent one after another with a pause between them."""
         self.notice: str = ""

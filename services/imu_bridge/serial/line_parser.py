@@ -133,6 +133,15 @@ class LineParser:
         self._form = compile_line(line) if line else None
         self._parameter = parameter
 
+    def has_form(self, line: bytes) -> bool:
+        """Return True if `line` has the form that a person has described."""
+        if self._form is None:
+            return False
+        try:
+            return self._form.fullmatch(_stripped(line)) is not None
+        except ValueError:
+            return False
+
     def parse(self, line: bytes) -> QuaternionLine | ButtonLine | None:
         """Return the content of `line`, or None for an empty line or one that is passed over.
 
@@ -140,7 +149,7 @@ class LineParser:
             ContentError: If it has another form, or a wrong value. Names the parameter that describes it.
         """
         try:
-            text = line.decode().strip(" ,;|\t\r\n\0\ufeff")
+            text = _stripped(line)
         except ValueError as error:
             raise ContentError("is not text") from error
         if self._form is not None and (values := self._form.fullmatch(text)):
@@ -187,6 +196,11 @@ class LineParser:
             f"describe it by {self._parameter}={json.dumps(form, ensure_ascii=False)}, with {{w}}, {{x}}, "
             "{y} and {z} for the quaternion's {_}"
         )
+
+
+def _stripped(line: bytes) -> str:
+    """Return the text of `line` without what may stand around it. Raises: ValueError: If it is no text."""
+    return line.decode().strip(" ,;|\t\r\n\0\ufeff")
 
 
 def _described(values: dict[str, str]) -> QuaternionLine:

@@ -185,6 +185,8 @@ class SilenceWatch:
         where = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
         if not self.received_bytes:
             return f"{where}, not one byte: check the cable and that the device sends"
+        if detection.passed_over:
+            return f"{where}, but {detection.passed_over}"
         if detection.text_problem:
             return f"the lines from {self._port} are not read, the last: {detection.text_problem}"
         return (

@@ -69,6 +69,7 @@ class TextFramer(SerialFramer):
     def _items(self, line: bytes, stamp_ns: int) -> list[Item]:
         parsed = self._parser.parse(line)
         if parsed is None:
+            self.passed_over.add("comment lines")
             return []
         self.good += 1  # also of another sensor
         if isinstance(parsed, QuaternionLine):

@@ -109,6 +109,8 @@ class WitMotionFramer(SerialFramer):
             return Reading(stamp_ns, from_roll_pitch_yaw(a * RAD, b * RAD, c * RAD))
         if kind == ACCELERATION:
             self._acceleration = (a * MPS2, b * MPS2, c * MPS2)
+        elif kind not in (ANGLES, ANGULAR_VELOCITY):
+            self.passed_over.add(f"0x{kind:02x}")
         elif kind == ANGULAR_VELOCITY and self._preference.accepts(RAW) and self._acceleration is not None:
             return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
         return None

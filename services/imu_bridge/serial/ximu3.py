@@ -1,6 +1,7 @@
 """Framer of x-IMU3 boards.
 
-A message ends with a line feed. ASCII: `Q,<time in µs>,w,x,y,z`. Binary: 0x80 + the same letter, 64 bits of
+A message ends with a line feed. ASCII: `Q,<time in µs>,w,x,y,z`. Linear acceleration (L) and earth
+acceleration (E) begin with the same quaternion. Binary: 0x80 + the same letter, 64 bits of
 time, 32-bit floats (little-endian), where 0x0A within is sent as DB DC, and 0xDB as DB DD. A line that begins
 with `{` answers a command, which is a line of JSON too.
 """
@@ -30,17 +31,24 @@ LONGEST = 512
 MAX_TIME_US = 2**53
 NORMAL_COLOR = b'{"colour":null}\n'
 """Gives the LED back to the device."""
-ARGUMENTS: Final = {"Q": 4, "A": 3, "I": 6, "B": 3, "W": 2, "O": 1}
+ARGUMENTS: Final = {"Q": 4, "L": 7, "E": 7, "A": 3, "I": 6, "B": 3, "W": 2, "O": 1}
 """Number of arguments of the messages that are read; lines of text may have more."""
+ACCELERATIONS: Final = ("L", "E")
+"""Messages that old firmware sends with three numbers, without the quaternion."""
 _ESCAPES = re.compile(rb"\xdb(?![\xdc\xdd])")
 _HEAD = struct.Struct("<Q")
 
 
+class UnreadKindError(Exception):
+    """A message is of a kind that is not read; the text is its letter."""
+
+
 def split(message: bytes) -> tuple[str, int, list[float]] | None:
-    """Return letter, time in µs and arguments of `message` without its end, or None if nothing reads them.
+    """Return letter, time in µs and arguments of `message` without its end, or None for an answer.
 
     Raises:
         ContentError: If it is no message.
+        UnreadKindError: If it is of a kind that is not read.
     """
     if message.startswith((b"{", b"^")):
         return None
@@ -55,10 +63,12 @@ def _binary(message: bytes) -> tuple[str, int, list[float]] | None:
     count = ARGUMENTS.get(letter)
     if count is None:
         _check_letter(letter)
-        return None
+        raise UnreadKindError(letter)
     if _ESCAPES.search(message):
         raise ContentError("has a wrong escape sequence")
     body = message[1:].replace(b"\xdb\xdc", b"\n").replace(b"\xdb\xdd", b"\xdb")
+    if letter in ACCELERATIONS and len(body) == _HEAD.size + 4 * 3:
+        raise UnreadKindError(letter)
     if len(body) != _HEAD.size + 4 * count:
         raise ContentError(f"has {len(body)} bytes as {letter}, {_HEAD.size + 4 * count} were expected")
     (time_us,) = _HEAD.unpack_from(body)
@@ -70,14 +80,16 @@ def _ascii(message: bytes) -> tuple[str, int, list[float]] | None:
     count = ARGUMENTS.get(letter)
     if count is None:
         _check_letter(letter)
-        return None
+        raise UnreadKindError(letter)
+    if letter in ACCELERATIONS and len(words) == 1 + 3:
+        raise UnreadKindError(letter)
     if len(words) < count + 1:
         raise ContentError(f"has {len(words)} values as {letter}, {count + 1} were expected")
     return letter, int(words[0]), [float(word) for word in words[1 : count + 1]]
 
 
 def _check_letter(letter: str) -> None:
-    if letter not in string.ascii_uppercase:
+    if letter not in [*string.ascii_uppercase]:
         raise ContentError(f"begins with {letter[:20]!r}")
 
 
@@ -89,6 +101,7 @@ class Ximu3Framer(SerialFramer):
 
     UNIT = "messages"
     HINT = "check cable and baud, and that the device's settings are those of an x-IMU3"
+    MISSING = "set the AHRS message type of the x-IMU3 to quaternion"
 
     def __init__(self) -> None:
         super().__init__()
@@ -117,6 +130,8 @@ class Ximu3Framer(SerialFramer):
                     self.good += 1
                     if item is not None:
                         items.append(item)
+            except UnreadKindError as error:
+                self.passed_over.add(str(error))
             except ContentError as error:
                 self._count(str(error))
         return items
@@ -158,5 +173,8 @@ class Ximu3Framer(SerialFramer):
             world_from_sensor = from_roll_pitch_yaw(roll, pitch, yaw)
             return Reading(stamp_ns, world_from_sensor, time_ns) if self._preference.accepts(EULER) else None
         world_from_sensor = unit_rotation(values[:4], "wxyz")
+        if letter != "Q":  # the same orientation: a device may send it beside its quaternions
+            is_used = self._preference.accepts(EULER)
+            return Reading(stamp_ns, world_from_sensor, time_ns) if is_used else None
         self._preference.accepts(QUATERNION)
         return Reading(stamp_ns, world_from_sensor, time_ns)

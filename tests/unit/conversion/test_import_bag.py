@@ -243,7 +243,9 @@ def test_what_is_left_out_is_told_with_the_reason(tmp_path: Path) -> None:
     result = run(source)
     assert result.exit_code == 0, result.output
     assert "/user1/metawear_ros/rotation: 1 messages" in result.stdout
-    notes = {line.split(": ")[1]: line.split(": left out, ")[1] for line in result.stderr.splitlines()}
+    notes = {
+        line.split(": ")[1]: line.split(": 1 messages left out, ")[1] for line in result.stderr.splitlines()
+    }
     assert "the norm of its quaternion is 0" in notes["/user1/metawear_ros/rotation"]
     assert notes["/user1/state_transition"] == "the state 'dancing' is unknown"
     assert notes["/packages"] == "its places need the room; give it by --map"
@@ -265,7 +267,7 @@ def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: 
     )
     result = run(source)
     assert "nothing in the source can be recorded" in str(result.exception or result.output)
-    assert "/chatter: left out, a recording has no place for it" in result.stderr
+    assert "/chatter: 1 messages left out, a recording has no place for it" in result.stderr
     assert not (tmp_path / "session.mcap").exists()
 
 

@@ -15,7 +15,14 @@ from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineParse
 from pointit.services.imu_bridge.serial.source import SilenceWatch
 from pointit.services.imu_bridge.serial.text_line import LineSplitter, TextFramer
 from pointit.services.imu_bridge.sources import Press, Reading
-from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_SENSORS, ContentError, SensorChoice, quoted
+from pointit.services.imu_bridge.streams import (
+    FORGET_AFTER,
+    MAX_SENSORS,
+    PROOF,
+    ContentError,
+    SensorChoice,
+    quoted,
+)
 
 XYZW = (0.64, 0.0, -0.48, 0.6)
 FORM = re.compile(r'imu-bridge\.(serial|udp)\.line=("(?:[^"\\]|\\.)*")')
@@ -139,9 +146,27 @@ def test_sensor_that_is_silent_for_long_is_forgotten() -> None:
 
 def test_names_that_all_differ_are_reported_and_never_read() -> None:
     sensors = SensorChoice("udp.sensor")
-    assert not any([sensors.accepts(f"{n}") for n in range(50)][1:])
-    assert sensors.warning.startswith("several sensors send in one stream (42, 43, 44")
+    assert not any([sensors.accepts(f"{100 - n}") for n in range(50)][1:])
+    assert sensors.warning.startswith("several sensors send in one stream (51, 52, 53")
     assert len(sensors.others) == MAX_SENSORS
+
+
+def test_number_of_the_message_is_no_sensor() -> None:
+    sensors = SensorChoice("udp.sensor")
+    used = [sensors.accepts(f"{number}", "watch") for number in range(810, 1610)]
+    assert sum(used) > 700
+    assert all(used[PROOF + 1 :])
+    assert sensors.warning == ""
+    assert all(sensors.accepts(f"{number % 256}", "watch") for number in range(250, 270))
+
+
+def test_sensors_with_numbers_take_turns_and_are_reported() -> None:
+    sensors = SensorChoice("udp.sensor")
+    for _ in range(100):
+        for number in range(6):
+            sensors.accepts(f"{number}")
+    assert sensors.used is None or not sensors.accepts(sensors.used)
+    assert sensors.warning.startswith("several sensors send in one stream (0, 1, 2")
 
 
 def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> None:

@@ -204,3 +204,20 @@ async def test_datagram_of_another_that_comes_before_a_connection_keeps_its_send
             (name, ("127.0.0.1", stranger.getsockname()[1]))
             for name, stranger in zip(names, strangers, strict=True)
         }
+
+
+@pytest.mark.parametrize("text", ["{0}{1}", "{0}\n{1}\n", "[{0}, {1}]", "{0},\r\n{1}"])
+def test_all_objects_of_json_in_a_datagram_are_read(text: str) -> None:
+    first = json.dumps({"q": [0.6, 0.64, 0.0, -0.48]}, indent=1)
+    second = json.dumps(android("game_rotation_vector", [*XYZW]))
+    readings = items(text.format(first, second).encode())
+    assert [each.world_from_sensor for each in readings if isinstance(each, Reading)] == [
+        pytest.approx((0.64, 0.0, -0.48, 0.6)),
+        XYZW,
+    ]
+
+
+def test_datagram_of_json_is_read_up_to_what_is_none() -> None:
+    decoder = UdpDecoder(UdpConfig())
+    assert len(items(b'{"q":[1,0,0,0]}{"q":[1,', decoder)) == 1
+    assert "is no JSON" in decoder.problem

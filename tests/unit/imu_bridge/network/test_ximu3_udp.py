@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import struct
 
 import pytest
 
@@ -96,3 +97,28 @@ def test_announcement_of_the_manual_is_read() -> None:
 )
 def test_anything_else_is_no_announcement(data: bytes) -> None:
     assert announced(data, "192.168.1.1") is None
+
+
+@pytest.mark.parametrize("letter", ["L", "E"])
+async def test_device_that_sends_accelerations_with_its_quaternion_is_used(letter: str) -> None:
+    ascii_message = f"{letter},1000000,0.6,0.64,0.0,-0.48,0.1,0.2,0.3\r\n".encode()
+    numbers = struct.pack("<Q7f", 2_000_000, 0.6, 0.64, 0.0, -0.48, 0.1, 0.2, 0.3)
+    escaped = numbers.replace(b"\xdb", b"\xdb\xdd").replace(b"\n", b"\xdb\xdc")
+    binary = bytes([0x80 | ord(letter)]) + escaped + b"\n"
+    async with running(XIMU3) as run, phone_at(run.port) as phone:
+        await until(phone.saying(ascii_message + binary, lambda: len(run.of(Reading)) > 1))
+    times_ns = [reading.device_time_ns for reading in run.of(Reading)[:2]]
+    assert times_ns == [1_000_000_000, 2_000_000_000]
+    assert run.of(Reading)[0].world_from_sensor == pytest.approx((0.64, 0.0, -0.48, 0.6))
+
+
+@pytest.mark.parametrize("more", [b"", b"B,1000000,55.0,3.9,0\r\n"])
+async def test_device_that_sends_no_orientation_is_told_what_to_set(more: bytes) -> None:
+    def is_told() -> bool:
+        return "gets messages that have no orientation (" in run.warnings.get("silent", "")
+
+    async with running(XIMU3) as run, phone_at(run.port) as phone:
+        await until(phone.saying(b"L,1000000,0.1,0.2,0.3\r\n" + more, is_told))
+        assert run.warnings["silent"].endswith("set the AHRS message type of the x-IMU3 to quaternion")
+        quaternion = b"Q,1000000,1.0,0.0,0.0,0.0\r\n"
+        await until(phone.saying(quaternion, lambda: "silent" not in run.warnings))

@@ -30,6 +30,10 @@ COMMENTS = ("#", "//", "%")
 """Beginnings of lines that are no rows."""
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")
 """Numbers with a comma that may part thousands or begin decimals."""
+_COMMENT_START = re.compile(r"\A *(?:#|//|%)*")
+"""What may stand before the names of columns. One slash begins a name, such as `/imu/orientation/w`."""
+_COUNTER = re.compile(r"(.+)/([1-9][0-9]?)bit")
+"""Column and unit, and the number of bits of a counter."""
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -54,14 +58,34 @@ class DeclaredColumn(NamedTuple):
     """Its name, or number from 1."""
     unit: str = ""
     """Name of its unit, or size in SI units; `""`: metres or seconds."""
+    counter_bits: int = 0
+    """Number of bits of a counter that starts again at 0 after its largest number, or 0."""
 
 
-def parse_columns(text: str, known: Mapping[str, Mapping[str, float]]) -> dict[str, DeclaredColumn]:
+def header_names(sample: Iterable[str]) -> frozenset[str]:
+    """Return the cells of the lines `sample`, in lower case: the names of columns are among them."""
+    names: set[str] = set()
+    for line in sample:
+        if "/" not in line:  # other names cannot be mistaken for a name and a unit
+            continue
+        cells = split_cells(_COMMENT_START.sub("", line), delimiter_of(line))
+        names |= {cell.casefold() for cell in cells}
+    return frozenset(names)
+
+
+def parse_columns(
+    text: str,
+    known: Mapping[str, Mapping[str, float]],
+    names: Collection[str] = frozenset(),
+    counters: Collection[str] = (),
+) -> dict[str, DeclaredColumn]:
     """Return the columns that `t=time/ms,x=3,y=cm` declares.
 
     Args:
         text: `OURS=COLUMN/UNIT` each, `COLUMN` a name or number from 1; either part may be left out.
         known: our names, each with its units.
+        names: names of the file's columns in lower case, those with a slash at least. They need no unit.
+        counters: those of our names that may have `/32bit` behind the unit, or another number of bits.
 
     Raises:
         ConfigError: If it is not such.
@@ -74,8 +98,12 @@ def parse_columns(text: str, known: Mapping[str, Mapping[str, float]]) -> dict[s
                 f"columns: {format_value(part)} declares no column; write {join_names(known)} each once, "
                 "such as t=time/ms or x=3"
             )
+        value, counter_bits = _without_bits(value) if name in counters else (value, 0)
         source, slash, unit = value.rpartition("/")
-        if not slash:
+        if slash and value.casefold() in names and source.casefold() not in names:
+            source = value
+            unit = ""
+        elif not slash:
             source, unit = ("", value) if value in known[name] else (value, "")
         try:
             if unit:
@@ -83,10 +111,18 @@ def parse_columns(text: str, known: Mapping[str, Mapping[str, float]]) -> dict[s
         except ValueError:
             raise ConfigError(
                 f"columns: {format_value(part)} has no known unit; write "
-                f"{join_names(known[name]) or 'none'}, or its size in SI units"
+                f"{join_names(known[name]) or 'none'}, or its size in SI units; if {format_value(value)} is "
+                f"a column of the file, write its number, such as {name}=1"
             ) from None
-        columns[name] = DeclaredColumn(int(source) if source.isdecimal() else source or name, unit)
+        column = int(source) if source.isdecimal() else source or name
+        columns[name] = DeclaredColumn(column, unit, counter_bits)
     return columns
+
+
+def _without_bits(value: str) -> tuple[str, int]:
+    """Return `COLUMN/UNIT` of `COLUMN/UNIT/32bit`, and 32; `value` and 0 if it has no such end."""
+    counter = _COUNTER.fullmatch(value)
+    return (value, 0) if counter is None else (counter[1], int(counter[2]))
 
 
 class TextLayout(NamedTuple):
@@ -143,7 +179,7 @@ def find_layout(
     nearest: tuple[int, int, Sequence[str]] = (-1, 0, ())
     for number, line in enumerate(sample, start=1):
         delimiter = delimiter_of(line)
-        names = split_cells(line.lstrip(" ").lstrip("#/%"), delimiter)
+        names = split_cells(_COMMENT_START.sub("", line), delimiter)
         while names and not names[-1]:
             names.pop()
         indices = column_indices(wanted, names)

@@ -11,6 +11,7 @@ import functools
 import itertools
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -28,6 +29,7 @@ from pointit.maps.text_table import (
     TextLayout,
     check_lengths,
     find_layout,
+    header_names,
     is_lost,
     parse_columns,
     parse_number,
@@ -39,6 +41,7 @@ from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 from pointit.schemas.text import round_beyond
+from pointit.sim.time_columns import MAX_PERIOD_S, MIN_PERIOD_S, TimeColumns, counter_bits, unwrapped
 
 TIME = "t"
 ORIENTATION = ("qx", "qy", "qz", "qw")
@@ -56,14 +59,13 @@ MOTION_COLUMNS: dict[str, dict[str, float]] = {
 BIDS_SUFFIX = "_motion.tsv"
 CHANNELS_SUFFIX = "_channels.tsv"
 
+_POINTS_IN_TIME = re.compile(r"(?<=T)(\d\d)\.(\d\d)\.(\d\d)(?!\d)")
+"""Time of day with points, as MetaBase writes it: `2026-11-29T10.53.20.250`."""
+
 MAX_BYTES = 64_000_000
 """Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
 MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
-MIN_PERIOD_S = 0.0004
-"""Least median time between samples: 2500 Hz."""
-MAX_PERIOD_S = 0.25
-"""Largest median time between samples: 4 Hz."""
 MAX_STEP_FRAMES = 10
 """Limit of the median step of numbers of frames."""
 MAX_DISTANCE_M = 100.0
@@ -118,7 +120,11 @@ class MotionTable:
                 for at in (layout.indices[name] for name in self.names)
             ]
             self._units = {name: declared[name].unit for name in self.names if name in declared}
+            self._time_columns = TimeColumns(lines[layout.skip :], layout)
             values = self._read_rows(lines, layout)
+            if TIME in declared and declared[TIME].counter_bits:
+                at = self.names.index(TIME)
+                values[:, at] = unwrapped(values[:, at], declared[TIME].counter_bits)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
         unused = [name for at, name in enumerate(layout.names) if name and at not in layout.indices.values()]
@@ -161,6 +167,9 @@ class MotionTable:
             if not math.isnan(value):
                 return value
             remedy = "write it, or set columns to t=iso if the column has dates and times"
+            if self._units.get(TIME) == ISO:
+                remedy = "write it in ISO 8601, such as 2026-11-29T10:53:20.250"
+            remedy += self._time_columns.alternatives(title)
         elif not math.isnan(value) or is_lost(text) or text == self._form.lost:
             return value
         else:
@@ -198,7 +207,7 @@ class MotionTable:
         for row in (np.flatnonzero(~(np.diff(times_s) > 0.0)) + 1)[:1].tolist():
             raise ConfigError(
                 f"{self._at(row)}, column {title!r}: time does not increase, {times_s[row]:.12g} after "
-                f"{times_s[row - 1]:.12g} s; write more digits, or remove the row"
+                f"{times_s[row - 1]:.12g} s; {self._remedy_of_order(times_s, row)}"
             )
         period_s = float(np.median(np.diff(times_s))) if len(times_s) > 2 else MAX_PERIOD_S
         if not MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
@@ -207,6 +216,27 @@ class MotionTable:
                 f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; {self._remedy_of_times(period_s)}"
             )
         return times_s
+
+    def _remedy_of_order(self, times_s: Array, row: int) -> str:
+        """Return the remedy for times that do not rise, first at `row`."""
+        title = self.title(TIME)
+        alternatives = self._time_columns.alternatives(title)
+        steps_s = np.diff(times_s)
+        falls = int((steps_s < 0.0).sum())
+        if not falls:
+            repeats = int((steps_s == 0.0).sum())
+            rows = "the row" if repeats == 1 else f"the {repeats} rows that repeat a time"
+            return f"write more digits, or remove {rows}{alternatives}"
+        raw = times_s[row - 1 : row + 1] / float(self._sizes[self.names.index(TIME)])
+        bits = counter_bits(float(raw[0]), float(raw[1]))
+        unit = self._units.get(TIME) or "s"
+        if bits and unit != ISO:
+            return (
+                f"set columns to {TIME}={title}/{unit}/{bits}bit if it is a counter of {bits} bits that "
+                f"starts again{alternatives}"
+            )
+        order = "cut the file there into two" if falls == 1 else "sort its rows by time"
+        return f"{order}{alternatives}"
 
     def _remedy_of_times(self, period_s: float) -> str:
         """Return the remedy for samples `period_s` apart: the units with which they are plausible."""
@@ -352,8 +382,9 @@ def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED)
 
 def _open(path: Path, form: MotionForm) -> tuple[list[str], dict[str, DeclaredColumn]]:
     """Return the lines of a file, with names of columns, and declared columns."""
-    declared = parse_columns(form.columns, MOTION_COLUMNS)
     lines = list(check_lengths(_read_text(path).splitlines(), f"{path}: "))
+    names = header_names(lines[:MAX_HEADER_LINES]) if "/" in form.columns else frozenset[str]()
+    declared = parse_columns(form.columns, MOTION_COLUMNS, names, counters=(TIME,))
     if not path.name.endswith(BIDS_SUFFIX):
         return lines, declared
     lines, channels = _with_channels(path, lines)
@@ -421,7 +452,7 @@ def _read_text(path: Path) -> str:
 def _iso_time_s(text: str) -> float:
     """Return a date with time, s since 1970, NaN if it is none."""
     try:
-        time = dt.datetime.fromisoformat(text)
+        time = dt.datetime.fromisoformat(_POINTS_IN_TIME.sub(r"\1:\2:\3", text))
     except ValueError:
         return math.nan
     return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()

@@ -134,7 +134,9 @@ def import_(
         text = _read_text(source)
         try:
             if kind == "csv":
-                strips = exchange.from_csv(text, _print_note, parse_pixel_columns(columns), first, gap_m)
+                strips = exchange.from_csv(
+                    text, _print_note, parse_pixel_columns(columns, text), first, gap_m
+                )
             elif kind == "ledmap":
                 strips = exchange.from_ledmap(text, cell_m, gap_m)
             else:

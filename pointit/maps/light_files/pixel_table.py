@@ -13,6 +13,7 @@ from pointit.maps.text_table import (
     TextLayout,
     check_lengths,
     find_layout,
+    header_names,
     parse_columns,
     parse_number,
     split_cells,
@@ -50,13 +51,14 @@ class TablePixel:
     """Position, m."""
 
 
-def parse_pixel_columns(text: str) -> dict[str, DeclaredColumn]:
-    """Return the columns that `x=Pos X/cm,pixel=Node` declares.
+def parse_pixel_columns(text: str, content: str = "") -> dict[str, DeclaredColumn]:
+    """Return the columns that `x=Pos X/cm,pixel=Node` declares of the table `content`.
 
     Raises:
         ConfigError: If it is not such.
     """
-    return parse_columns(text, PIXEL_COLUMNS)
+    names = header_names(content.splitlines()[:MAX_HEADER_LINES]) if "/" in text else frozenset[str]()
+    return parse_columns(text, PIXEL_COLUMNS, names)
 
 
 def pixels_of(

@@ -37,6 +37,7 @@ from pointit.schemas.environment import (
     TrackedObject,
     TrackedObjects,
 )
+from pointit.schemas.home import HomeLamp, HomeSetup, SetUpHome
 from pointit.schemas.person import (
     WRIST_PATIENCE_S,
     BodyMeasures,
@@ -139,7 +140,8 @@ __all__ = [
     "BodyMeasures", "Box", "ButtonEvent", "CancelLocalization", "Candidate", "Claim", "ClearSelection",
     "ClockTick", "Cloud", "Configuration", "ConveyorState", "Cursor", "Cylinder", "DecodeError",
     "Departure", "Deployment", "Done", "Environment", "ExpectedService", "Feedback", "Figure",
-    "FindReferents", "Goal", "Health", "Hover", "ImuSample", "Interaction", "KeyHealth", "KeyNameError",
+    "FindReferents", "Goal", "Health", "HomeLamp", "HomeSetup",
+    "Hover", "ImuSample", "Interaction", "KeyHealth", "KeyNameError",
     "Lamp", "LampColor", "LampLease", "LampLeases", "LampMiss", "LitPixels", "Localization", "Message",
     "Passed", "Plane", "PointAnchor", "PointingOffset", "PointingRay", "Quantiles", "Query",
     "ReadHistory", "ReadHistoryReply", "Referent", "Referents", "ReleaseObject", "RememberedBias",
@@ -148,7 +150,8 @@ __all__ = [
     "SelectionEvent", "SelectionManner",
     "SendRobot", "ServedRequest", "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod",
     "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing",
-    "SetTolerance", "SetToleranceReply", "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",
+    "SetTolerance", "SetToleranceReply", "SetUpHome",
+    "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",
     "StartLocalization", "Steering", "Step", "StopRobot", "Strip", "StripFrame", "StripsFrame", "Thing",
     "ThingState", "ThingStates", "TrackedObject", "TrackedObjects", "Understood", "UndoSelection",
     "UseMap", "UseMapReply", "UserPose", "UserProfile", "Word", "WristSample", "decode", "encode", "pack",

@@ -196,10 +196,17 @@ class Frame(SchemaModel):
     ] = (0.0, 0.0, 0.0, 1.0)
 
 
+class PacedPlace(SchemaModel):
+    """A place on the floor from which things of the map were pointed at."""
+
+    id: Id
+    position_m: Annotated[tuple[Real, Real], Field(description="{W}")]
+
+
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
 
-    version: ClassVar[int] = 6
+    version: ClassVar[int] = 7
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
@@ -218,6 +225,13 @@ class Environment(Message):
     fences: Many[Fence] = ()
     frames: Many[Frame] = ()
     things: Many[Thing] = ()
+    paced_from: Annotated[
+        Many[PacedPlace],
+        Field(
+            description="places of a map without measured lengths: directions from them, and from between "
+            "two, are known better than positions; empty if it was measured"
+        ),
+    ] = ()
 
     @property
     def fixed_things(self) -> tuple[Thing, ...]:

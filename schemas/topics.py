@@ -6,7 +6,7 @@ No other module spells a key: services name the rows of this table.
 
 from typing import Any
 
-from pointit.schemas import environment, person, pointing, requests, selection, system
+from pointit.schemas import environment, home, person, pointing, requests, selection, system
 from pointit.schemas.robots import ROBOT_PLAN, ROBOT_STATE, STEERING
 from pointit.schemas.table_types import (
     ANY,
@@ -137,13 +137,17 @@ SET_MOUNTING = Request(
     key="imu/{user}/set_mounting", query=requests.SetMounting, reply=requests.SetMountingReply,
     server="imu-bridge", about="how the sensor sits on the arm",
 )
+SET_UP_HOME = Request(
+    key="home/set_up", query=home.SetUpHome, reply=home.HomeSetup, server="home-assistant",
+    about="the cards that set up a home: operators only",
+)
 
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
     RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP, STOP_ROBOT,
     FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP, SET_YAW_ORIGIN,
-    SET_MOUNTING, SAY,
+    SET_MOUNTING, SAY, SET_UP_HOME,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""
@@ -161,7 +165,8 @@ __all__ = [
     "REQUESTS", "RESET_CONVEYOR", "ROBOT_PLAN", "ROBOT_STATE", "RUN_SCENARIO", "SAY", "SELECTION",
     "SELECTION_EVENTS", "SEND_ROBOT", "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING",
     "SET_HEADING", "SET_LAMP", "SET_METHOD", "SET_MOUNTING", "SET_OFFSET", "SET_POSE", "SET_SPEED",
-    "SET_THING", "SET_TOLERANCE", "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE", "SHOW_PIXELS", "SPEECH",
+    "SET_THING", "SET_TOLERANCE", "SET_UP_HOME", "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE",
+    "SHOW_PIXELS", "SPEECH",
     "START_LOCALIZATION", "STEERING", "STEP", "STOP_ROBOT", "STRIPS_FRAME", "THING_STATES", "TOPICS",
     "UNDERSTOOD", "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request",
     "Topic", "check_name", "topic_of",

@@ -108,8 +108,12 @@ class Process:
 HOME_ASSISTANT = Process(
     name="home-assistant", scope="site", room="bridges", extra="home-assistant",
     about="things that are entities of a Home Assistant: actions there, and their state back",
-    reads=(topics.MAP, topics.HOVER, topics.SELECTION_EVENTS, topics.ANNOUNCED),
+    reads=(
+        topics.MAP, topics.HOVER, topics.SELECTION_EVENTS, topics.ANNOUNCED, topics.RAY, topics.IMU,
+        topics.BUTTON,
+    ),
     writes=(topics.THING_STATES, topics.ACT_RESULTS),
+    serves=(topics.SET_UP_HOME,),
 )
 PROCESSES: list[Process] = [
     Process(

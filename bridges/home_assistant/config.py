@@ -41,6 +41,10 @@ class HomeAssistantConfig(Config):
     token_file: str = Field(
         default="", description="file with a long-lived access token, made in your profile there, Security"
     )
+    setup: str = Field(
+        default="",
+        description="folder of `pointit home`, which sets it: its cards set up address, token and lamps",
+    )
     hover: bool = Field(
         default=True, description="lamps that are on brighten or dim by a fifth while somebody points at them"
     )

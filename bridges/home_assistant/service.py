@@ -4,7 +4,7 @@ import asyncio
 import bisect
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pointit.bridges.home_assistant.announcer import VOICES, HomeAnnouncer
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
@@ -24,10 +24,13 @@ from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Environment, Hover, ThingState
+from pointit.schemas import Environment, HomeSetup, Hover, SetUpHome, ThingState
 from pointit.schemas.environment import Thing
 from pointit.schemas.text import first_of, one_line
-from pointit.schemas.topics import ANNOUNCED, HOVER, MAP
+from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SET_UP_HOME
+
+if TYPE_CHECKING:  # loads the fit of a map, which few runs need
+    from pointit.bridges.home_assistant.setup.setup_session import SetupSession
 
 FIRST_REPLY_S = 3.0
 """Time after the login within which Home Assistant states everything, s."""
@@ -90,6 +93,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
         )
         self._carrier = Carrier(self.bus, self.clock, self.NAME)
+        self._setup: SetupSession | None = self._make_setup(config)
+        self.bus.serve(SET_UP_HOME, self._on_set_up)
         self.bus.subscribe(MAP, self._on_map)
         if config.hover:
             self.bus.subscribe(HOVER, self._on_hover)
@@ -100,13 +105,39 @@ class HomeAssistant(Service[HomeAssistantConfig]):
     def validate_config(cls, config: HomeAssistantConfig) -> None:
         """Check that a Home Assistant and a token are named. Raises ConfigError."""
         require_client()
+        if config.setup:  # its cards ask for both
+            return
         config.check()
         config.read_token()
+
+    def _make_setup(self, config: HomeAssistantConfig) -> "SetupSession | None":
+        """Return the set-up of a home, or None if this run has none. Raises ConfigError."""
+        if not config.setup:
+            return None
+        from pointit.bridges.home_assistant.setup.setup_session import SetupSession  # noqa: PLC0415 - see above
+
+        return SetupSession(
+            expand_home(config.setup),
+            self.bus,
+            state_of=lambda entity: self._states.get(entity, {}),
+            wake=self._commands.wake,
+        )
+
+    async def _on_set_up(self, query: SetUpHome, _name: str) -> HomeSetup:
+        """Answer a card of the set-up. Raises RefusedError."""
+        if self._setup is None:
+            raise RefusedError("this run sets up no home: start `pointit home`")
+        reply = await self._setup.act(query, self._problem)
+        if not self._setup.entities <= self._states.keys():
+            self._should_read = True
+            self._announce_change()
+        return reply
 
     async def run(self) -> None:
         """Stay connected until cancelled."""
         try:
             while True:
+                await self._await_address()
                 try:
                     await self._serve()
                 except LoginError as error:
@@ -114,7 +145,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                     await self._wait_for_new_token()
                 except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
                     self._lose(str(error) or f"{self.config.url} does not answer: restart it")
-                    await asyncio.sleep(RETRY_S)
+                    await self._pause()
         finally:
             await self._carrier.close()
 
@@ -128,8 +159,31 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Wait for another token: with the same one Home Assistant blocks this machine in the end."""
         path = expand_home(self.config.token_file)
         rejected = await asyncio.to_thread(_content, path)
-        while await asyncio.to_thread(_content, path) == rejected:  # noqa: ASYNC110 - a file
+        while await asyncio.to_thread(_content, path) == rejected and not self._has_new_address:
+            await self._pause()
+
+    async def _await_address(self) -> None:
+        """Use the address that the cards have set up, and wait until there is one."""
+        if self._setup is None:
+            return
+        self._setup.address_changed.clear()
+        self.config = self._setup.config_of(self.config)
+        if not self.config.url:
+            self._problem = "no Home Assistant is set up yet: open the page and choose one"
+            self.bus.clear("connection")
+            await self._setup.address_changed.wait()
+            await self._await_address()
+
+    @property
+    def _has_new_address(self) -> bool:
+        return self._setup is not None and self._setup.address_changed.is_set()
+
+    async def _pause(self) -> None:
+        """Wait before the next connection, or until the cards have another address."""
+        if self._setup is None:
             await asyncio.sleep(RETRY_S)
+        else:
+            await wait_up_to(self._setup.address_changed, RETRY_S)
 
     async def _serve(self) -> None:
         async with connected(self.config) as connection:
@@ -139,6 +193,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 asyncio.create_task(self._follow(connection), name="states of Home Assistant"),
                 asyncio.create_task(self._announcer.speak(connection), name="names for Home Assistant"),
             }
+            if self._setup is not None:
+                tasks.add(asyncio.create_task(self._setup.run(connection), name="set-up of the home"))
             try:
                 done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
                 await (reading if reading in done else done.pop())
@@ -194,11 +250,15 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         used = {name: each for name, each in states.items() if self._is_used(name)}
         for entity in used.keys() - self._states.keys():
             self._commands.on_first_state(entity, used[entity])
+            if self._setup is not None:
+                self._setup.on_first_state(entity, used[entity])
         self._states |= used | self._states  # events since the request are newer
 
     def _is_used(self, entity: str) -> bool:
         """Return True if the state of an entity matters here."""
         if entity in self._entities or entity in self._commands.dimmed:
+            return True
+        if self._setup is not None and entity in self._setup.entities:
             return True
         if not entity.startswith(VOICES):
             return False
@@ -299,7 +359,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
     def _hovered_entities(self) -> set[str]:
         oldest_s = self._loop.time() - MAX_HOVER_AGE_S
         names = {name for name, received_s in self._hovers.values() if received_s >= oldest_s}
-        return {action.entity for name, (_thing, action) in self._things.items() if name in names}
+        entities = {action.entity for name, (_thing, action) in self._things.items() if name in names}
+        return entities if self._setup is None else entities | self._setup.hovered
 
     def _on_state_changed(self, data: Mapping[str, Any]) -> None:
         entity = data.get("entity_id")
@@ -310,6 +371,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if is_state(state):
             self._states[entity] = state
         self._commands.on_state(entity, before, self._states.get(entity, {}))
+        if self._setup is not None:
+            self._setup.on_state(entity, self._states.get(entity, {}))
         if before.get("state") == self._states.get(entity, {}).get("state"):
             return
         self._announce_change()

@@ -46,6 +46,7 @@ SECTIONS = frozenset(
         "cylinders",
         "spheres",
         "clouds",
+        "paced_from",
         "fences",
         "frames",
         "things",

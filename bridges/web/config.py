@@ -74,6 +74,10 @@ class WebConfig(AddressConfig):
         default="",
         description="the `--output` of the run, set by `pointit run`; a connected light of that name waits",
     )
+    home_folder: str = Field(
+        default="",
+        description="folder of the home that pages set up, set by `pointit home`; there is none if empty",
+    )
     scan_file: str = Field(
         default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
     )

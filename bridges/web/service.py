@@ -14,6 +14,7 @@ from starlette.websockets import WebSocket
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.model.history import EventHistory
+from pointit.bridges.web.model.home_site import HomeSite
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.separability import FloorSeparability
@@ -116,6 +117,7 @@ class Web(Service[WebConfig]):
             wrists=self._wrists, people=self._people, clock=self.clock, ended=self._changed
         )
         hello = functools.partial(hello_of, version=version, site=self.bus.site, language=config.language)
+        home = HomeSite(self.bus, config.home_folder)
         self._pages = Pages(
             self._model.cache,
             self.bus,
@@ -123,7 +125,7 @@ class Web(Service[WebConfig]):
             self._wrists.users_of,
             rate_hz=config.rate_hz,
             max_viewers=config.most_viewers,
-            hello=functools.partial(hello, speaks=config.announce == "page"),
+            hello=functools.partial(hello, speaks=config.announce == "page", has_home=home.is_there),
         )
         self._visits = Visits(recent, self._pages, self.clock, version)
         bundle = Bundle()
@@ -175,6 +177,7 @@ class Web(Service[WebConfig]):
             maps=maps,
             scan=self._scan_server,
             devices=self._devices,
+            home=home,
             present=lambda: self._model.present,
             changed=self._changed,
         )

@@ -105,6 +105,7 @@ class Hello(WireModel):
         bool, Field(description="names of things are spoken here, unless the person chose otherwise")
     ] = False
     language: Annotated[str, Field(description="of these names; the browser's if empty")] = ""
+    home: Annotated[bool, Field(description="there is a home that this page may set up")] = False
 
 
 class ServiceLine(WireModel):

@@ -31,6 +31,7 @@ from pointit.schemas.topics import (
     SERVED,
     SERVICE_ALIVE,
     SET_THING,
+    SET_UP_HOME,
     SHARD_ALIVE,
     SPEECH,
     STEP,
@@ -75,7 +76,7 @@ WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
 a secured site each of them needs an identity of its own: `pointit site service add NAME`."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
 """Requests of the person and operators only: what a person means by a word. No bridge offers them."""
-OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, SET_UP_HOME, USE_MAP)
 """Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
 OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
 """Topics that only the service of that name and operators write: a false state blocks a thing, a false result

@@ -21,6 +21,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.home import HomeAct, HomeHand, HomePlace, HomeStep
 from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
 
@@ -319,6 +320,26 @@ class FeedbackRequests(_Requests[D]):
         the same text with `is_over`; with the instance name of a `service`, also until that ends.
         """
         return self._do(topics.SAY, user, text=text, stays=stays, service=service, is_over=is_over)
+
+
+class HomeRequests(_Requests[D], Generic[D, R]):
+    """Requests to the set-up of a home."""
+
+    def set_up(  # noqa: PLR0917 - the fields of the query in their order
+        self,
+        act: HomeAct = "read",
+        url: str = "",
+        lamps: Sequence[str] = (),
+        hand: HomeHand = "",
+        user: str = "",
+        place: HomePlace = "",
+        step: HomeStep | None = None,
+    ) -> R:
+        """Do one act at the cards of `pointit home`, and return what they show. For operators only."""
+        reply: R = self._ask(
+            topics.SET_UP_HOME, act=act, url=url, lamps=lamps, hand=hand, user=user, place=place, step=step
+        )
+        return reply
 
 
 class Lamp(Generic[D, F]):

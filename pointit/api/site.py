@@ -26,6 +26,7 @@ from pointit.schemas import (
     Cursor,
     Done,
     Health,
+    HomeSetup,
     Hover,
     Interaction,
     LampColor,
@@ -101,6 +102,7 @@ class Site:
         self.leds = requests.LedsRequests[Awaitable[Done]](send)
         self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
         self.feedback = requests.FeedbackRequests[Awaitable[Done]](send)
+        self.home = requests.HomeRequests[Awaitable[Done], Awaitable[HomeSetup]](send)
 
     @classmethod
     @contextlib.asynccontextmanager

@@ -24,6 +24,7 @@ from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
     AddPackageReply,
     Done,
+    HomeSetup,
     LampColor,
     Message,
     Query,
@@ -164,6 +165,7 @@ class SyncSite:
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
         self.feedback = requests.FeedbackRequests[Done](send)
+        self.home = requests.HomeRequests[Done, HomeSetup](send)
 
     def __enter__(self) -> Self:
         return self

@@ -102,6 +102,7 @@ _ROUTER = ours("router", "run a router that joins several machines", "router")
 COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
         ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
+        ours("home", "point at the lamps of your home, set up in the page", "home"),
         ours("dashboard", "open the page of a site on this or another machine", "page:dashboard"),
         ours("list", "list scenarios, maps, plug-ins and services", "inspect.listings"),
     ),

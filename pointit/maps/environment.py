@@ -22,6 +22,7 @@ from pointit.schemas.environment import (
     Fence,
     Frame,
     Lamp,
+    PacedPlace,
     Plane,
     Sphere,
     Strip,
@@ -136,6 +137,9 @@ def environment(
             for key, each in file.fences.items()
         ),
         things=things_of(file),
+        paced_from=tuple(
+            PacedPlace(id=key, position_m=place.position) for key, place in file.paced_from.items()
+        ),
     )
 
 

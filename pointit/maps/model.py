@@ -430,6 +430,12 @@ class FenceEntry(_Entry):
         return self
 
 
+class PlaceEntry(_Entry):
+    """A place on the floor from which lamps of the map were pointed at; see `scan/paced.py`."""
+
+    position: Vec2
+
+
 class MapFile(_Entry):
     """The whole file. {W}, metres, z up."""
 
@@ -446,6 +452,7 @@ class MapFile(_Entry):
     clouds: dict[_Name, CloudEntry] = {}
     fences: dict[_Name, FenceEntry] = {}
     things: dict[_Name, ThingEntry] = {}
+    paced_from: dict[_Name, PlaceEntry] = {}
 
 
 ENTRIES: dict[str, type[BaseModel]] = {

@@ -107,17 +107,25 @@ def locate(rays: Sequence[TargetRay]) -> dict[str, PointedAt]:
     """
     if not rays:
         raise RefusedError("nobody has pointed at anything yet")
-    model = _Model(rays)
+    model = PointingModel(rays)
     found: Any = least_squares(model.residuals, model.start())
     covariance = np.asarray(np.linalg.pinv(found.jac.T @ found.jac), dtype=np.float64)
     return model.targets(found.x, found.fun, covariance)
 
 
-class _Model:
+class PointingModel:
     """Unknowns: three of each target, then two of each person (azimuth, elevation), three of each place."""
 
-    def __init__(self, rays: Sequence[TargetRay]) -> None:
+    def __init__(
+        self,
+        rays: Sequence[TargetRay],
+        *,
+        hold_sigma_rad: float = HOLD_SIGMA_RAD,
+        bias_sigma_rad: float = BIAS_SIGMA_RAD,
+    ) -> None:
+        """Prepare the fit of `rays`, at least one."""
         self._all = rays
+        self._hold_sigma_rad = hold_sigma_rad
         self._targets = list(dict.fromkeys(each.target for each in rays))
         self._people = list(dict.fromkeys(each.person for each in rays))
         self._places = {(each.person, each.place): each for each in rays}
@@ -130,7 +138,7 @@ class _Model:
         self.count = base + 3 * len(keys)
         self.origins = np.array([each.origin_m for each in rays])
         self.directions = np.array([each.direction for each in rays])
-        sigmas = [np.full(2 * len(self._people), BIAS_SIGMA_RAD)]
+        sigmas = [np.full(2 * len(self._people), bias_sigma_rad)]
         sigmas += [
             np.array([each.place_sigma_m, each.place_sigma_m, each.heading_sigma_rad])
             for each in self._places.values()
@@ -161,8 +169,12 @@ class _Model:
         off_az = (off_az + np.pi) % (2 * np.pi) - np.pi
         off_el = np.arctan2(z, np.maximum(np.hypot(x, y), NEAREST_M)) + values[self.person + 1] - measured_el
         level = np.cos(measured_el)  # an azimuth error of a steep ray is a smaller angle
-        priors = values[self.count - len(self._prior_sigmas) :] / self._prior_sigmas
-        return np.concatenate([off_az * level / HOLD_SIGMA_RAD, off_el / HOLD_SIGMA_RAD, priors])
+        sigma_rad = self._hold_sigma_rad
+        return np.concatenate([off_az * level / sigma_rad, off_el / sigma_rad, self.priors(values)])
+
+    def priors(self, values: Array) -> Array:
+        """Return the weighted residuals of the unknowns of people and places."""
+        return values[self.count - len(self._prior_sigmas) :] / self._prior_sigmas
 
     def targets(self, values: Array, residuals: Array, covariance: Array) -> dict[str, PointedAt]:
         """Return the targets with their notes."""
@@ -175,7 +187,7 @@ class _Model:
             sights = position - self.origins[own]
             sights /= np.maximum(np.linalg.norm(sights, axis=1, keepdims=True), 1e-9)
             angle = float(np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)))
-            left = np.concatenate([residuals[own], residuals[count + own]]) * HOLD_SIGMA_RAD
+            left = np.concatenate([residuals[own], residuals[count + own]]) * self._hold_sigma_rad
             sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0)))
             places = len(set(self.place[own].tolist()))
             behind = bool(np.any(np.sum(sights * self.directions[own], axis=1) < 0))

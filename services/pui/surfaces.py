@@ -75,11 +75,12 @@ def group_by_priority(
     """Return the things of `kinds` by their priority, which is that of the id or else of the kind.
 
     Raises:
-        ValueError: If there are none (unless `may_be_empty`, or the map has things that react), a cloud is
-            missing, or a priority has no thing.
+        ValueError: If there are none (unless `may_be_empty`, or the map has things that react, or is being
+            paced), a cloud is missing, or a priority has no thing.
     """
     shapes = shapes_of(environment, kinds, clouds)
-    is_allowed = may_be_empty or bool(environment.things)
+    is_in_preparation = bool(environment.paced_from)  # things are placed while the site runs
+    is_allowed = may_be_empty or bool(environment.things) or is_in_preparation
     if not shapes and not is_allowed:
         available = [kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds)]
         raise ValueError(

@@ -33,7 +33,9 @@ DEVICES = {
             ble/xsens_dot.py network/datagram_source.py network/udp_server.py network/slimevr.py
             network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
-        "home-assistant": "announcer.py connection.py entity_commands.py",
+        "home-assistant": """
+            announcer.py connection.py entities.py entity_commands.py setup/home_files.py
+            setup/setup_session.py""",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py",
         "reactions": "http_status.py targets.py",
@@ -51,7 +53,8 @@ DEVICES = {
             server/certificate.py server/lan.py server/link_file.py server/paced_websocket.py
             pages/page_session.py
             model/history.py model/people.py wrists/phone.py server/listener.py playback/file_past.py
-            playback/past_page.py model/map_editor.py model/separability.py scan/scan_server.py
+            playback/past_page.py model/home_site.py model/map_editor.py model/separability.py
+            scan/scan_server.py
             scan/session.py scan/solver_process.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py

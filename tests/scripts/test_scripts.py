@@ -162,7 +162,7 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
     extras = (
-        "plot web record site ble fusion mcp mqtt lsl home-assistant webhooks "
+        "plot web record site ble fusion mcp mqtt lsl home-assistant home webhooks "
         "speech qtm discovery docs foxglove ros2 test dev lab"
     )
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"

@@ -136,6 +136,11 @@ class Devices:
         if deployment.scenario:
             self._localizes = deployment.localizes
 
+    @property
+    def strips(self) -> Mapping[str, int]:
+        """Return the number of pixels of each strip of the map."""
+        return self._strips
+
     def lines(self) -> tuple[DeviceLine, ...]:
         """Return the connected devices, in the order of their connection."""
         return tuple(
@@ -160,9 +165,9 @@ class Devices:
 
         Returns:
             `devices`, each with `kind`, `plugin`, `address`, `label`, `pixels` and `use`, the option of
-            `pointit run` that chooses it; `homes`, Home Assistants with `label` and the `command` that
-            imports from them; `problems`, a sentence for each search that could not run; `can_connect`, True
-            if `connect` is possible here.
+            `pointit run` that chooses it; `homes`, Home Assistants with `label`, `url` and the `command`
+            that imports from them; `problems`, a sentence for each search that could not run;
+            `can_connect`, True if `connect` is possible here.
         """
         async with self._searching:
             from pointit.bridges.web.devices.search import find  # noqa: PLC0415 - see above
@@ -174,7 +179,10 @@ class Devices:
                 {**device.model_dump(include=listed), "use": use}
                 for device, use in zip(found.devices, found.uses, strict=True)
             ],
-            "homes": [{"label": label, "command": command} for label, command in found.homes],
+            "homes": [
+                {"label": label, "command": command, "url": address}
+                for label, command, address in found.homes
+            ],
             "problems": list(found.problems),
             "can_connect": bool(self.address),
         }

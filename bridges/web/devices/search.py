@@ -27,8 +27,8 @@ class FoundDevices:
     """Devices as they would be stored, without the name of a person or strip."""
     uses: tuple[str, ...]
     """Option of `pointit run` that chooses each."""
-    homes: tuple[tuple[str, str], ...] = ()
-    """Label of each Home Assistant, and the command that imports its lamps and switches."""
+    homes: tuple[tuple[str, str, str], ...] = ()
+    """Label of each Home Assistant, the command that imports its lamps and switches, and its address."""
     problems: tuple[str, ...]
     """A sentence for each search that could not run."""
 
@@ -42,7 +42,7 @@ def find() -> FoundDevices:
     groups = {kind: GROUPS[kind] for kind, _ in KINDS.values()}
     results = search({**groups, HOME: HOME_ASSISTANTS}, SEARCH_S, lambda _done: None)
     homes = [
-        (each.label, f"{IMPORT} {import_options(each)}")
+        (each.label, f"{IMPORT} {import_options(each)}", each.address)
         for result in results
         if result.kind == HOME
         for each in result.found

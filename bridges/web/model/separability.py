@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from pointit.bridges.web.wire import SharedReply
+from pointit.maps.checks.pacing import uncovered_things
 from pointit.maps.checks.things import TESTED, confusions
 from pointit.maps.floor import extent, floor_edges
 from pointit.runtime.errors import RefusedError
@@ -30,6 +31,8 @@ class Floor(TypedDict):
     """Number of things that a person there tells apart."""
     confused: list[list[list[tuple[int, int]]]]
     """Pairs of indices of things that they do not, at most `MAX_PAIRS` a square."""
+    uncovered: list[list[list[int]]]
+    """Indices of things to which a paced map knows no direction from there, at most `MAX_PAIRS` a square."""
 
 
 class FloorSeparability:
@@ -80,11 +83,22 @@ def floor(room: Environment) -> Floor:
     x_m, y_m = floor_edges(*extent(room, clouds, None))
     things = room.fixed_things
     pairs = confusions(things)
-    found = [[pairs((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
-    return {
+    squares: Floor = {
         "x_m": x_m,
         "y_m": y_m,
         "things": [thing.label or thing.id for thing in things],
-        "told_apart": [[len(things) - len(set(chain(*each))) for each in row] for row in found],
-        "confused": [[each[:MAX_PAIRS] for each in row] for row in found],
+        "told_apart": [],
+        "confused": [],
+        "uncovered": [],
     }
+    for y, y2 in pairwise(y_m):
+        centers_m = [((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)]
+        confused = [pairs(*center_m) for center_m in centers_m]
+        uncovered = [uncovered_things(room.paced_from, things, *center_m) for center_m in centers_m]
+        told_apart: list[int] = []
+        for square_pairs, square_uncovered in zip(confused, uncovered, strict=True):
+            told_apart.append(len(things) - len({*chain(*square_pairs), *square_uncovered}))
+        squares["told_apart"].append(told_apart)
+        squares["confused"].append([each[:MAX_PAIRS] for each in confused])
+        squares["uncovered"].append([each[:MAX_PAIRS] for each in uncovered])
+    return squares

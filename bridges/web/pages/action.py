@@ -9,6 +9,7 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict
 
 from pointit.bridges.web.devices.devices import Devices
+from pointit.bridges.web.model.home_site import HomeSite
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.separability import FloorSeparability
@@ -65,6 +66,7 @@ class ActionContext:
     maps: MapEditor
     scan: ScanServer
     devices: Devices
+    home: HomeSite
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]

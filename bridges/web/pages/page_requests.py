@@ -109,7 +109,14 @@ async def _reply(context: ActionContext, page: str, role: Role, ask: Ask) -> Jso
 
 
 def hello_of(
-    role: Role, *, version: str, site: str, speaks: bool = False, language: str = "", user: str = ""
+    role: Role,
+    *,
+    version: str,
+    site: str,
+    speaks: bool = False,
+    language: str = "",
+    user: str = "",
+    has_home: bool = False,
 ) -> Hello:
     """Return the greeting of a page of this role. Its headset may move `user`."""
     return Hello(
@@ -121,6 +128,7 @@ def hello_of(
         user=user,
         speaks=speaks,
         language=language,
+        home=has_home and role == "operator",
     )
 
 

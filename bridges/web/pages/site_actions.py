@@ -8,13 +8,15 @@
   `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/separability.py`.
+- `set_up_home`: an act at the cards of `pointit home`, a `SetUpHome`, and a `token` of Home Assistant,
+  which is stored and goes nowhere else; the reply has the fields of `HomeSetup`, see `model/home_site.py`.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
 
 import time
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SecretStr
 
 from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
 from pointit.bridges.web.pages.action import (
@@ -29,6 +31,7 @@ from pointit.bridges.web.pages.action import (
 )
 from pointit.maps.edit import Edit
 from pointit.runtime.errors import RefusedError
+from pointit.schemas import SetUpHome
 
 MAX_EDITS = 1000
 
@@ -88,6 +91,22 @@ async def _check_mounting(context: ActionContext, _: PageSender, device: OneDevi
     return await context.devices.check_mounting(device.id)
 
 
+def _only_text(token: object) -> object:
+    """Return a token that is a text or missing, and an empty one for all else: an error would quote it."""
+    return token if token is None or isinstance(token, str) else ""
+
+
+class SetUp(ActionParameters):
+    """An act at the cards of a home."""
+
+    query: SetUpHome = SetUpHome()
+    token: Annotated[SecretStr | None, BeforeValidator(_only_text)] = None
+
+
+async def _set_up_home(context: ActionContext, _: PageSender, wanted: SetUp) -> JsonObject:
+    return await context.home.set_up(wanted.query, wanted.token, dict(context.devices.strips))
+
+
 async def _read_floor(context: ActionContext, _: PageSender, __: NoParameters) -> JsonObject:
     return await context.separability.answer()
 
@@ -128,6 +147,7 @@ SITE_ACTIONS: tuple[Action[Any], ...] = (
     Action("forget_device", "site", OneDevice, CONTROL, _forget_device),
     Action("show_device", "site", OneDevice, CONTROL, _show_device),
     Action("check_mounting", "site", OneDevice, CONTROL, _check_mounting),
+    Action("set_up_home", "site", SetUp, CONTROL, _set_up_home),
     Action("told_apart", "site", NoParameters, LOOK, _read_floor),
     Action("read_map", "site", NoParameters, CONTROL, _read_map),
     Action("check_map", "site", MapEdits, CONTROL, _check_map),

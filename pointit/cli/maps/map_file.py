@@ -263,7 +263,7 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
         raise ConfigError(f"pictures need matplotlib, which is not installed; run {remedy('plot')}")
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
-    shares = separability(room.fixed_things) if shades else None
+    shares = separability(room.fixed_things, room.paced_from) if shades else None
     from pointit.maps.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:

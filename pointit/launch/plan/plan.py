@@ -100,7 +100,7 @@ class Scenario(Config):
         layers = Layers()
         content = read_yaml(path)
         if content.keys() & MapFile.model_fields.keys() and not content.keys() & cls.model_fields.keys():
-            if content.get("things"):
+            if content.get("things") or content.get("paced_from"):  # a home may have none yet
                 return cls._of_things(path, source)
             raise ConfigError(
                 f"{source}: is a map, not a scenario; run a scenario in it: `pointit run scenario_2 --set "

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pointit.geometry.solids import FloorArea
 from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.checks.lines import check_belts, check_extent, check_lines, check_strips
+from pointit.maps.checks.pacing import check_pacing, pacing_text
 from pointit.maps.checks.things import check_lamps, check_things
 from pointit.maps.environment import broken_references, lanes_of
 from pointit.maps.file import MapError, read_clouds, to_message
@@ -49,11 +50,12 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(file.frames), "frame", ""),
         (len(file.things), "thing", ""),
     )
-    return ", ".join(
+    counted = ", ".join(
         f"{count} {word}{'' if count == 1 else 'es' if word == 'box' else 's'}{more}"
         for count, word, more in counts
         if count
     )
+    return "; ".join(filter(None, (counted, pacing_text(file))))
 
 
 def _with(count: int, what: str) -> str:
@@ -89,6 +91,7 @@ def check_map(
         *_check_solids(file),
         *check_fences(file.fences),
         *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
+        *check_pacing(file, [*((person_m,) if person_m else ()), *poses_m]),
         *_check_duplicates(file),
     ]
     return sorted(found, key=lambda each: each.severity)

@@ -13,9 +13,11 @@ from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import MapFinding, error, warning
+from pointit.maps.checks.pacing import uncovered_things
 from pointit.maps.model import ROUNDED_M, LampEntry, MapFile, broken_things, things_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
+from pointit.schemas.environment import PacedPlace
 from pointit.schemas.text import first_of
 
 SYLLABLE_S = 0.2
@@ -238,14 +240,23 @@ def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[i
     return pairs
 
 
-def separability(things: Sequence[Thing]) -> Callable[[float, float], float]:
+def separability(
+    things: Sequence[Thing], paced_from: Sequence[PacedPlace] = ()
+) -> Callable[[float, float], float]:
     """Return a function of a place (x, y) of a person: the share of things that pointing alone tells apart.
+
+    Things to which a map `paced_from` places knows no direction from (x, y) are not told apart.
 
     Raises:
         ConfigError: If there are no things.
     """
     pairs = confusions(things)
-    return lambda x, y: 1.0 - len(set(chain(*pairs(x, y)))) / len(things)
+
+    def share(x: float, y: float) -> float:
+        unclear = {*chain(*pairs(x, y)), *uncovered_things(paced_from, things, x, y)}
+        return 1.0 - len(unclear) / len(things)
+
+    return share
 
 
 def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:

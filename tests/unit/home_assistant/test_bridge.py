@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from pointit.bridges.home_assistant import service
-from pointit.cli.maps.home_assistant import entities_of, with_things
+from pointit.bridges.home_assistant.entities import entities_of
+from pointit.cli.maps.home_assistant import with_things
 from pointit.maps.file import parse_map_file
 from pointit.maps.model import things_of
 from pointit.schemas import Announced, Environment

@@ -41,7 +41,7 @@ async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
 
     def floor(room: Environment) -> Floor:
         computed.append((room.name, threading.current_thread() is threading.main_thread()))
-        return Floor(x_m=[], y_m=[], things=[room.name], told_apart=[], confused=[])
+        return Floor(x_m=[], y_m=[], things=[room.name], told_apart=[], confused=[], uncovered=[])
 
     monkeypatch.setattr(separability, "floor", floor)
     asked = FloorSeparability()

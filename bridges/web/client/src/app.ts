@@ -37,6 +37,7 @@ import { keepSettings, loadSettings, type Settings } from "./settings";
 import { beginning, makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
 import { emptySite, siteNow, type SiteEvent, type Site } from "./site/site";
+import { homePart } from "./setup/home_part";
 import { chime } from "./sound";
 import { Speaker } from "./speaker";
 import { Stage } from "./stage";
@@ -120,7 +121,7 @@ let namedNs = 0;
 const look = makeLook(controls, speaker, changeLook);
 const panel = makePanel(at("panel"), controls, [
   { name: "Control", icon: "sliders", parts: [personPart(controls), moverPart(controls, mouse, pairing), nowPart(controls), thingsPart(controls), robotsPart(controls), belts, speechPart(controls)] },
-  { name: "Set up", icon: "map", parts: [peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
+  { name: "Set up", icon: "map", parts: [homePart(controls, pairing, () => panel), peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);

@@ -140,7 +140,7 @@ test("objects are carried on along their surface, around corners and past its en
 
 const EMPTY: Environment = {
   name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], fences: [], frames: [], cylinders: [], lamps: [], links: [],
-  planes: [], spheres: [], strips: [], things: [],
+  paced_from: [], planes: [], spheres: [], strips: [], things: [],
 };
 
 test("bounds take in everything with an end, and the floor", () => {

@@ -13,7 +13,7 @@ import { pointedPosition } from "./pointed_position";
 const STRIP: Strip = { id: "0", line_m: [[0, 0, 1], [2, 0, 1]], direction: 1, pixels: 4 };
 
 function room(parts: Partial<Environment> = {}): Environment {
-  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], fences: [], frames: [], things: [], ...parts };
+  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], fences: [], frames: [], things: [], paced_from: [], ...parts };
 }
 
 function thing(parts: Partial<TrackedObject> = {}): TrackedObject {

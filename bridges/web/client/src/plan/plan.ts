@@ -16,6 +16,7 @@ import { Lanes } from "./lanes";
 import { Lights } from "./lights";
 import { Packages } from "./packages";
 import { People } from "./people";
+import { drawPlaces } from "./places";
 import { Robots } from "./robots";
 import { draw, show, xy } from "./svg";
 import { pointedPosition } from "./pointed_position";
@@ -167,6 +168,7 @@ class Plan implements View {
     drawFloor(this.layers.ground, boundsOf(site.map));
     drawSolids(this.layers.ground, site.map);
     drawFences(this.layers.fences, site.map);
+    drawPlaces(this.layers.fences, site.map);
     drawBelts(this.layers.belts, site.map, this.lanes);
     this.counts = drawBays(this.layers.bays, site.map, this.lanes);
     this.lights = new Lights(this.layers.strips, this.layers.lamps, site.map, this.lanes);

@@ -34,7 +34,7 @@ export interface World {
 /** A map with nothing in it. */
 export const NOTHING: Environment = {
   name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], fences: [], frames: [], lamps: [], links: [],
-  planes: [], spheres: [], strips: [], things: [],
+  paced_from: [], planes: [], spheres: [], strips: [], things: [],
 };
 
 /** Build the parts of `map`. `isStill`: without needless motion. */

@@ -1,0 +1,225 @@
+"""Files of a home in the folder of `pointit home`: its map, its parameters, its token, its state."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pointit.bridges.home_assistant.setup.progress import LAMP, STRIP, ChosenLamp, PlacedLamp, StoredSetup
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.maps.checks.check import check_map
+from pointit.maps.checks.things import check_labels
+from pointit.maps.edit import Add, Edit, Remove, SetValue, edited
+from pointit.maps.file import parse_map_file
+from pointit.maps.light_files.strip_fit import free_name
+from pointit.maps.model import MAX_LABEL, MapFile, things_of
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
+from pointit.scan.paced import FIRST, SECOND
+
+MAP = "home.yaml"
+DRAFT = "placing.yaml"
+"""Map while lamps are pointed at: without things, so that none of them reacts."""
+SITE = "site.yaml"
+TOKEN = "home-assistant.token"  # noqa: S105 - a file's name
+STATE = "setup.json"
+MAX_MAP_BYTES = 16 * 2**20
+SIZE_M = 0.3
+"""Size of a thing that was placed by pointing, m."""
+SECTION = re.compile(r"^home[_-]assistant:.*\n?(?:[ \t]+.*\n?)*", re.MULTILINE)
+"""Section of the Home Assistant in a file of parameters."""
+
+EMPTY_MAP = """# The lamps of your home, placed by `pointit home`. Edit this file as you like: names, modes
+# and all else that docs/reference/maps.md has stay as they are when lamps are placed again.
+paced_from:
+  A: {position: [0, 0]}
+"""
+EMPTY_SITE = """# Parameters of services, read by `pointit home`, in sections SERVICE: {PARAMETER: VALUE}.
+"""
+
+
+class HomeFiles:
+    """The files in one folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Use `folder`, which need not exist."""
+        self.map = folder / MAP
+        self.draft = folder / DRAFT
+        self.site = folder / SITE
+        self.token = folder / TOKEN
+        self.state = StateFile[StoredSetup].at(folder / STATE, StoredSetup)
+
+    def create(self) -> None:
+        """Write the map and the parameters of a new home, unless they are there. Raises ConfigError."""
+        for path, text in ((self.map, EMPTY_MAP), (self.site, EMPTY_SITE)):
+            if not path.exists():
+                write_atomically(path, text.encode())
+
+    def read_map(self) -> bytes:
+        """Return the content of the map, that of an empty one if there is none. Raises ConfigError."""
+        try:
+            return read_limited(self.map, MAX_MAP_BYTES)
+        except FileNotFoundError:
+            return EMPTY_MAP.encode()
+
+    def write_draft(self) -> Path:
+        """Write the map without things, and return its path. Raises PointItError."""
+        write_atomically(self.draft, draft_map(self.read_map(), self.map))
+        return self.draft
+
+    def write_map(self, setup: StoredSetup) -> Path:
+        """Write the lamps of `setup` into the map, and return its path. Raises PointItError."""
+        content = placed_map(self.read_map(), self.map, setup)
+        parse_map_file(content, self.map)
+        write_atomically(self.map, content)
+        return self.map
+
+    def write_site(self, setup: StoredSetup) -> None:
+        """Write the address of Home Assistant into the parameters. Raises ConfigError."""
+        text = EMPTY_SITE
+        if self.site.exists():
+            text = read_limited(self.site, MAX_MAP_BYTES).decode()
+        write_atomically(self.site, with_home_assistant(text, setup.url, self.token).encode())
+
+
+def with_home_assistant(text: str, url: str, token_file: Path) -> str:
+    """Return the parameters in `text` with a Home Assistant, or without one if `url` is empty."""
+    rest = SECTION.sub("", text)
+    if not url:
+        return rest
+    if rest and not rest.endswith("\n"):
+        rest += "\n"
+    # the texts of JSON are those of YAML, too
+    return f"{rest}home_assistant: {{url: {json.dumps(url)}, token_file: {json.dumps(str(token_file))}}}\n"
+
+
+def draft_map(content: bytes, path: Path) -> bytes:
+    """Return the map at `path` without its things. Raises PointItError."""
+    things = parse_map_file(content, path).things
+    text = edited(content, [Remove(section="things", name=name) for name in things], path)
+    # a section without entries would be null
+    return re.sub(rb"^things:[ \t]*(#.*)?\n", b"", text, flags=re.MULTILINE)
+
+
+def placed_map(content: bytes, path: Path, setup: StoredSetup) -> bytes:
+    """Return the map with the lamps of `setup`, where their presses have placed them.
+
+    Things that people have written or changed stay; those of lamps that were deselected go.
+
+    Raises:
+        PointItError: If the form of the file does not allow it.
+    """
+    file = parse_map_file(content, path)
+    names = {_light_of(entry): name for name, entry in file.things.items()}
+    positions: dict[str, dict[str, Vec3]] = {}
+    for placed in setup.placed:
+        positions.setdefault(placed.lamp, {})[placed.end] = placed.position_m
+    edits: list[Edit] = []
+    added: list[str] = []
+    for lamp in setup.lamps:
+        if lamp.id in positions:
+            edits += _edits_of(file, lamp, positions[lamp.id], names.get(lamp.id, ""), added)
+    chosen = {lamp.id for lamp in setup.lamps}
+    for light, name in names.items():
+        if light in setup.offered and light not in chosen:
+            edits.append(Remove(section="things", name=name))
+    edits += _edits_of_places(file, setup.places_m)
+    return edited(content, edits, path)
+
+
+def _light_of(entry: Any) -> str:
+    """Return the id of the light of an entry of `things` as in `HomeLamp`, or `""`."""
+    if isinstance(entry.home_assistant, str):
+        return entry.home_assistant
+    if isinstance(entry.light, str):
+        return f"{LAMP}{entry.light}"
+    return f"{STRIP}{entry.light.line}" if entry.light is not None else ""
+
+
+def _edits_of(
+    file: MapFile, lamp: ChosenLamp, ends: Mapping[str, Vec3], name: str, added: list[str]
+) -> list[Edit]:
+    """Return the edits that place one lamp; a name that they take is appended to `added`."""
+    edits: list[Edit] = []
+    value: dict[str, Any] = {}
+    if lamp.id.startswith(STRIP):
+        strip = lamp.id.removeprefix(STRIP)
+        if strip not in file.strips:
+            raise RefusedError(f"the map has no strip {strip} any more: choose the lamps again")
+        line = [_rounded(ends["first"]), _rounded(ends["last"])]
+        edits.append(SetValue(section="strips", name=strip, key="line", value=line))
+        length_m = round(Polyline((ends["first"], ends["last"])).length_m, 2)
+        value = {"light": {"strip": strip, "from": 0, "to": max(length_m - 0.01, 0.01)}, "mode": "switch"}
+    elif lamp.id.startswith(LAMP):
+        light = lamp.id.removeprefix(LAMP)
+        if light not in file.lamps:
+            raise RefusedError(f"the map has no lamp {light} any more: choose the lamps again")
+        edits.append(SetValue(section="lamps", name=light, key="position", value=_rounded(ends[""])))
+        value = {"light": light, "mode": "switch"}
+    else:
+        value = {"home_assistant": lamp.id, "center": _rounded(ends[""]), "size": [SIZE_M] * 3}
+
+    # A thing that is there keeps what people have written: only its place changes.
+    if name:
+        entry = file.things[name]
+        for key in ("center", "size", "light"):
+            is_needed = (
+                key == "center" or (key == "light" and lamp.id.startswith(STRIP)) or entry.size is None
+            )
+            if key in value and is_needed:
+                edits.append(SetValue(section="things", name=name, key=key, value=value[key]))
+        return edits
+    key_name = lamp.id.partition("." if "." in lamp.id else ":")[2][:64]
+    thing = free_name(key_name, file.things, added)
+    added.append(thing)
+    if lamp.label.isprintable() and lamp.label not in ("", thing) and len(lamp.label) <= MAX_LABEL:
+        value["label"] = lamp.label
+    edits.append(Add(section="things", name=thing, value=value))
+    return edits
+
+
+def _edits_of_places(file: MapFile, places_m: Sequence[tuple[float, float]]) -> list[Edit]:
+    edits: list[Edit] = []
+    for name, place_m in zip((FIRST, SECOND), places_m, strict=False):
+        position = [round(value, 2) for value in place_m]
+        if name in file.paced_from:
+            edits.append(SetValue(section="paced_from", name=name, key="position", value=position))
+        else:
+            edits.append(Add(section="paced_from", name=name, value={"position": position}))
+    if len(places_m) < 2 and SECOND in file.paced_from:
+        edits.append(Remove(section="paced_from", name=SECOND))
+    return edits
+
+
+def lights_of(file: MapFile) -> list[ChosenLamp]:
+    """Return the lights of a map that people can point at: those of controllers in the network."""
+    strips = [ChosenLamp(id=f"{STRIP}{name}", label=name) for name in file.strips]
+    return strips + [ChosenLamp(id=f"{LAMP}{name}", label=name) for name in file.lamps]
+
+
+def advice_on(content: bytes, path: Path, places_m: Sequence[tuple[float, float]]) -> list[str]:
+    """Return sentences on lamps and names of a map that are confused. Raises PointItError."""
+    file = parse_map_file(content, path)
+    findings = [*check_map(file, {}, poses_m=places_m), *check_labels(things_of(file))]
+    sentences: list[str] = []
+    for finding in findings:
+        section, _, name = finding.where.partition(".")
+        if section == "things":
+            entry = file.things.get(name)
+            label = (entry.label or name) if entry is not None else name
+            sentences.append(f"{label} {finding.text}".strip())
+    return sentences
+
+
+def sigmas_of(placed: Sequence[PlacedLamp]) -> dict[str, float]:
+    """Return the standard deviation (rad) of the direction to each lamp, the worst of its ends."""
+    sigmas: dict[str, float] = {}
+    for each in placed:
+        sigmas[each.lamp] = max(sigmas.get(each.lamp, 0.0), each.direction_sigma_rad)
+    return sigmas
+
+
+def _rounded(position_m: Vec3) -> list[float]:
+    return [round(value, 2) for value in position_m]

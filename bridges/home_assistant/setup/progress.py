@@ -1,0 +1,418 @@
+"""State of the set-up of a home, and what each act at its cards does to it. Pure; stored after each act.
+
+    connect ──▶ choose ──▶ hand ──▶ place ──▶ try ──▶ done        `go` returns to any card
+
+In `place`, people point at each lamp from the place A, walk, and point at each again from B. The zero of
+their device's yaw may change meanwhile, as after a restart. Then a lamp that was pointed at before finds it.
+"""
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
+from pointit.scan.paced import FIRST, SECOND, USUAL_M, PacedRoom, locate_paced, paced_ray
+from pointit.schemas.home import HomeHand, HomePlace, HomeStep
+
+STRIP = "strip:"
+LAMP = "lamp:"
+"""Begin of the ids of lights of the map, which are no entities of Home Assistant."""
+MAX_LAMPS = 64
+TRIAL_SPREAD_RAD = math.radians(60.0)
+TRIAL_HEIGHT_M = 1.4
+"""Azimuth of the outermost lamps, and height of all, if nobody points at them: for a trial with the mouse."""
+MIN_HEIGHT_M = 0.16
+"""Least height of a lamp: half its size, so that it stands on the floor."""
+
+End = Literal["", "first", "last"]
+
+
+class _Stored(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ChosenLamp(_Stored):
+    """A lamp that people want to point at; `id` as in `HomeLamp`."""
+
+    id: str
+    label: str = ""
+    area: str = ""
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """Return the ends that are pointed at: two of a strip."""
+        return ("first", "last") if self.id.startswith(STRIP) else ("",)
+
+
+class LampPress(_Stored):
+    """A press of a person who pointed at a lamp, or at an end of a strip.
+
+    Its azimuth is that at the first place, where the map's x axis is that of the device's yaw 0 then.
+    """
+
+    lamp: str
+    end: End
+    place: Literal["A", "B"]
+    azimuth_rad: float
+    elevation_rad: float
+    eyes_m: float
+
+
+class PlacedLamp(_Stored):
+    """Position of a lamp or of an end of a strip, and the standard deviation of its direction."""
+
+    lamp: str
+    end: End
+    position_m: Vec3
+    direction_sigma_rad: float
+
+
+class StoredSetup(_Stored):
+    """The set-up of a home as it is stored."""
+
+    step: HomeStep = "connect"
+    url: str = ""
+    has_home: bool = True
+    """False if the person has said that there is no Home Assistant."""
+    offered: tuple[str, ...] = ()
+    """Ids of all lamps that there were when some were chosen."""
+    lamps: tuple[ChosenLamp, ...] = ()
+    hand: HomeHand = ""
+    user: str = ""
+    place: Literal["A", "B"] = FIRST
+    has_one_place: bool = False
+    presses: tuple[LampPress, ...] = ()
+    repeated: tuple[tuple[str, End], ...] = ()
+    """Targets that were pointed at once more, since their presses contradicted the others."""
+    left_out: dict[str, str] = {}
+    """Lamps that are not placed, with the reason."""
+    turn_rad: float = 0.0
+    """Azimuth at the first place of the device's yaw 0 as it is now."""
+    placed: tuple[PlacedLamp, ...] = ()
+    places_m: tuple[tuple[float, float], ...] = ()
+    drift_rad: float = 0.0
+
+
+class SetupProgress:
+    """The set-up of a home. All methods that change it raise RefusedError if the act is not possible now."""
+
+    def __init__(self, stored: StoredSetup | None = None) -> None:
+        """Go on from what is stored."""
+        self.state = stored or StoredSetup()
+        self.is_aligning = self._must_align
+        """The next press finds the zero of the device's yaw again."""
+        self.poses = 0
+        """Number of poses of the person so far."""
+        self.pose: tuple[tuple[float, float], float] | None = None
+        """Newest position (x, y) and azimuth of {H}, {W}."""
+        self.reasons: dict[str, str] = {}
+        """Lamps that are asked for once more, with the reason."""
+        self._epoch: int | None = None
+
+    @property
+    def _must_align(self) -> bool:
+        """Return True if presses refer to a zero of the yaw that may be another one in a new process."""
+        state = self.state
+        has_zero = bool(state.presses) if state.step == "place" else bool(state.placed)
+        return has_zero and state.step in ("place", "try", "done") and state.hand in ("phone", "wrist")
+
+    @property
+    def targets(self) -> list[tuple[str, End]]:
+        """Return the lamps and ends of strips to point at from each place, in order."""
+        return [
+            (lamp.id, end)
+            for lamp in self.state.lamps
+            for end in lamp.ends
+            if lamp.id not in self.state.left_out
+        ]
+
+    @property
+    def target(self) -> tuple[str, End] | None:
+        """Return the lamp or end whose turn it is, or None."""
+        if self.is_aligning:
+            return self._known_target
+        if self.state.step != "place":
+            return None
+        return next(
+            (target for target in self.targets if target not in self._pressed(self.state.place)), None
+        )
+
+    @property
+    def place(self) -> HomePlace:
+        """Return the place at which the person is to stand, or `""` if that does not matter now."""
+        if self.is_aligning:
+            at_place = self.state.step == "place" and bool(self._pressed(self.state.place))
+            return self.state.place if at_place else FIRST
+        return self.state.place if self.state.step == "place" else ""
+
+    @property
+    def may_walk(self) -> bool:
+        """Return True if all lamps were pointed at from the first place, and nothing else is decided."""
+        state = self.state
+        return state.step == "place" and state.place == FIRST and bool(state.presses) and self.target is None
+
+    @property
+    def is_complete(self) -> bool:
+        """Return True if all lamps were pointed at from all places, so that they can be located."""
+        state = self.state
+        is_last_place = state.place == SECOND or state.has_one_place
+        return state.step == "place" and is_last_place and self.target is None
+
+    def connect(self, url: str) -> None:
+        """Use the Home Assistant at `url`. Its lamps are chosen once it is connected."""
+        self._change(url=url, has_home=True, step="connect")
+
+    def on_connected(self) -> None:
+        """Go on to the choice of lamps, since the token was accepted."""
+        if self.state.step == "connect":
+            self._change(step="choose")
+
+    def without_home(self) -> None:
+        """Go on without a Home Assistant: there are the lights of the map."""
+        self._change(has_home=False, url="", step="choose")
+
+    def choose(self, lamps: Sequence[ChosenLamp], offered: Collection[str]) -> None:
+        """Point at `lamps` from now on, among those `offered`."""
+        if not lamps:
+            raise RefusedError("choose at least one lamp")
+        if len(lamps) > MAX_LAMPS:
+            raise RefusedError(f"{len(lamps)} lamps are chosen, limit {MAX_LAMPS}: choose those you point at")
+        chosen = {lamp.id for lamp in lamps}
+        presses = tuple(press for press in self.state.presses if press.lamp in chosen)
+        self._change(lamps=tuple(lamps), offered=tuple(offered), presses=presses, step="hand", left_out={})
+
+    def take_hand(self, hand: HomeHand, user: str) -> None:
+        """Let `user` point with `hand`. With the mouse, lamps get places for a trial."""
+        if hand == "" or not user:
+            raise RefusedError("say who points, and with what")
+        if not self.state.lamps:
+            raise RefusedError("choose lamps first")
+        self._change(hand=hand, user=user)
+        if hand == "mouse":
+            self._place_for_trial()
+            return
+        self._change(step="place")
+        if self.state.placed:
+            self._clear_presses()
+
+    def on_epoch(self, epoch: int) -> None:
+        """Note the number of the zero of the device's yaw: with another one, azimuths mean something else."""
+        if self._epoch is not None and epoch != self._epoch:
+            self.is_aligning = self._must_align
+        self._epoch = epoch
+
+    def press(self, azimuth_rad: float, elevation_rad: float, eyes_m: float) -> None:
+        """Note that the person points at the target: azimuth and elevation in {H}, height of their eyes."""
+        target = self.target
+        if target is None:
+            raise RefusedError("it is no lamp's turn now")
+        if self.is_aligning:
+            self._align(target, azimuth_rad)
+            return
+        lamp, end = target
+        press = LampPress(
+            lamp=lamp,
+            end=end,
+            place=self.state.place,
+            azimuth_rad=math.remainder(azimuth_rad + self.state.turn_rad, math.tau),
+            elevation_rad=elevation_rad,
+            eyes_m=eyes_m,
+        )
+        self._change(presses=(*self.state.presses, press))
+        self.reasons.pop(lamp, None)
+
+    def take_back(self) -> None:
+        """Forget the last press. At the second place without presses, return to the first one."""
+        presses = self.state.presses
+        if self.state.step != "place" or not presses:
+            raise RefusedError("there is no press to take back")
+        self._change(presses=presses[:-1], place=presses[-1].place, has_one_place=False)
+
+    def walk(self) -> None:
+        """Note that the person stands at the second place."""
+        if not self.may_walk:
+            raise RefusedError("point at all lamps from the first place before you walk")
+        self._change(place=SECOND)
+
+    def stay(self) -> None:
+        """Note that the person points from one place only."""
+        if not self.may_walk:
+            raise RefusedError("point at all lamps first")
+        self._change(has_one_place=True)
+
+    def skip(self) -> None:
+        """Leave out the lamp whose turn it is, or point without finding the zero of the device again."""
+        if self.is_aligning and self.state.step != "place":
+            self.is_aligning = False
+            return
+        target = self.target
+        if target is None or self.is_aligning:
+            raise RefusedError("there is nothing to skip now")
+        if len({lamp for lamp, _ in self.targets}) == 1:
+            raise RefusedError("one lamp must remain: go back and choose another one")
+        self._leave_out({target[0]: "you left it out"})
+
+    def start_aligning(self) -> None:
+        """Find the zero of the device's yaw with the next press."""
+        if not self.state.placed:
+            raise RefusedError("no lamp is placed yet")
+        self.is_aligning = True
+
+    def stand(self, place: HomePlace) -> None:
+        """Note that the person stands at a place, with their device as it is."""
+        index = (FIRST, SECOND).index(place) if place else -1
+        if not 0 <= index < len(self.state.places_m):
+            raise RefusedError(f"nobody has pointed from place {place or '?'}")
+        yaw_rad = self.pose[1] if self.pose is not None else self.state.turn_rad
+        self._set_pose(self.state.places_m[index], yaw_rad)
+
+    def go(self, step: HomeStep) -> None:
+        """Return to a card, or go on to one that is complete."""
+        state = self.state
+        needed = {"hand": bool(state.lamps), "place": bool(state.hand), "try": bool(state.placed)}
+        if not needed.get("try" if step == "done" else step, True):
+            raise RefusedError("do the steps before it first")
+        is_repeated = step == "place" and state.step in ("try", "done")
+        self._change(step=step)
+        if is_repeated:
+            self._clear_presses()
+        self.is_aligning = self.is_aligning and self._must_align
+
+    def finish(self) -> None:
+        """End the trial."""
+        if not self.state.placed:
+            raise RefusedError("no lamp is placed yet")
+        self._change(step="done")
+
+    def fit(self) -> PacedRoom:
+        """Return the room of the presses. May take half a second."""
+        rays = [
+            paced_ray(
+                target_key(press.lamp, press.end), press.place, (0.0, 0.0, press.eyes_m), _direction(press)
+            )
+            for press in self.state.presses
+            if press.lamp not in self.state.left_out
+        ]
+        return locate_paced(rays)
+
+    def on_room(self, room: PacedRoom) -> None:
+        """Place the lamps as in `room`. Lamps whose presses contradict the others are asked for once more."""
+        asked_again: list[tuple[str, End]] = []
+        left_out: dict[str, str] = {}
+        for lamp, end in self.targets:
+            reason = room.targets[target_key(lamp, end)].reason
+            if reason and (lamp, end) in self.state.repeated:
+                left_out[lamp] = reason
+            elif reason:
+                asked_again.append((lamp, end))
+                self.reasons[lamp] = reason
+        if asked_again:
+            place = self.state.place
+            kept = tuple(
+                press
+                for press in self.state.presses
+                if press.place != place or (press.lamp, press.end) not in asked_again
+            )
+            self._change(presses=kept, repeated=(*self.state.repeated, *asked_again))
+            return
+        if left_out and len(left_out) < len({lamp for lamp, _ in self.targets}):
+            self._leave_out(left_out)  # it is complete without them, and fitted once more
+            return
+        self._on_located(room)
+
+    def _on_located(self, room: PacedRoom) -> None:
+        placed: list[PlacedLamp] = []
+        for lamp, end in self.targets:
+            target = room.targets[target_key(lamp, end)]
+            x, y, z = target.position_m
+            placed.append(
+                PlacedLamp(
+                    lamp=lamp,
+                    end=end,
+                    position_m=(x, y, max(z, MIN_HEIGHT_M)),
+                    direction_sigma_rad=max(target.direction_sigmas_rad),
+                )
+            )
+        self._change(placed=tuple(placed), places_m=room.places_m, drift_rad=room.drift_rad, step="try")
+        self._set_pose(room.places_m[-1], self.state.turn_rad - room.drift_rad)
+
+    def _place_for_trial(self) -> None:
+        targets = self.targets
+        placed: list[PlacedLamp] = []
+        for index, (lamp, end) in enumerate(targets):
+            share = 0.5 if len(targets) == 1 else index / (len(targets) - 1)
+            azimuth_rad = TRIAL_SPREAD_RAD * (1.0 - 2.0 * share)
+            position_m = (USUAL_M * math.cos(azimuth_rad), USUAL_M * math.sin(azimuth_rad), TRIAL_HEIGHT_M)
+            placed.append(PlacedLamp(lamp=lamp, end=end, position_m=position_m, direction_sigma_rad=0.0))
+        self._change(placed=tuple(placed), places_m=((0.0, 0.0),), drift_rad=0.0, step="try", presses=())
+        self._set_pose((0.0, 0.0), 0.0)
+
+    @property
+    def _known_target(self) -> tuple[str, End] | None:
+        """Return a target of which the azimuth is known: of this place, else of the first one."""
+        if self.state.step == "place":
+            presses = [press for press in self.state.presses if press.place == self.place]
+            return (presses[0].lamp, presses[0].end) if presses else None
+        return (self.state.placed[0].lamp, self.state.placed[0].end) if self.state.placed else None
+
+    def _align(self, target: tuple[str, End], azimuth_rad: float) -> None:
+        """Find the zero of the device's yaw from the azimuth in {H} of a lamp that is known."""
+        state = self.state
+        if state.step == "place":
+            place = self.place
+            known_rad = next(
+                press.azimuth_rad
+                for press in state.presses
+                if press.place == place and (press.lamp, press.end) == target
+            )
+        else:
+            position_m = next(each.position_m for each in state.placed if (each.lamp, each.end) == target)
+            known_rad = math.atan2(position_m[1], position_m[0])
+        turn_rad = math.remainder(known_rad - azimuth_rad, math.tau)
+        self.is_aligning = False
+        self._change(turn_rad=turn_rad)
+        if state.step != "place":
+            self._set_pose((0.0, 0.0), turn_rad)
+
+    def _clear_presses(self) -> None:
+        self.is_aligning = False
+        self._change(
+            presses=(),
+            repeated=(),
+            left_out={},
+            place=FIRST,
+            has_one_place=False,
+            turn_rad=0.0,
+            drift_rad=0.0,
+        )
+
+    def _leave_out(self, reasons: dict[str, str]) -> None:
+        presses = tuple(press for press in self.state.presses if press.lamp not in reasons)
+        self._change(left_out=self.state.left_out | reasons, presses=presses)
+
+    def _pressed(self, place: str) -> set[tuple[str, End]]:
+        return {(press.lamp, press.end) for press in self.state.presses if press.place == place}
+
+    def _set_pose(self, position_m: tuple[float, float], yaw_rad: float) -> None:
+        self.pose = (position_m, math.remainder(yaw_rad, math.tau))
+        self.poses += 1
+
+    def _change(self, **values: object) -> None:
+        self.state = self.state.model_copy(update=values)
+
+
+def target_key(lamp: str, end: End) -> str:
+    """Return the name of a lamp or of an end of a strip in the fit."""
+    return f"{lamp}|{end}"
+
+
+def _direction(press: LampPress) -> Vec3:
+    level = math.cos(press.elevation_rad)
+    return (
+        level * math.cos(press.azimuth_rad),
+        level * math.sin(press.azimuth_rad),
+        math.sin(press.elevation_rad),
+    )

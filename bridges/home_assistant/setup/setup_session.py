@@ -1,0 +1,432 @@
+"""The cards of a home: answers their request, hears presses, lights the lamp of the turn, writes files."""
+
+import asyncio
+import contextlib
+import logging
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from pointit.bridges.home_assistant.config import FORM, HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, NoHomeAssistantError
+from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
+from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
+from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
+from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
+from pointit.bridges.home_assistant.setup.progress import LAMP, STRIP, ChosenLamp, SetupProgress
+from pointit.maps.file import parse_map_file
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
+from pointit.schemas.base import MAX_ID
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import BUTTON, IMU, RAY
+
+log = logging.getLogger(__name__)
+
+ANSWERED_S = 5.0
+"""Time since the last request of a card after which no lamp shows its turn, s: the page is closed."""
+SHOWN_S = 2.5
+"""Time for which a lamp shows which one it is, s."""
+BLINK_S = 1.0
+"""Time for which a lamp that is on is brighter, and then is not, s."""
+TICK_S = 0.25
+FOLLOW_S = 5.0
+"""Time for a lamp to report that it is lit, s."""
+PRESS_RAYS_S = 0.5
+"""Time before a press of which the rays are averaged, s."""
+MIN_RAYS = 3
+MIN_PAUSE_S = 0.4
+"""Time between two presses that count, s."""
+ENTITIES_PERIOD_S = 5.0
+"""Interval at which the list of all entities is read again while a card shows it, s."""
+MAX_SENTENCE = 500
+MAX_ADVICE = 20
+
+
+class SetupSession:
+    """Sets up one home. Its lamps are lit while `run` has a connection."""
+
+    def __init__(
+        self,
+        folder: Path,
+        bus: ServiceBus,
+        *,
+        state_of: Callable[[str], Mapping[str, Any]],
+        wake: Callable[[str], None],
+    ) -> None:
+        """Go on with what is stored in `folder`.
+
+        Args:
+            folder: of the home.
+            bus: gets warnings, and has the rays and presses of people.
+            state_of: returns the state of an entity in Home Assistant, empty if it is not known.
+            wake: called with an entity whose hover may have changed.
+
+        Raises:
+            ConfigError: If what is stored cannot be used.
+        """
+        self.files = HomeFiles(folder)
+        self.progress = SetupProgress(self.files.state.read())
+        self.address_changed = asyncio.Event()
+        """Set when another address or token is to be used."""
+        self._bus = bus
+        self._loop = asyncio.get_running_loop()
+        self._state_of = state_of
+        self._wake = wake
+        self._connection: HomeAssistantConnection | None = None
+        self._entities: Sequence[HomeEntity] = ()
+        self._entities_s = -math.inf
+        self._problem = ""
+        self._acting = asyncio.Lock()
+        self._tasks = set[asyncio.Task[None]]()
+        self._rays: deque[tuple[float, PointingRay]] = deque(maxlen=100)
+        self._pressed_s = self._answered_s = -math.inf
+        self._shown = ("", -math.inf)
+        """Lamp that shows which one it is, and until when."""
+        self._spot = ""
+        """Entity of the lamp that is to be lit."""
+        self._ended_s: dict[str, float] = {}
+        """Time at which the turn of a lit lamp was over."""
+        file = site_folder(bus.site, "home-assistant") / "lit_lights.json"
+        self._lit = LitLights(StateFile[LitLightsFile].at(file, LitLightsFile))
+        bus.subscribe(RAY, self._on_ray)
+        bus.subscribe(IMU, self._on_imu)
+        bus.subscribe(BUTTON, self._on_button)
+        self._report()
+
+    def config_of(self, config: HomeAssistantConfig) -> HomeAssistantConfig:
+        """Return `config` with the address that was set up, and the token's file."""
+        state = self.progress.state
+        if not state.url and state.has_home:
+            return config
+        return config.model_copy(update={"url": state.url, "token_file": str(self.files.token)})
+
+    @property
+    def entities(self) -> set[str]:
+        """Return the entities whose states matter here."""
+        return {lamp.id for lamp in self.progress.state.lamps} | {self._spot, *self._lit.entities} - {""}
+
+    @property
+    def hovered(self) -> set[str]:
+        """Return the lamp that is brighter now because it is its turn."""
+        is_brighter = int(self._loop.time() / BLINK_S) % 2 == 0
+        return {self._spot} if self._spot and is_brighter and self._spot not in self._lit.entities else set()
+
+    # Requests of cards.
+
+    async def act(self, query: SetUpHome, connection_problem: str) -> HomeSetup:
+        """Do what a person wants at the cards, and return what they show. Raises PointItError."""
+        self._answered_s = self._loop.time()
+        async with self._acting:
+            if query.act != "read":
+                self._problem = ""
+                await self._act(query)
+                await self._store()
+            await self._read_entities()
+            return await self._reply(connection_problem)
+
+    async def _act(self, query: SetUpHome) -> None:
+        """Do one act. Raises PointItError."""
+        progress = self.progress
+        without_values: dict[str, Callable[[], None]] = {
+            "press": self._press,
+            "take_back": progress.take_back,
+            "walk": progress.walk,
+            "stay": progress.stay,
+            "skip": progress.skip,
+            "align": progress.start_aligning,
+            "finish": progress.finish,
+        }
+        if query.act in without_values:
+            without_values[query.act]()
+        elif query.act in ("connect", "without"):
+            self._set_address(query)
+        elif query.act == "choose":
+            await self._choose(query.lamps)
+        elif query.act == "show":
+            name = query.lamps[0] if query.lamps else ""
+            self._shown = (name, self._loop.time() + SHOWN_S)
+        elif query.act == "hand":
+            progress.take_hand(query.hand, query.user)
+        elif query.act == "stand":
+            progress.stand(query.place)
+        elif query.act == "go":
+            progress.go(query.step or progress.state.step)
+
+    def _set_address(self, query: SetUpHome) -> None:
+        if query.act == "connect":
+            self.progress.connect(_checked_url(query.url))
+        else:
+            self.progress.without_home()
+        self._entities_s = -math.inf
+        self.address_changed.set()
+
+    async def _choose(self, names: Sequence[str]) -> None:
+        offered = {lamp.id: lamp for lamp in await self._offered()}
+        offered |= {lamp.id: lamp for lamp in self.progress.state.lamps}  # one may be missing for a moment
+        unknown = [name for name in names if name not in offered]
+        if unknown:
+            raise RefusedError(f"there is no {unknown[0]} any more: choose again")
+        self.progress.choose([offered[name] for name in dict.fromkeys(names)], tuple(offered))
+
+    def _report(self) -> None:
+        """Report a home that is not set up yet: `pointit doctor` and the page show it."""
+        sentence = "the home is not set up yet: go on with its cards in the page"
+        self._bus.warn("set-up", "" if self.progress.state.step == "done" else sentence, severity="note")
+
+    async def _store(self) -> None:
+        """Locate the lamps once all presses are there. Store the state after the files from it."""
+        progress = self.progress
+        before = progress.state
+        while progress.is_complete and progress.state.lamps:
+            progress.on_room(await asyncio.to_thread(progress.fit))
+        is_placed = progress.state.step in ("try", "done") and progress.state.placed
+        stored = await asyncio.to_thread(self.files.state.read)
+        if is_placed and (stored is None or stored.placed != progress.state.placed):
+            try:
+                await asyncio.to_thread(self.files.write_map, progress.state)
+            except PointItError:
+                progress.state = before
+                raise
+        if progress.state.step == "place" and not self.files.draft.exists():
+            await asyncio.to_thread(self.files.write_draft)
+        elif progress.state.step != "place":
+            self.files.draft.unlink(missing_ok=True)
+        if stored != progress.state:
+            await asyncio.to_thread(self.files.state.write, progress.state)
+        self._report()
+
+    async def _offered(self) -> list[ChosenLamp]:
+        """Return all lamps that can be chosen."""
+        lamps = [
+            ChosenLamp(id=each.entity, label=one_line(each.name, MAX_ID), area=one_line(each.area, MAX_ID))
+            for each in self._entities
+        ]
+        content = await asyncio.to_thread(self.files.read_map)
+        return lamps + lights_of(parse_map_file(content, self.files.map))
+
+    async def _read_entities(self) -> None:
+        """Read the list of entities of Home Assistant again, if a card shows it and it is old."""
+        connection = self._connection
+        is_needed = self.progress.state.step in ("choose", "done")
+        if connection is None or not is_needed or self._loop.time() - self._entities_s < ENTITIES_PERIOD_S:
+            return
+        self._entities_s = self._loop.time()
+        with contextlib.suppress(RefusedError, TimeoutError, NoHomeAssistantError):
+            self._entities = await entities_of(connection)
+
+    async def _reply(self, connection_problem: str) -> HomeSetup:
+        progress = self.progress
+        state = progress.state
+        target = progress.target
+        problem = self._problem
+        is_waiting = state.step == "connect" or any(not _is_of_map(lamp.id) for lamp in state.lamps)
+        if not problem and state.url and self._connection is None and is_waiting:
+            problem = connection_problem
+        advice: list[str] = []
+        if state.step == "try":
+            content = await asyncio.to_thread(self.files.read_map)
+            advice = await asyncio.to_thread(advice_on, content, self.files.map, state.places_m)
+        is_placing = state.step == "place"
+        return HomeSetup(
+            step=state.step,
+            url=state.url,
+            has_token=self.files.token.exists(),
+            is_connected=self._connection is not None,
+            problem=one_line(problem, MAX_SENTENCE),
+            lamps=tuple(await self._lamps()),
+            hand=state.hand,
+            user=state.user,
+            place=progress.place,
+            target=target[0] if target is not None else "",
+            end=target[1] if target is not None else "",
+            is_aligning=progress.is_aligning and target is not None,
+            may_walk=progress.may_walk,
+            can_take_back=is_placing and bool(state.presses),
+            is_lit=target is not None and self._can_be_lit(target[0]),
+            map=str(self.files.draft if is_placing and self.files.draft.exists() else self.files.map),
+            places_m=state.places_m,
+            poses=progress.poses,
+            pose_m=progress.pose[0] if progress.pose is not None else None,
+            pose_yaw_rad=progress.pose[1] if progress.pose is not None else 0.0,
+            advice=tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE]),
+        )
+
+    async def _lamps(self) -> list[HomeLamp]:
+        """Return the lamps of the present card."""
+        progress = self.progress
+        state = progress.state
+        chosen = {lamp.id: lamp for lamp in state.lamps}
+        listed = list(state.lamps)
+        if state.step in ("choose", "done"):
+            offered = {lamp.id: lamp for lamp in await self._offered()}
+            listed = list(
+                (offered | {name: lamp for name, lamp in chosen.items() if name not in offered}).values()
+            )
+        states = {each.entity: each.state for each in self._entities}
+        sigmas = sigmas_of(state.placed)
+        lamps: list[HomeLamp] = []
+        for lamp in listed:
+            pressed = {press.place for press in state.presses if press.lamp == lamp.id}
+            reason = state.left_out.get(lamp.id, "") or progress.reasons.get(lamp.id, "")
+            text = str(self._state_of(lamp.id).get("state", states.get(lamp.id, "")))
+            lamps.append(
+                HomeLamp(
+                    id=lamp.id,
+                    label=lamp.label,
+                    area=lamp.area,
+                    state=one_line(text, MAX_ID),
+                    is_chosen=lamp.id in chosen,
+                    is_new=bool(state.offered) and lamp.id not in state.offered,
+                    is_placed=lamp.id in sigmas,
+                    places=len(pressed),
+                    direction_sigma_rad=sigmas.get(lamp.id),
+                    reason=reason,
+                )
+            )
+        return lamps
+
+    # Presses.
+
+    def _press(self) -> None:
+        """Note a press with the rays before it. Raises RefusedError."""
+        now_s = self._loop.time()
+        rays = [ray for received_s, ray in self._rays if now_s - received_s <= PRESS_RAYS_S]
+        user = self.progress.state.user
+        if len(rays) < MIN_RAYS:
+            raise RefusedError(
+                f"no movement of {user} arrives: keep the phone's page open and allow its motion sensors, or "
+                "switch the wristband on"
+            )
+        if now_s - self._pressed_s < MIN_PAUSE_S:
+            return
+        self._pressed_s = now_s
+        x, y, z = np.mean([ray.direction for ray in rays], axis=0).tolist()
+        elevation_rad = math.atan2(z, math.hypot(x, y))
+        self.progress.press(math.atan2(y, x), elevation_rad, rays[-1].origin_m[2])
+
+    async def _press_button(self) -> None:
+        async with self._acting:
+            self._problem = ""
+            try:
+                self._press()
+                await self._store()
+            except PointItError as error:
+                self._problem = str(error)
+
+    def _on_button(self, _event: ButtonEvent, user: str) -> None:
+        progress = self.progress
+        if user != progress.state.user or progress.target is None:
+            return
+        task = self._loop.create_task(self._press_button(), name="press at a card")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _on_ray(self, ray: PointingRay, user: str) -> None:
+        if user == self.progress.state.user:
+            self._rays.append((self._loop.time(), ray))
+
+    def _on_imu(self, sample: ImuSample, user: str) -> None:
+        if user == self.progress.state.user:
+            self.progress.on_epoch(sample.yaw_epoch)
+
+    # Lamps that are lit.
+
+    async def run(self, connection: HomeAssistantConnection) -> None:
+        """Light the lamp whose turn it is, until the address changes.
+
+        Raises:
+            NoHomeAssistantError: If another address or token is to be used.
+        """
+        self._connection = connection
+        self._entities_s = -math.inf
+        try:
+            self.progress.on_connected()
+            async with self._acting:
+                await self._store()
+                await asyncio.to_thread(self.files.write_site, self.progress.state)
+            while not self.address_changed.is_set():
+                await self._light(connection)
+                await asyncio.sleep(TICK_S)
+        finally:
+            self._connection = None
+        raise NoHomeAssistantError("another address or token is used from now on")
+
+    def on_first_state(self, entity: str, state: Mapping[str, Any]) -> None:
+        """Note the state of an entity that was not known on this connection."""
+        self._lit.on_first_state(entity, state)
+
+    def on_state(self, entity: str, state: Mapping[str, Any]) -> None:
+        """Note a change of the state of an entity."""
+        self._lit.on_state(entity, state)
+
+    def _can_be_lit(self, lamp: str) -> bool:
+        state = self._state_of(lamp).get("state")
+        return _is_of_map(lamp) or (lamp.startswith("light.") and state in ("on", "off"))
+
+    def _wanted_spot(self) -> str:
+        now_s = self._loop.time()
+        name, until_s = self._shown
+        if now_s < until_s:
+            return "" if _is_of_map(name) else name
+        target = self.progress.target
+        if target is None or now_s - self._answered_s > ANSWERED_S or _is_of_map(target[0]):
+            return ""
+        return target[0]
+
+    async def _light(self, connection: HomeAssistantConnection) -> None:
+        """Light the lamp whose turn it is, and end the light of those whose turn is over."""
+        before = self._spot
+        self._spot = self._wanted_spot()
+        for entity in {before, self._spot} - {""}:
+            self._wake(entity)
+        try:
+            if self._spot:
+                call = self._lit.begin(self._spot, self._state_of(self._spot))
+                if call is not None:
+                    context = UNKNOWN
+                    with contextlib.suppress(RefusedError, TimeoutError):
+                        context = await connection.call(call)
+                    self._lit.on_result(call.entity, context)
+            for entity in self._lit.entities:
+                await self._end_light(connection, entity)
+        except ConfigError as error:
+            self._bus.warn("setup", f"lamps are not lit: {error}")
+
+    async def _end_light(self, connection: HomeAssistantConnection, entity: str) -> None:
+        """Switch a lamp off again whose turn is over."""
+        if entity == self._spot:
+            self._ended_s.pop(entity, None)
+            return
+        now_s = self._loop.time()
+        ended_s = self._ended_s.setdefault(entity, now_s)
+        call = self._lit.end(entity, self._state_of(entity), is_late=now_s - ended_s > FOLLOW_S)
+        if call is not None:
+            with contextlib.suppress(RefusedError, TimeoutError):
+                await connection.call(call)
+        if entity not in self._lit.entities:
+            self._ended_s.pop(entity, None)
+
+
+def _is_of_map(lamp: str) -> bool:
+    return lamp.startswith((STRIP, LAMP))
+
+
+def _checked_url(text: str) -> str:
+    url = text.strip()
+    if url and "://" not in url:
+        url = f"http://{url}"
+    try:
+        checked = HomeAssistantConfig(url=url).url
+    except ValidationError:
+        checked = ""
+    if not checked:
+        raise RefusedError(f"that is no address of a Home Assistant: {FORM}")
+    return checked

@@ -1,0 +1,54 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import type { HomeLamp, HomeSetup } from "../messages";
+import { byArea, cardOf, countOf, lampText, placingText, profileOf, progressText, stepBefore } from "./setup_words";
+
+const lamp = (id: string, fields: Partial<HomeLamp> = {}): HomeLamp => ({
+  id, label: id.toUpperCase(), area: "", state: "on", is_chosen: true, is_new: false, is_placed: false, places: 0,
+  direction_sigma_rad: null, reason: "", ...fields,
+});
+const setup = (fields: Partial<HomeSetup> = {}): HomeSetup => ({
+  step: "place", url: "", has_token: true, is_connected: true, problem: "", lamps: [lamp("a"), lamp("b")], hand: "phone", user: "anna",
+  place: "A", target: "a", end: "", is_aligning: false, may_walk: false, can_take_back: false, is_lit: true, map: "", places_m: [],
+  poses: 0, pose_m: null, pose_yaw_rad: 0, advice: [], message: "", ...fields,
+});
+
+test("card follows the step, the walk and the alignment", () => {
+  assert.equal(cardOf(setup()), "place");
+  assert.equal(cardOf(setup({ may_walk: true })), "walk");
+  assert.equal(cardOf(setup({ is_aligning: true })), "align");
+  assert.equal(cardOf(setup({ step: "done" })), "");
+  assert.equal(countOf(setup()), "Step 4 of 5");
+  assert.equal(stepBefore(setup()), "hand");
+  assert.equal(stepBefore(setup({ step: "connect" })), null);
+});
+
+test("text of the turn names the lamp, its end and the reason of a repetition", () => {
+  assert.match(placingText(setup()), /^Stand where you will point from most\. Point at A, which is lit, /);
+  assert.match(placingText(setup({ end: "last", is_lit: false })), /Point at the end of A, with a straight arm/);
+  assert.match(placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })), /Once more: was it another lamp\?$/);
+  assert.match(placingText(setup({ is_aligning: true, place: "B" })), /^Stand at place B\. Point at A/);
+});
+
+test("progress counts the lamps of this place", () => {
+  const lamps = [lamp("a", { places: 2 }), lamp("b", { places: 1 })];
+  assert.equal(progressText(setup({ lamps })), "2 of 2 from place A");
+  assert.equal(progressText(setup({ lamps, place: "B" })), "1 of 2 from place B");
+});
+
+test("lamp says how well it is known, or why it is not placed", () => {
+  assert.equal(lampText(lamp("a", { is_placed: true, direction_sigma_rad: 0.035 })), "A: known to 2°");
+  assert.equal(lampText(lamp("a", { reason: "you left it out" })), "A: not placed, you left it out");
+});
+
+test("lamps without an area come last", () => {
+  assert.deepEqual(byArea([lamp("a"), lamp("b", { area: "Kitchen" })]).map(([area]) => area), ["Kitchen", ""]);
+});
+
+test("profile is linked for addresses of the web only", () => {
+  assert.equal(profileOf("http://ha.local:8123/x"), "http://ha.local:8123/profile/security");
+  assert.equal(profileOf("ha.local:8123"), "http://ha.local:8123/profile/security");
+  assert.equal(profileOf("javascript://alert(1)"), "");
+  assert.equal(profileOf("http://"), "");
+});

@@ -1,0 +1,96 @@
+/** What the cards of a home say, from the state of its set-up. Pure. */
+
+import type { HomeLamp, HomeSetup } from "../messages";
+
+/** A card that is shown; `align`: the zero of the device is found again. */
+export type Card = "connect" | "choose" | "hand" | "align" | "place" | "walk" | "try" | "";
+
+const TITLES: Record<Exclude<Card, "">, string> = {
+  connect: "Where are your lamps?",
+  choose: "Which lamps do you want to point at?",
+  hand: "What do you point with?",
+  align: "Where do you point now?",
+  place: "Where is each lamp?",
+  walk: "Walk to a second place",
+  try: "Try it",
+};
+
+/** Usual address of a Home Assistant. */
+export const USUAL_URL = "http://homeassistant.local:8123";
+
+/** Numbers of the cards, as people count them. */
+const STEPS = ["connect", "choose", "hand", "place", "try"] as const;
+
+export function cardOf(setup: HomeSetup): Card {
+  if (setup.is_aligning) return "align";
+  if (setup.step === "done") return "";
+  if (setup.step === "place") return setup.may_walk ? "walk" : "place";
+  return setup.step;
+}
+
+export function titleOf(card: Exclude<Card, "">): string {
+  return TITLES[card];
+}
+
+/** "Step 2 of 5". */
+export function countOf(setup: HomeSetup): string {
+  const index = STEPS.indexOf(setup.step as (typeof STEPS)[number]);
+  return index < 0 ? "" : `Step ${index + 1} of ${STEPS.length}`;
+}
+
+/** The card before, or null at the first one. */
+export function stepBefore(setup: HomeSetup): (typeof STEPS)[number] | null {
+  const index = STEPS.indexOf(setup.step as (typeof STEPS)[number]);
+  return STEPS[index - 1] ?? null;
+}
+
+export function nameOf(setup: HomeSetup, id: string): string {
+  return setup.lamps.find((lamp) => lamp.id === id)?.label || id;
+}
+
+/** Page of a Home Assistant on which a token is made, or "" if the address is none. */
+export function profileOf(url: string): string {
+  try {
+    const address = new URL(url.includes("://") ? url : `http://${url}`);
+    return ["http:", "https:"].includes(address.protocol) ? `${address.origin}/profile/security` : "";
+  } catch {
+    return "";
+  }
+}
+
+/** What there is to do at the card that places lamps, in sentences. */
+export function placingText(setup: HomeSetup): string {
+  const name = nameOf(setup, setup.target);
+  const end = setup.end ? `the ${setup.end === "first" ? "beginning" : "end"} of ${name}` : name;
+  const lit = setup.is_lit ? ", which is lit" : "";
+  if (setup.is_aligning) return `Stand at place ${setup.place}. Point at ${end}${lit}, and press.`;
+  const stand = setup.place === "A" ? "Stand where you will point from most." : "Stay at your second place.";
+  const lamp = setup.lamps.find(({ id }) => id === setup.target);
+  const again = lamp?.reason ? ` Once more: ${lamp.reason}` : "";
+  return `${stand} Point at ${end}${lit}, with a straight arm, and press.${again}`;
+}
+
+export function progressText(setup: HomeSetup): string {
+  const needed = setup.place === "B" ? 2 : 1;
+  const count = setup.lamps.filter(({ places }) => places >= needed).length;
+  return `${count} of ${setup.lamps.length} from place ${setup.place}`;
+}
+
+export const WALK = "Walk about two metres to your left, and look at the lamps again. From two places, pointing works in between, too.";
+export const STAY = "If you always sit in one chair, stay: lamps are then taken to be 3 m away, and pointing works from that chair only.";
+
+/** Result for one lamp, in words. */
+export function lampText({ label, id, direction_sigma_rad, reason, is_placed }: HomeLamp): string {
+  const name = label || id;
+  if (reason) return `${name}: not placed, ${reason}`;
+  if (!is_placed) return `${name}: not placed`;
+  const degrees = Math.round((Number(direction_sigma_rad ?? 0) * 180) / Math.PI);
+  return degrees ? `${name}: known to ${degrees}°` : name;
+}
+
+/** Lamps by area, those without one last. */
+export function byArea(lamps: readonly HomeLamp[]): [area: string, lamps: HomeLamp[]][] {
+  const areas = new Map<string, HomeLamp[]>();
+  for (const lamp of lamps) areas.set(lamp.area, [...(areas.get(lamp.area) ?? []), lamp]);
+  return [...areas].sort(([one], [other]) => Number(one === "") - Number(other === "") || one.localeCompare(other));
+}

@@ -1,0 +1,123 @@
+"""The set-up of a home for pages: stores the token, asks `home-assistant`, and makes the site follow.
+
+The token goes into a file in the folder of the home and nowhere else. Answers call for requests of an
+operator, which the server of the page may send: a map, the pose of the person, the light of a strip.
+"""
+
+import asyncio
+import contextlib
+import re
+from pathlib import Path
+from typing import Any
+
+from pydantic import SecretStr
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.errors import PointItError, RefusedError
+from pointit.runtime.host.state_file import expand_home, write_atomically
+from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
+from pointit.schemas.base import Rgb
+from pointit.schemas.topics import SET_LAMP, SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
+
+TOKEN = "home-assistant.token"  # noqa: S105 - a file's name, as in `home_files`
+MAX_TOKEN = 4096
+TOKEN_FORM = re.compile(r"[!-~]+")
+"""One word of ASCII."""
+WHITE: Rgb = (255, 255, 255)
+STRIP = "strip:"
+LAMP = "lamp:"
+SHOWN_S = 2.0
+"""Time for which an end of a strip is lit, s. Pages ask more often."""
+END_PIXELS = 3
+TIMEOUT_S = 10.0
+"""Time for the lamps to be located, s."""
+
+
+class HomeSite:
+    """The home of a run of `pointit home`."""
+
+    def __init__(self, bus: Bus, folder: str) -> None:
+        """Use the home in `folder`. There is none if it is empty."""
+        self._bus = bus
+        self._folder = folder
+        self._used = ("", 0)
+        """Path and time of change, ns, of the map that the site uses."""
+        self._poses = 0
+        self._lamp = ""
+        """Lamp of the map that is lit, or `""`."""
+        self._working = asyncio.Lock()
+
+    @property
+    def is_there(self) -> bool:
+        """Return True if there is a home to be set up."""
+        return bool(self._folder)
+
+    async def set_up(
+        self, query: SetUpHome, token: SecretStr | None, pixels: dict[str, int]
+    ) -> dict[str, Any]:
+        """Do what a person wants at the cards. Return the fields of `HomeSetup`.
+
+        Args:
+            query: the act.
+            token: long-lived access token that is stored first, or None.
+            pixels: number of pixels of each strip of the map.
+
+        Raises:
+            PointItError: If it is not possible; the text has the reason, and never the token.
+        """
+        if not self._folder:
+            raise RefusedError("this page belongs to no home: start `pointit home`")
+        if token is not None:
+            await asyncio.to_thread(self._store_token, token.get_secret_value().strip())
+        reply = await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
+        async with self._working:
+            await self._follow(reply, pixels)
+        return reply.model_dump(mode="json")
+
+    def _store_token(self, token: str) -> None:
+        if len(token) > MAX_TOKEN or TOKEN_FORM.fullmatch(token) is None:
+            raise RefusedError(
+                "that is no access token: copy the whole long-lived access token, one long word, from your "
+                "profile in Home Assistant"
+            )
+        write_atomically(expand_home(self._folder) / TOKEN, token.encode(), mode=0o600)
+
+    async def _follow(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
+        """Have the site use the map, the pose and the light of an answer."""
+        key = await asyncio.to_thread(_version_of, reply.map)
+        if reply.map and key != self._used:
+            await self._bus.call(USE_MAP, UseMap(path=reply.map))
+            self._used = key
+        if reply.pose_m is not None and reply.poses != self._poses and reply.user:
+            x, y = reply.pose_m
+            pose = SetPose(position_m=(x, y, 0.0), yaw_rad=reply.pose_yaw_rad)
+            with contextlib.suppress(PointItError):  # of a person who has left: the next answer repeats it
+                await self._bus.call(SET_POSE, pose, reply.user)
+                self._poses = reply.poses
+        with contextlib.suppress(
+            PointItError
+        ):  # a light that fails is no reason to stop: the card has its name
+            await self._show(reply, pixels)
+
+    async def _show(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
+        """Light the end of a strip, or the lamp of the map, whose turn it is."""
+        lamp = reply.target.removeprefix(LAMP) if reply.target.startswith(LAMP) else ""
+        if lamp != self._lamp and self._lamp:
+            await self._bus.call(SET_LAMP, SetLamp(color=None), self._lamp)
+        if lamp and lamp != self._lamp:
+            await self._bus.call(SET_LAMP, SetLamp(color=WHITE), lamp)
+        self._lamp = lamp
+        strip = reply.target.removeprefix(STRIP)
+        count = pixels.get(strip, 0)
+        if reply.target.startswith(STRIP) and count:
+            first = range(min(END_PIXELS, count))
+            last = range(max(count - END_PIXELS, 0), count)
+            lit = LitPixels(id=strip, pixels=tuple(first if reply.end == "first" else last), color=WHITE)
+            await self._bus.call(SHOW_PIXELS, ShowPixels(lit=(lit,), for_s=SHOWN_S))
+
+
+def _version_of(path: str) -> tuple[str, int]:
+    try:
+        return path, Path(path).stat().st_mtime_ns
+    except OSError:
+        return path, 0

@@ -1,0 +1,164 @@
+"""Directions in maps that simulated people pace, and selections by them: `python -m` this module.
+
+Each seed is a person of `user-sim` (their own bias, and an error for every reach) in a room of lamps. They
+point at all lamps from A, walk two metres aside, and point again. Then they point from A, B and between, and
+correct by the name or light of the lamp that the map takes for theirs, before they press.
+"""
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.scan.by_pointing import TargetRay
+from pointit.scan.paced import FIRST, SECOND, PacedRoom, locate_paced, paced_ray
+from pointit.services.user_sim.body import OpenLoopError
+from pointit.services.user_sim.config import AimConfig, DecisionConfig, WristbandConfig
+
+SEEDS = range(7100, 7120)
+"""Seeds that nothing was tuned with."""
+LAMPS = 8
+EYES_M, EYES_SIGMA_M = 1.6, 0.04
+"""Assumed height of the eyes, and the standard deviation of that of people, m."""
+WALK_M, WALK_SIGMA_M, WALK_AZIMUTH_SIGMA_RAD = 2.0, 0.3, 0.35
+SECONDS_A_PRESS = 4.0
+WALK_S = 6.0
+MIN_APART_RAD = math.radians(12.0)
+"""Least angle between two lamps as seen from A: nearer ones are for *Told apart*."""
+CAPTURE_RAD = math.radians(8.0)
+"""Angle up to which the nearest lamp is the one that is meant."""
+MAX_CORRECTIONS = 4
+CORRECTED_SIGMA_RAD = math.radians(1.5)
+"""Standard deviation of a small correction by what is heard or seen, per axis."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Result:
+    """Errors of directions (°) from A, B and between; numbers of selections, and of acts on other lamps."""
+
+    errors_deg: list[list[float]]
+    tries: int = 0
+    confirmed: int = 0
+    wrong: int = 0
+
+
+def angles(lamps_m: Array, eyes_m: Sequence[float]) -> Array:
+    """Return azimuth and elevation of each lamp, n x 2."""
+    sights = lamps_m - np.array(eyes_m)
+    level = np.hypot(sights[:, 0], sights[:, 1])
+    return np.stack([np.arctan2(sights[:, 1], sights[:, 0]), np.arctan2(sights[:, 2], level)], axis=1)
+
+
+def room_of_lamps(rng: np.random.Generator) -> Array:
+    """Return places of lamps 2 to 4.5 m away in a sector of 140°, none nearly in front of another."""
+    lamps: list[list[float]] = []
+    while len(lamps) < LAMPS:
+        azimuth = math.radians(float(rng.uniform(-70.0, 70.0)))
+        distance_m = float(rng.uniform(2.0, 4.5))
+        lamp = [distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), float(rng.uniform(0.5, 2.3))]
+        seen = angles(np.array([*lamps, lamp]), (0.0, 0.0, EYES_M))
+        if all(np.hypot(*(each - seen[-1])) > MIN_APART_RAD for each in seen[:-1]):
+            lamps.append(lamp)
+    return np.array(lamps)
+
+
+def run(seed: int, skill: float | None) -> Result:
+    """Return the result of one person in one room; `skill` as of `user-sim`, None: random."""
+    rng = np.random.default_rng(seed)
+    own_skill = float(rng.random()) if skill is None else skill
+    lamps_m = room_of_lamps(rng)
+    error = OpenLoopError(AimConfig(), own_skill, rng)
+    drift_radps = math.radians(WristbandConfig().yaw_rate_bias_sd_degps * float(rng.standard_normal()))
+    eyes_m = EYES_M + EYES_SIGMA_M * float(rng.standard_normal())
+    walk_m = WALK_M + WALK_SIGMA_M * float(rng.standard_normal())
+    walk_rad = math.pi / 2.0 + WALK_AZIMUTH_SIGMA_RAD * float(rng.standard_normal())
+    second_m = (walk_m * math.cos(walk_rad), walk_m * math.sin(walk_rad))
+
+    rays: list[TargetRay] = []
+    time_s = 0.0
+    for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, second_m)):
+        seen = angles(lamps_m, (*place_m, eyes_m))
+        for index, lamp in enumerate(seen.tolist()):
+            error.draw(float(np.hypot(*(seen[index] - seen[index - 1]))))
+            azimuth = lamp[0] + error.now_rad[0] + drift_radps * time_s
+            elevation = lamp[1] + error.now_rad[1]
+            level = math.cos(elevation)
+            direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
+            rays.append(paced_ray(str(index), place, (0.0, 0.0, EYES_M), direction))
+            time_s += SECONDS_A_PRESS
+        time_s += WALK_S
+    return judged(locate_paced(rays), lamps_m, second_m, eyes_m, error, rng)
+
+
+def judged(  # noqa: PLR0917 - the truth, and what is known of it
+    room: PacedRoom,
+    lamps_m: Array,
+    second_m: tuple[float, float],
+    eyes_m: float,
+    error: OpenLoopError,
+    rng: np.random.Generator,
+) -> Result:
+    """Return errors and selections in the map `room` of the lamps at `lamps_m`."""
+    result = Result(errors_deg=[])
+    mapped_m = np.array([room.targets[str(index)].position_m for index in range(len(lamps_m))])
+    mapped_second_m = np.array(room.places_m[1])
+    for share in (0.0, 1.0, 0.5):
+        seen = angles(lamps_m, (share * second_m[0], share * second_m[1], eyes_m))
+        mapped = angles(mapped_m, (*(share * mapped_second_m), EYES_M))
+        off = mapped - seen - np.array([0.0, error.bias_rad])  # people point with their bias later, too
+        off[:, 0] = np.remainder(off[:, 0] + math.pi, math.tau) - math.pi
+        heading = float(np.median(off[:, 0]))  # found again by pointing at a lamp
+        off[:, 0] -= heading
+        level = np.cos(seen[:, 1])
+        result.errors_deg.append(np.degrees(np.hypot(off[:, 0] * level, off[:, 1])).tolist())
+        _select(result, seen + np.array([heading, 0.0]), mapped, error, rng)
+    return result
+
+
+def _select(
+    result: Result, seen: Array, mapped: Array, error: OpenLoopError, rng: np.random.Generator
+) -> None:
+    """Select each lamp: the person presses when they hear or see that theirs is meant."""
+    for index, lamp in enumerate(seen):
+        error.draw(float(np.hypot(*(lamp - seen[index - 1]))))
+        aim = lamp + np.array(error.now_rad)
+        result.tries += 1
+        for _ in range(MAX_CORRECTIONS + 1):
+            away = np.hypot(*(mapped - aim).T)
+            meant = int(np.argmin(away))
+            is_lapse = float(rng.random()) < DecisionConfig().lapse_share
+            if away[meant] <= CAPTURE_RAD and (meant == index or is_lapse):
+                result.confirmed += meant == index
+                result.wrong += meant != index
+                break
+            # the name of another lamp says which way to go, silence lets them look for the lamp's own light
+            step = lamp - seen[meant] if away[meant] <= CAPTURE_RAD else mapped[index] - aim
+            aim = aim + step + CORRECTED_SIGMA_RAD * rng.standard_normal(2)
+
+
+def main() -> None:
+    """Print the figures for random people, and for those without any practice."""
+    for name, skill in (("random skill", None), ("no practice", 0.0)):
+        results = [run(seed, skill) for seed in SEEDS]
+        errors = np.array([result.errors_deg for result in results])
+        tries = sum(result.tries for result in results)
+        confirmed = sum(result.confirmed for result in results)
+        wrong = sum(result.wrong for result in results)
+        parts = []
+        for index, place in enumerate(("A", "B", "between")):
+            median, most = np.percentile(errors[:, index], (50, 90))
+            parts.append(f"{place} {median:.1f}° (90 %: {most:.1f}°)")
+        right = 100.0 * confirmed / max(confirmed + wrong, 1)
+        sys.stdout.write(
+            f"{name}: {len(results)} people, {LAMPS} lamps: {', '.join(parts)}; {tries} selections, "
+            f"{confirmed} right, {wrong} acts on another lamp, {right:.1f} % of the confirmed right\n"
+        )
+
+
+if __name__ == "__main__":
+    main()

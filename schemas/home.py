@@ -1,0 +1,99 @@
+"""The set-up of a home: the request of its cards, and what they show."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.schemas.base import Extent, Id, Many, Query, Real, Reply, SchemaModel
+
+HomeStep = Literal["connect", "choose", "hand", "place", "try", "done"]
+"""Card of the set-up: the Home Assistant, the lamps, what points, where the lamps are, a trial; or none."""
+HomeHand = Literal["", "phone", "wrist", "mouse"]
+HomePlace = Literal["", "A", "B"]
+HomeAct = Literal[
+    "read", "connect", "without", "choose", "show", "hand", "press", "take_back", "walk", "stay", "skip",
+    "align", "stand", "finish", "go"
+]  # fmt: skip
+"""Act of the person at the cards, see `SetUpHome.act`."""
+MAX_URL = 300
+
+
+class SetUpHome(Query):
+    """One act of a person at the cards that set up a home."""
+
+    act: Annotated[
+        HomeAct,
+        Field(
+            description="read: nothing; connect: to the Home Assistant at `url`; without: there is none; "
+            "choose: the lamps `lamps`; show: light the lamp `lamps[0]`; hand: `user` points with `hand`; "
+            "press: the person points at the lamp whose turn it is; take_back: the last press; walk: they "
+            "are at the second place; stay: there is only one; skip: leave out the lamp of the turn; align: "
+            "find the heading by a lamp; stand: they are at `place`; finish: the trial is over; go: to the "
+            "card `step`"
+        ),
+    ] = "read"
+    url: Annotated[str, Field(max_length=MAX_URL, description="of Home Assistant, as in a browser")] = ""
+    lamps: Annotated[Many[Id], Field(description="ids as in `HomeLamp`")] = ()
+    hand: HomeHand = ""
+    user: Id = ""
+    place: HomePlace = ""
+    step: HomeStep | None = None
+
+
+class HomeLamp(SchemaModel):
+    """A lamp, or anything else that can be pointed at."""
+
+    id: Annotated[
+        Id, Field(description="entity of Home Assistant, or `strip:NAME` and `lamp:NAME` of the map")
+    ]
+    label: Id = ""
+    area: Id = ""
+    state: Annotated[Id, Field(description="on, off, unavailable and the like; empty if it says none")] = ""
+    is_chosen: bool = False
+    is_new: Annotated[bool, Field(description="it was not there when lamps were chosen last")] = False
+    is_placed: bool = False
+    places: Annotated[int, Field(ge=0, le=2, description="number of places from which it was pointed at")] = 0
+    direction_sigma_rad: Annotated[
+        Extent | None, Field(description="of the direction from the places, worst; None if it is not placed")
+    ] = None
+    reason: Annotated[
+        str, Field(max_length=500, description="why it is not placed; a sentence, or empty")
+    ] = ""
+
+
+class HomeSetup(Reply):
+    """The state of the set-up."""
+
+    step: HomeStep
+    url: Annotated[str, Field(max_length=MAX_URL)] = ""
+    has_token: bool = False
+    is_connected: bool = False
+    problem: Annotated[
+        str, Field(max_length=500, description="why it cannot go on; a sentence, or empty")
+    ] = ""
+    lamps: Annotated[
+        Many[HomeLamp], Field(description="all that can be chosen in the step choose, else the chosen ones")
+    ] = ()
+    hand: HomeHand = ""
+    user: Id = ""
+    place: Annotated[HomePlace, Field(description="where the person is to stand")] = ""
+    target: Annotated[Id, Field(description="lamp whose turn it is; empty if none")] = ""
+    end: Annotated[Literal["", "first", "last"], Field(description="end of a strip whose turn it is")] = ""
+    is_aligning: Annotated[
+        bool,
+        Field(description="its direction is known: the press finds the zero of the person's device again"),
+    ] = False
+    may_walk: Annotated[bool, Field(description="all lamps were pointed at from the first place")] = False
+    can_take_back: bool = False
+    is_lit: Annotated[bool, Field(description="the lamp whose turn it is shows it by its light")] = False
+    map: Annotated[
+        str, Field(max_length=4096, description="path of the map that the site should use now")
+    ] = ""
+    places_m: Annotated[Many[tuple[Real, Real]], Field(description="where the person stood, {W}")] = ()
+    poses: Annotated[int, Field(ge=0, description="number of poses so far, by which a new one is told")] = 0
+    pose_m: Annotated[tuple[Real, Real] | None, Field(description="where the person stands, {W}")] = None
+    pose_yaw_rad: Annotated[Real, Field(description="azimuth of {H} there")] = 0.0
+    advice: Annotated[
+        Many[Annotated[str, Field(max_length=500)]],
+        Field(description="sentences on lamps and names that are confused"),
+    ] = ()

@@ -1,0 +1,115 @@
+"""The cards of a home at the page's server: the token, rights, and the requests that an answer calls for."""
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.schemas import Done, HomeSetup, SetPose, SetUpHome, ShowPixels, UseMap, UseMapReply
+from pointit.schemas.topics import SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
+from tests.integration.web.pages import VIEWER, serving
+from tests.support.bench import Bench, memory_bench
+
+SECRET = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a test
+
+
+class HomeServer:
+    """Answers in place of home-assistant, pui and localizer, and notes what it is asked."""
+
+    def __init__(self, bench: Bench, reply: HomeSetup) -> None:
+        self.reply = reply
+        self.acts: list[SetUpHome] = []
+        self.maps: list[str] = []
+        self.poses: list[tuple[str, SetPose]] = []
+        bench.bus.serve(SET_UP_HOME, self._act)
+        bench.bus.serve(USE_MAP, self._use)
+        bench.bus.serve(SET_POSE, self._pose)
+        bench.bus.serve(SHOW_PIXELS, self._show)
+
+    async def _act(self, query: SetUpHome, _name: str) -> HomeSetup:
+        self.acts.append(query)
+        return self.reply
+
+    async def _use(self, query: UseMap, _name: str) -> UseMapReply:
+        self.maps.append(query.path)
+        return UseMapReply(path=query.path)
+
+    async def _pose(self, query: SetPose, name: str) -> Done:
+        self.poses.append((name, query))
+        return Done()
+
+    async def _show(self, _query: ShowPixels, _name: str) -> Done:
+        return Done()
+
+
+def act(name: str = "read", token: str | None = None, **fields: Any) -> dict[str, Any]:
+    query: dict[str, Any] = {"query": {"act": name, **fields}}
+    return {"deed": "set_up_home", "query": query if token is None else query | {"token": token}}
+
+
+async def test_token_goes_into_a_private_file_and_nowhere_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    folder = tmp_path / "home"
+    async with (
+        memory_bench() as bench,
+        serving(bench, home_folder=str(folder)) as server,
+        server.page() as page,
+    ):
+        home = HomeServer(bench, HomeSetup(step="connect"))
+        answer = await page.ask(**act("connect", SECRET, url="http://ha:8123"))
+
+        file = folder / "home-assistant.token"
+        assert (file.read_text(), file.stat().st_mode & 0o777) == (SECRET, 0o600)
+        assert home.acts == [SetUpHome(act="connect", url="http://ha:8123")]
+        refused = [await page.ask(**act("connect", text)) for text in (f"{SECRET} x", SECRET * 100, "")]
+        assert all("no access token" in each["error"] for each in refused)
+        odd = await page.ask(deed="set_up_home", query={"token": {"a": SECRET}})
+        assert file.read_text() == SECRET
+    told = json.dumps([answer, *refused, odd]) + caplog.text
+    assert SECRET not in told
+
+
+async def test_only_operators_set_up_a_home_and_only_where_there_is_one(tmp_path: Path) -> None:
+    async with memory_bench() as bench, serving(bench, home_folder=str(tmp_path)) as server:
+        home = HomeServer(bench, HomeSetup(step="connect"))
+        async with server.page(VIEWER) as viewer:
+            assert viewer.hello is not None
+            assert not viewer.hello["home"]
+            assert "only looks on" in (await viewer.ask(**act("connect", SECRET)))["error"]
+            assert "pages cannot ask" in (await viewer.ask(key="home/set_up"))["error"]
+        async with server.page() as page:
+            assert page.hello is not None
+            assert page.hello["home"]
+        assert not home.acts
+        assert not (tmp_path / "home-assistant.token").exists()
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        assert page.hello is not None
+        assert not page.hello["home"]
+        assert "start `pointit home`" in (await page.ask(**act()))["error"]
+
+
+async def test_site_follows_the_map_and_the_pose_of_an_answer_once(tmp_path: Path) -> None:
+    file = tmp_path / "home.yaml"
+    file.write_text("paced_from: {A: {position: [0, 0]}}\n")
+    reply = HomeSetup(step="try", map=str(file), user="anna", poses=1, pose_m=(0.5, 2.0), pose_yaw_rad=0.3)
+    async with (
+        memory_bench() as bench,
+        serving(bench, home_folder=str(tmp_path)) as server,
+        server.page() as page,
+    ):
+        home = HomeServer(bench, reply)
+        for _ in range(3):
+            assert not (await page.ask(**act()))["error"]
+        assert home.maps == [str(file)]
+        assert [(name, pose.position_m, pose.yaw_rad) for name, pose in home.poses] == [
+            ("anna", (0.5, 2.0, 0.0), 0.3)
+        ]
+
+        file.write_text("paced_from: {A: {position: [0, 0]}, B: {position: [0, 2]}}\n")
+        home.reply = reply.model_copy(update={"poses": 2})
+        await page.ask(**act())
+        assert (len(home.maps), len(home.poses)) == (2, 2)

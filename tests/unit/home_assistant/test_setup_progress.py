@@ -1,0 +1,235 @@
+"""The cards of a home as a state machine."""
+
+import math
+
+import pytest
+
+from pointit.bridges.home_assistant.setup.progress import ChosenLamp, SetupProgress, StoredSetup
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
+
+EYES_M = 1.6
+SECOND_M = (0.2, 2.0)
+LAMPS: dict[str, Vec3] = {
+    "light.desk": (3.0, 0.5, 0.9),
+    "light.shelf": (2.4, -1.6, 1.9),
+    "light.door": (3.5, 2.4, 2.1),
+}
+CHOSEN = tuple(ChosenLamp(id=name, label=name.partition(".")[2]) for name in LAMPS)
+
+
+def at_place() -> SetupProgress:
+    progress = SetupProgress()
+    progress.connect("http://127.0.0.1:8123")
+    progress.on_connected()
+    progress.choose(CHOSEN, tuple(LAMPS))
+    progress.take_hand("phone", "anna")
+    return progress
+
+
+def killed(progress: SetupProgress) -> SetupProgress:
+    """Return what a new process makes of what is stored."""
+    return SetupProgress(StoredSetup.model_validate_json(progress.state.model_dump_json()))
+
+
+def point(
+    progress: SetupProgress, lamp: str = "", *, zero_rad: float = 0.0, from_m: tuple[float, float] = (0, 0)
+) -> str:
+    """Press while pointing at a lamp, that of the card by default. Return its id."""
+    assert progress.target is not None
+    name = lamp or progress.target[0]
+    x, y, z = LAMPS[name][0] - from_m[0], LAMPS[name][1] - from_m[1], LAMPS[name][2] - EYES_M
+    progress.press(math.atan2(y, x) - zero_rad, math.atan2(z, math.hypot(x, y)), EYES_M)
+    return name
+
+
+def place_all(progress: SetupProgress, zero_rad: float = 0.0) -> None:
+    for _ in LAMPS:
+        point(progress, zero_rad=zero_rad)
+    progress.walk()
+    for _ in LAMPS:
+        point(progress, zero_rad=zero_rad, from_m=SECOND_M)
+
+
+def assert_directions(progress: SetupProgress, limit_deg: float = 1.0) -> None:
+    for placed in progress.state.placed:
+        azimuth = math.atan2(placed.position_m[1], placed.position_m[0])
+        known = math.atan2(LAMPS[placed.lamp][1], LAMPS[placed.lamp][0])
+        assert abs(math.degrees(azimuth - known)) < limit_deg, placed.lamp
+
+
+def test_five_steps_place_all_lamps() -> None:
+    progress = at_place()
+    place_all(progress)
+    assert progress.is_complete
+
+    progress.on_room(progress.fit())
+
+    assert progress.state.step == "try"
+    assert {each.lamp for each in progress.state.placed} == set(LAMPS)
+    assert_directions(progress)
+    assert progress.pose is not None, "the person stands at the second place"
+    assert math.dist(progress.pose[0], SECOND_M) < 0.5
+
+
+def test_killed_process_goes_on_at_each_step() -> None:
+    progress = killed(SetupProgress())
+    assert progress.state.step == "connect"
+    progress.connect("http://127.0.0.1:8123")
+    progress.on_connected()
+    progress = killed(progress)
+    assert progress.state.step == "choose"
+    progress.choose(CHOSEN, tuple(LAMPS))
+    progress = killed(progress)
+    assert progress.state.step == "hand"
+    progress.take_hand("phone", "anna")
+    progress = killed(progress)
+    assert progress.target == ("light.desk", "")
+    point(progress)
+    point(progress)
+
+    progress = killed(progress)
+    assert (progress.is_aligning, progress.target, progress.place) == (True, ("light.desk", ""), "A")
+    point(progress, zero_rad=2.0)
+    assert progress.target == ("light.door", "")
+    point(progress, zero_rad=2.0)
+    progress.walk()
+    for _ in LAMPS:
+        point(progress, zero_rad=2.0, from_m=SECOND_M)
+    progress.on_room(progress.fit())
+    assert killed(progress).state.step == "try"
+    assert_directions(progress)
+    progress.finish()
+    assert killed(progress).state.step == "done"
+
+
+def test_new_zero_of_the_yaw_is_found_by_a_lamp_of_before() -> None:
+    progress = at_place()
+    progress.on_epoch(1)
+    point(progress)
+    progress.on_epoch(2)
+    assert progress.is_aligning
+    assert point(progress, zero_rad=-1.5) == "light.desk"
+    assert not progress.is_aligning
+    assert point(progress, zero_rad=-1.5) == "light.shelf"
+    assert progress.state.presses[1].azimuth_rad == pytest.approx(math.atan2(-1.6, 2.4))
+
+
+def test_new_zero_at_the_second_place_is_found_at_the_first_one() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.walk()
+    progress = killed(progress)
+    assert progress.place == "A"
+    point(progress, zero_rad=1.0)
+    assert progress.place == "B"
+
+
+def test_press_is_taken_back_across_the_walk() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.walk()
+    progress.take_back()
+    assert (progress.place, progress.target) == ("A", ("light.door", ""))
+
+
+def test_wrong_lamp_is_asked_for_once_more_then_left_out() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.walk()
+    for wrong in ("light.desk", "light.door", "light.door"):
+        point(progress, wrong, from_m=SECOND_M)
+    progress.on_room(progress.fit())
+    assert progress.target == ("light.shelf", "")
+    assert "was it another lamp" in progress.reasons["light.shelf"]
+
+    point(progress, "light.door", from_m=SECOND_M)
+    progress.on_room(progress.fit())
+    assert progress.is_complete
+    progress.on_room(progress.fit())
+    assert set(progress.state.left_out) == {"light.shelf"}
+    assert {each.lamp for each in progress.state.placed} == {"light.desk", "light.door"}
+
+
+def test_right_lamp_after_a_wrong_press_is_placed() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.walk()
+    for wrong in ("light.desk", "light.door", "light.door"):
+        point(progress, wrong, from_m=SECOND_M)
+    progress.on_room(progress.fit())
+    point(progress, from_m=SECOND_M)
+    progress.on_room(progress.fit())
+    assert not progress.state.left_out
+    assert_directions(progress)
+
+
+def test_one_place_suffices_for_who_stays_there() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.stay()
+    progress.on_room(progress.fit())
+    assert progress.state.places_m == ((0.0, 0.0),)
+    assert_directions(progress)
+
+
+def test_mouse_gets_lamps_side_by_side() -> None:
+    progress = at_place()
+    progress.take_hand("mouse", "anna")
+    assert progress.state.step == "try"
+    azimuths = [math.atan2(each.position_m[1], each.position_m[0]) for each in progress.state.placed]
+    assert azimuths == sorted(azimuths, reverse=True)
+
+
+def test_heading_after_a_restart_is_found_by_a_placed_lamp() -> None:
+    progress = at_place()
+    place_all(progress)
+    progress.on_room(progress.fit())
+    progress.finish()
+
+    progress = killed(progress)
+    assert progress.is_aligning
+    point(progress, zero_rad=0.7)
+    assert progress.pose is not None
+    assert progress.pose[1] == pytest.approx(0.7, abs=0.03)
+
+
+def test_strip_is_placed_by_its_ends() -> None:
+    progress = SetupProgress()
+    progress.without_home()
+    progress.choose([ChosenLamp(id="strip:shelf")], ("strip:shelf",))
+    progress.take_hand("phone", "anna")
+    assert progress.target == ("strip:shelf", "first")
+    progress.press(0.3, 0.0, EYES_M)
+    assert progress.target == ("strip:shelf", "last")
+
+
+def test_placing_again_keeps_the_placed_lamps_until_it_is_complete() -> None:
+    progress = at_place()
+    place_all(progress)
+    progress.on_room(progress.fit())
+    progress.go("place")
+    assert progress.target == ("light.desk", "")
+    assert len(progress.state.placed) == len(LAMPS)
+
+
+@pytest.mark.parametrize("act", ["walk", "stay", "take_back", "skip", "finish", "start_aligning"])
+def test_act_at_the_wrong_time_is_refused_and_changes_nothing(act: str) -> None:
+    progress = SetupProgress()
+    before = progress.state
+    with pytest.raises(RefusedError):
+        getattr(progress, act)()
+    assert progress.state == before
+
+
+def test_step_without_the_ones_before_is_refused() -> None:
+    progress = SetupProgress()
+    for step in ("hand", "place", "try", "done"):
+        with pytest.raises(RefusedError):
+            progress.go(step)
+    progress.go("choose")

@@ -1,0 +1,191 @@
+"""The set-up of a home beside a Home Assistant in memory: lamps that are lit, presses, files."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.bridges.home_assistant import service
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.setup.home_files import HomeFiles
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import ButtonEvent, HomeSetup, PointingRay, SetUpHome
+from pointit.schemas.topics import BUTTON, RAY, SET_UP_HOME
+from tests.support.bench import Bench, memory_bench, repeated, until
+from tests.support.home_assistant import TOKEN, MemoryHome, config_of, start, token_file
+
+DESK = "light.desk"
+DOOR = "light.door"
+
+
+def home_of_two() -> MemoryHome:
+    return MemoryHome(
+        {DESK: ("on", {"brightness": 100}), DOOR: ("off", {}), "light.hall": ("unavailable", {})}
+    )
+
+
+class Cards:
+    """The cards of a page."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+
+    async def act(self, act: Any = "read", **fields: Any) -> HomeSetup:
+        return await self._bench.bus.call(SET_UP_HOME, SetUpHome(act=act, **fields))
+
+    async def until(self, step: str) -> HomeSetup:
+        async with asyncio.timeout(30):
+            while True:
+                setup = await self.act()
+                if setup.step == step:
+                    return setup
+                await asyncio.sleep(0.5)
+
+
+@asynccontextmanager
+async def cards(
+    home: MemoryHome, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> AsyncGenerator[tuple[Bench, Cards]]:
+    monkeypatch.setattr(service, "connected", home.connected)
+    async with memory_bench() as bench:
+        start(bench, HomeAssistantConfig(setup=str(folder)))
+        await asyncio.sleep(1.0)
+        yield bench, Cards(bench)
+
+
+def with_token(folder: Path) -> HomeFiles:
+    files = HomeFiles(folder)
+    files.create()
+    token_file(folder).rename(files.token)
+    return files
+
+
+async def at_place(shown: Cards) -> None:
+    await shown.act("connect", url="home.local:8123")
+    setup = await shown.until("choose")
+    assert setup.is_connected
+    await asyncio.sleep(6.0)
+    assert {lamp.id for lamp in (await shown.act()).lamps} == {DESK, DOOR, "light.hall"}
+    await shown.act("choose", lamps=(DESK, DOOR))
+    await shown.act("hand", hand="phone", user="anna")
+
+
+def pointing(bench: Bench, azimuth_rad: float) -> Any:
+    """Publish rays of anna in a direction while the block runs."""
+
+    def ray() -> None:
+        direction = (math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0)
+        bench.put(
+            RAY, PointingRay(stamp_ns=bench.clock.now_ns(), origin_m=(0, 0, 1.6), direction=direction), "anna"
+        )
+
+    return repeated(0.05, ray)
+
+
+async def test_lamp_of_the_turn_is_lit_and_is_as_before_afterwards(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (bench, shown):
+        await at_place(shown)
+        assert (await shown.act()).target == DESK
+        levels = set[int]()
+        for _ in range(20):
+            await shown.act()
+            await asyncio.sleep(0.3)
+            levels.add(home.states[DESK]["attributes"]["brightness"])
+        assert levels == {100, 120}, "it was on: it is brighter, now and then"
+
+        async with pointing(bench, 0.2):
+            await asyncio.sleep(1.0)
+            bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns()), "anna")
+            await asyncio.sleep(0.5)
+        assert (await shown.act()).target == DOOR
+        await asyncio.sleep(1.0)
+        assert home.states[DOOR]["state"] == "on"
+
+        await asyncio.sleep(20.0)  # the page is closed
+        assert (home.states[DOOR]["state"], home.states[DESK]["attributes"]["brightness"]) == ("off", 100)
+
+
+async def test_lit_lamp_that_somebody_sets_is_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await at_place(shown)
+        await shown.act("show", lamps=(DOOR,))
+        await asyncio.sleep(1.0)
+        assert home.states[DOOR]["state"] == "on"
+        home.act("turn_on", DOOR, {"brightness": 30})
+        await asyncio.sleep(20.0)
+        assert home.states[DOOR]["state"] == "on"
+
+
+async def test_lamp_that_was_lit_before_a_kill_goes_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await at_place(shown)
+        await shown.act("show", lamps=(DOOR,))
+        await asyncio.sleep(1.0)
+        home.is_deaf = True  # killed: nothing more comes from it
+    home.is_deaf = False
+    assert home.states[DOOR]["state"] == "on"
+    async with cards(home, tmp_path, monkeypatch):
+        await until(lambda: home.states[DOOR]["state"] == "off", what="off again")
+
+
+async def test_wrong_token_is_told_and_another_one_is_tried_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    files = with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        with pytest.raises(RefusedError, match="no address of a Home Assistant"):
+            await shown.act("connect", url="ftp://home")
+        assert (await shown.act()).step == "connect"
+        await shown.act("connect", url="http://home.local:8123")
+        await shown.until("choose")
+    assert "home.local:8123" in files.site.read_text()
+    assert TOKEN not in files.site.read_text() + files.state.path.read_text()
+
+
+async def test_press_without_movement_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_token(tmp_path)
+    async with cards(home_of_two(), tmp_path, monkeypatch) as (_bench, shown):
+        await at_place(shown)
+        with pytest.raises(RefusedError, match="no movement of anna arrives"):
+            await shown.act("press")
+
+
+async def test_run_without_a_home_refuses_its_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = home_of_two()
+    monkeypatch.setattr(service, "connected", home.connected)
+    async with memory_bench() as bench:
+        start(bench, config_of(tmp_path, 1))
+        await asyncio.sleep(1.0)
+        with pytest.raises(RefusedError, match="pointit home"):
+            await Cards(bench).act()
+
+
+async def test_new_lamp_of_home_assistant_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = home_of_two()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await at_place(shown)
+        await shown.act("hand", hand="mouse", user="anna")
+        await shown.act("finish")
+        home.set("light.new", "off")
+        await asyncio.sleep(6.0)
+        assert [lamp.id for lamp in (await shown.act()).lamps if lamp.is_new] == ["light.new"]

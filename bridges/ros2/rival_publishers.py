@@ -23,7 +23,7 @@ Position = tuple[str, Vec3]
 class _History:
     newest: Position
     other: Position | None = None
-    """Where the frame was before it jumped."""
+    """Position of the frame before it jumped."""
     returns: int = 0
     """Number of jumps back to where it was before a jump."""
     steps: int = 0

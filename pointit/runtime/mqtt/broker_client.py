@@ -91,7 +91,7 @@ class BrokerClient:
         self._loop = asyncio.get_running_loop()
         self._begin_s = self._loop.time()
         self._last_action = ""
-        """What the broker was asked for last."""
+        """Words for the newest request to the broker, for the sentence of a connection that ends."""
         self._closed: asyncio.Future[None] = self._loop.create_future()
         self._end_reason: Any = None
         """Reason code by which the broker has ended the connection, or None."""

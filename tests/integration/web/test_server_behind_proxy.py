@@ -23,7 +23,7 @@ HOST = {"Host": "lab.example"}
 
 def lines_of_guide(server: Server) -> str:
     """Return the lines for nginx of the guide, for the address of `server`."""
-    (lines,) = re.findall(r"```nginx\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    (lines,) = re.findall(r"```text\n(location .*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
     assert "127.0.0.1:8090" in lines
     return lines.replace("127.0.0.1:8090", server.host)
 

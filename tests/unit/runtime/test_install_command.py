@@ -26,5 +26,6 @@ def test_extra_is_installed_by_what_the_environment_has(
     (environment / "pyvenv.cfg").touch()
     monkeypatch.setattr(sys, "prefix", str(environment))
     monkeypatch.setattr(extras, "CHECKOUT", tmp_path)
-    monkeypatch.setattr(extras, "find_spec", lambda _name: object() if has_pip else None)
+    found = object() if has_pip else None
+    monkeypatch.setattr(extras, "find_spec", {"pip": found}.get)
     assert extras.remedy("ros2") == f"`{command}`"

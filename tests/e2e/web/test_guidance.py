@@ -209,7 +209,7 @@ class _Failing(BaseHTTPRequestHandler):
 
     do_GET = do_POST  # noqa: N815 - of the library
 
-    def log_message(self, *_: Any) -> None:
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - of the library
         """Say nothing."""
 
 

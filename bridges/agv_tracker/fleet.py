@@ -62,7 +62,9 @@ class Fleet:
     @property
     def problem(self) -> str:
         """Return a sentence if messages or fields cannot be read, else `""`."""
-        problems = [each for agv in self._agvs.values() for each in agv.problems.values() if each]
+        problems: list[str] = []
+        for agv in self._agvs.values():
+            problems += filter(None, agv.problems.values())
         return first_problem(problems)
 
     def on_message(self, topic: str, payload: object, now_ns: int, *, is_retained: bool = False) -> bool:
@@ -98,14 +100,19 @@ class Fleet:
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
         """Return where the AGVs are at `now_ns`, on their map, those that drive as far as they have come."""
-        for name in [name for name, agv in self._agvs.items() if _age_s(agv, now_ns) > MAX_AGV_AGE_S]:
-            del self._agvs[name]
-        return tuple(
-            self._object(name, agv, agv.place, now_ns)
-            for name, agv in sorted(self._agvs.items())
-            if agv.place is not None
-            and not (math.hypot(*agv.velocity) > MOVING_MPS and _age_s(agv, now_ns) > MAX_MOVING_AGV_AGE_S)
-        )
+        objects: list[TrackedObject] = []
+        for name, agv in sorted(self._agvs.items()):
+            age_s = _age_s(agv, now_ns)
+            if age_s > MAX_AGV_AGE_S:
+                del self._agvs[name]
+                continue
+
+            # one that drove may be anywhere by now
+            is_moving = math.hypot(*agv.velocity) > MOVING_MPS
+            is_lost = is_moving and age_s > MAX_MOVING_AGV_AGE_S
+            if agv.place is not None and not is_lost:
+                objects.append(self._object(name, agv, agv.place, now_ns))
+        return tuple(objects)
 
     def forget(self) -> None:
         """Forget all of them, since the broker is not connected."""
@@ -114,9 +121,13 @@ class Fleet:
     def _agv(self, source: AgvTopic) -> _Agv | None:
         """Return the sender of a message, or None if it is not shown."""
         name = source.name
-        if name not in self._left_out and name not in self._agvs and len(self._agvs) < MAX_AGVS:
-            self._agvs[name] = _Agv(source.prefix)
-        return self._agvs.get(name)
+        if name in self._agvs:
+            return self._agvs[name]
+        if name in self._left_out or len(self._agvs) >= MAX_AGVS:
+            return None
+        agv = _Agv(source.prefix)
+        self._agvs[name] = agv
+        return agv
 
     def _place(self, agv: _Agv, message: Visualization, topic: str, reported_ns: int) -> None:
         position = message.agv_position

@@ -63,8 +63,11 @@ class AgvTracker(Service[AgvTrackerConfig]):
         async with connected(self._options) as client:
             topics = agv_topics(self.config.topic_prefix)
             optional = [topic for topic in topics if topic.endswith("/visualization")]
-            problem = await client.subscribe([(topic, 1) for topic in topics], optional)
-            self.bus.warn("broker", problem and f"{self.config.broker}: {problem}")
+            subscriptions = [(topic, 1) for topic in topics]
+            problem = await client.subscribe(subscriptions, optional)
+            if problem:
+                problem = f"{self.config.broker}: {problem}"
+            self.bus.warn("broker", problem)
             async for message in client.messages:
                 self._fleet.on_message(
                     str(message.topic), message.payload, self.clock.now_ns(), is_retained=message.retain

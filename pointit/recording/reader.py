@@ -102,9 +102,13 @@ class Channels:
         """Return the numbers of messages by key, or by the names of channels that are not known."""
         found: dict[str, int] = {}
         for number, count in self._counts.items():
-            if (number in self._known) is known:
-                name = self._known[number].key if known else self._names.get(number, f"channel {number}")
-                found[name] = found.get(name, 0) + count
+            if (number in self._known) is not known:
+                continue
+            if known:
+                name = self._known[number].key
+            else:
+                name = self._names.get(number, f"channel {number}")
+            found[name] = found.get(name, 0) + count
         return dict(sorted(found.items()))
 
     def wanted(self, keys: Callable[[str], bool] | None) -> set[int]:
@@ -126,7 +130,8 @@ def _is_newer(written: str, known: str) -> bool:
     for part in written[:300].split("+"):
         name, _, version = part.rpartition(".v")
         # nine digits at most: int() refuses thousands of them, and the writer may be anybody
-        if name in ours and version.isdecimal() and len(version) < 10 and int(version) > int(ours[name]):
+        is_number = version.isdecimal() and len(version) < 10
+        if name in ours and is_number and int(version) > int(ours[name]):
             return True
     return False
 

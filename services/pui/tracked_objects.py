@@ -208,10 +208,11 @@ class Tracked:
 
     def __init__(self, environment: Environment) -> None:
         """Set the map, along whose lines objects move."""
-        self._lines: dict[tuple[str, str], tuple[Vec3, ...]] = {
-            **{("strip", strip.id): strip.line_m for strip in environment.strips},
-            **{("belt", belt.id): belt.line_m for belt in environment.belts},
-        }
+        self._lines: dict[tuple[str, str], tuple[Vec3, ...]] = {}
+        for strip in environment.strips:
+            self._lines["strip", strip.id] = strip.line_m
+        for belt in environment.belts:
+            self._lines["belt", belt.id] = belt.line_m
         self._newest: dict[str, TrackedObjects] = {}
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:

@@ -23,7 +23,7 @@ def test_command_ends_as_usual_when_streams_are_closed(numbers: tuple[int, ...],
     errors = tmp_path / "errors"
     command = f'"$@" 2>"{errors}" {closing}'
 
-    result = subprocess.run(  # noqa: S603 - our own command
+    result = subprocess.run(
         ["/bin/sh", "-c", command, "sh", sys.executable, "-m", "pointit", *words], check=False
     )
 

@@ -10,13 +10,21 @@ import sys
 from typing import Any
 
 if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes longer than all else here
+    _REMEDY = (
+        "the archive was unpacked without links; unpack it with a program that keeps them (`unzip`, `tar`), "
+        "install a wheel, or clone the repository with git"
+    )
+    if os.path.exists(f"{__path__[0]}/../.git"):  # noqa: PTH110 - as above
+        _REMEDY = (
+            "git wrote this checkout without links; on Windows, switch on its developer mode; then run "
+            "`git config core.symlinks true`, then `git checkout -- pointit`, or install a wheel"
+        )
     _SENTENCE = (
-        f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: git wrote "
-        "this checkout without links; on Windows, switch on its developer mode; then run "
-        "`git config core.symlinks true`, then `git checkout -- pointit`, or install a wheel"
+        f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: {_REMEDY}"
     )
     if sys.argv[0] == "-m" or os.path.basename(sys.argv[0]) in ("pointit", "pointit.exe"):  # noqa: PTH119
-        sys.stderr.write(f"Error: {_SENTENCE}\n")
+        if sys.stderr is not None:  # pyrefly: ignore - it may be closed
+            sys.stderr.write(f"Error: {_SENTENCE}\n")
         sys.exit(2)
     raise ImportError(_SENTENCE)
 

@@ -15,7 +15,11 @@ die() {
 }
 
 if [ -f "$ROOT/pointit/services" ]; then
-    say "${0##*/}: pointit/services is a text file, not a symbolic link: git wrote this checkout without links; on Windows, switch on its developer mode; then run \`git config core.symlinks true\`, then \`git checkout -- pointit\`"
+    remedy="the archive was unpacked without links; unpack it with a program that keeps them (\`unzip\`, \`tar\`), install a wheel, or clone the repository with git"
+    if [ -e "$ROOT/.git" ]; then
+        remedy="git wrote this checkout without links; on Windows, switch on its developer mode; then run \`git config core.symlinks true\`, then \`git checkout -- pointit\`"
+    fi
+    say "${0##*/}: pointit/services is a text file, not a symbolic link: $remedy"
     exit 2
 fi
 

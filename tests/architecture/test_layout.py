@@ -2,7 +2,9 @@
 
 import ast
 import re
+import shutil
 import subprocess
+import zipfile
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -85,7 +87,21 @@ def test_the_package_links_to_the_rooms_beside_it() -> None:
         assert f"this is `pointit.{name}`" in done.stderr, "one module under two names"
 
 
-def test_a_checkout_without_symbolic_links_says_so_in_a_sentence(tmp_path: Path) -> None:
+GIT_REMEDY = "`git config core.symlinks true`, then `git checkout -- pointit`"
+
+
+@pytest.mark.parametrize(
+    ("is_checkout", "remedies"),
+    [
+        (True, ("git wrote this checkout without links", GIT_REMEDY)),
+        (False, ("the archive was unpacked without links", "or clone the repository with git")),
+    ],
+)
+def test_folder_without_symbolic_links_says_so_in_a_sentence(
+    tmp_path: Path, *, is_checkout: bool, remedies: tuple[str, str]
+) -> None:
+    if is_checkout:
+        (tmp_path / ".git").mkdir()
     links = [f"pointit/{name}" for name in sources.LINKS]
     files = ("pointit/__init__.py", "pointit/__main__.py", "scripts/demo", "scripts/lib.sh", *links)
     git = ("git", "-c", "core.symlinks=false", "checkout-index", f"--prefix={tmp_path}/")
@@ -95,11 +111,30 @@ def test_a_checkout_without_symbolic_links_says_so_in_a_sentence(tmp_path: Path)
     script = subprocess.run([tmp_path / "scripts/demo"], capture_output=True, text=True, check=False)
     for done in (told, script):
         (sentence,) = done.stderr.splitlines()
-        assert "git wrote this checkout without links" in sentence
-        assert "`git config core.symlinks true`, then `git checkout -- pointit`" in sentence
+        for remedy in remedies:
+            assert remedy in sentence
+        assert ("git config" in sentence) == is_checkout
         assert (done.returncode, done.stdout) == (2, "")
     imported = python("-c", "import pointit", cwd=tmp_path)
     assert f"ImportError: {tmp_path}/pointit: services, schemas and bridges are text files" in imported.stderr
+
+
+def test_build_of_a_zip_archive_without_links_is_refused(tmp_path: Path) -> None:
+    archive = tmp_path / "main.zip"
+    subprocess.run(["git", "archive", "--format=zip", "--output", archive, "HEAD"], cwd=ROOT, check=True)
+    root = tmp_path / "main"
+    with zipfile.ZipFile(archive) as opened:  # as pip, uv and Windows do: links become text files
+        opened.extractall(root)
+    shutil.copy(ROOT / "hatch_build.py", root)
+    shutil.copy(ROOT / "pyproject.toml", root)
+
+    for target in ("wheel", "sdist"):
+        build = python("-m", "hatchling", "build", "--target", target, cwd=root)
+
+        assert build.returncode != 0
+        assert build.stderr.splitlines()[-1].endswith("or clone the repository with git")
+        assert "Traceback" not in build.stderr
+    assert not list(root.glob("dist/*"))
 
 
 def test_the_package_is_typed_and_every_room_a_package() -> None:

@@ -121,10 +121,16 @@ class TransformBuffer:
                 apart_s = message_age_ns(link.stamp_ns, at_ns) / NS_PER_S
                 if abs(apart_s) > stale_s:
                     side = "old" if apart_s > 0 else "ahead"
+                    remedy = "check its publisher and clock"
+                    if apart_s < 0:  # AMCL does it by its `transform_tolerance`, 1 s by default
+                        remedy = (
+                            "if its publisher dates transforms ahead on purpose, as AMCL does, set a larger "
+                            "stale_s of what uses it; else synchronize the clocks"
+                        )
                     off_s = round_beyond(abs(apart_s), stale_s)
                     return (
                         f"the transform from {checks.named(link.parent)} to {checks.named(here)} is "
-                        f"{off_s} s {side}, limit {stale_s:g} s: check its publisher and clock"
+                        f"{off_s} s {side}, limit {stale_s:g} s: {remedy}"
                     )
                 stamp_ns = link.stamp_ns if stamp_ns is None else stamp_ns
             pose = compose(link.pose, pose)

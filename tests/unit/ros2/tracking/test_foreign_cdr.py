@@ -387,3 +387,17 @@ def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first()
     assert "that of frame 'wrist_imu' is used, not that of 'elbow_imu'; let only one" in warning
     send("elbow_imu", LEFT, NOW_NS + 2 * REPLACED_NS)
     assert len(samples) == 6
+
+
+def test_transform_dated_ahead_is_used_after_its_remedy() -> None:
+    cdr = transforms(("map", "base_link", 1.0), stamp_ns=NOW_NS + 1_050_000_000)
+    value = jazzy().decode(TF, cdr)
+    robot = PoseReader(PoseSource(type="tf", frame="base_link"), "map")
+    robot.is_wanted(cdr)
+    refusal = robot.transforms(value, NOW_NS, is_static=False)
+    assert isinstance(refusal, str)
+    assert "set a larger stale_s" in refusal
+
+    patient = PoseReader(PoseSource(type="tf", frame="base_link", stale_s=2.0), "map")
+    patient.is_wanted(cdr)
+    assert isinstance(patient.transforms(value, NOW_NS, is_static=False), RobotReport)

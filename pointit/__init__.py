@@ -23,8 +23,7 @@ if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes 
         f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: {_REMEDY}"
     )
     if sys.argv[0] == "-m" or os.path.basename(sys.argv[0]) in ("pointit", "pointit.exe"):  # noqa: PTH119
-        if sys.stderr is not None:  # pyrefly: ignore - it may be closed
-            sys.stderr.write(f"Error: {_SENTENCE}\n")
+        print(f"Error: {_SENTENCE}", file=sys.stderr)  # noqa: T201 - unlike its `write`, also if it is closed
         sys.exit(2)
     raise ImportError(_SENTENCE)
 

@@ -125,19 +125,21 @@ def data_blocks(places: Iterator[RecordLocation]) -> Iterator[RecordLocation]:
     try:
         for place in places:
             is_data = is_data and place.opcode != Opcode.DATA_END
-            is_inner = is_data and place.opcode in _INNER
+            if not is_data or place.opcode not in _INNER:
+                if block is not None:
+                    yield block
+                    block = None
+                yield place
+                continue
             begin = place.offset - _HEAD.size
             end = place.offset + place.length
-            if is_inner and block is not None and end - block.offset <= UNCHUNKED_BYTES:
-                block = RecordLocation(UNCHUNKED, block.offset, end - block.offset)
-                continue
-            if block is not None:
-                yield block
-                block = None
-            if is_inner:
+            if block is None:
                 block = RecordLocation(UNCHUNKED, begin, end - begin)
+            elif end - block.offset <= UNCHUNKED_BYTES:
+                block = RecordLocation(UNCHUNKED, block.offset, end - block.offset)
             else:
-                yield place
+                yield block
+                block = RecordLocation(UNCHUNKED, begin, end - begin)
     except DamagedError:
         if block is not None:
             yield block

@@ -121,7 +121,8 @@ def test_folder_without_symbolic_links_says_so_in_a_sentence(
 
 def test_build_of_a_zip_archive_without_links_is_refused(tmp_path: Path) -> None:
     archive = tmp_path / "main.zip"
-    subprocess.run(["git", "archive", "--format=zip", "--output", archive, "HEAD"], cwd=ROOT, check=True)
+    git = ("git", "archive", "--format=zip", f"--output={archive}", "HEAD")
+    subprocess.run(git, cwd=ROOT, check=True)
     root = tmp_path / "main"
     with zipfile.ZipFile(archive) as opened:  # as pip, uv and Windows do: links become text files
         opened.extractall(root)

@@ -71,7 +71,7 @@ def test_file_of_a_page_is_read(name: str, tmp_path: Path, monkeypatch: pytest.M
 
 def _save_page(block: Block, folder: Path) -> None:
     """Save the files of the page of `block` in `folder`, its own last: some have one name."""
-    page = str(next(page for page, found in PAGES.items() if block in found))
+    page = next(page for page, found in PAGES.items() if block in found)
     for other in [*PAGES[page], block]:
         if other.title and re.fullmatch(r"[\w.-]+", other.title):
             (folder / other.title).write_text(other.code, encoding="utf-8")

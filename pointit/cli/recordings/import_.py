@@ -38,7 +38,8 @@ TABLES = (".csv", ".tsv", ".txt")
     default="",
     show_default=False,
     metavar="LIST",
-    help="of a CSV file: its columns by name or number, and units, t=time/ms,qx=3,robot_x=mm",
+    help="of a CSV file: its columns by name or number, and units, t=time/ms,qx=3,robot_x=mm; "
+    "t=time/us/32bit is a counter that starts again",
 )
 @click.option("--lost", default="", show_default=False, help="of a CSV file: text or number of lost values")
 @click.option(

@@ -359,3 +359,19 @@ def test_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:
 def test_bag_of_ros_1_is_named_with_its_converter(tmp_path: Path) -> None:
     (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
     assert "`rosbags-convert --src " in str(run(tmp_path / "old.bag").exception)
+
+
+def test_bag_is_read_when_no_temporary_folder_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = plain_mcap(tmp_path / "bag.mcap", chunks=True)
+    packed = tmp_path / "packed.mcap.zstd"
+    packed.write_bytes(ZstdCompressor().compress(source.read_bytes()))
+
+    def refused(*_: object, **__: object) -> None:
+        raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp', '/var/tmp', '/usr/tmp']")
+
+    monkeypatch.setattr(bag_file.tempfile, "TemporaryDirectory", refused)
+
+    assert len(imported(source)[IMU_KEY]) == COUNT
+    assert "set TMPDIR to a folder that can be, or unpack the file by `zstd -d`" in str(run(packed).exception)

@@ -191,3 +191,15 @@ async def test_fault_of_the_sensor_is_named_until_the_tracker_says_that_it_works
 )
 def test_address_of_a_tracker_is_a_mac_or_an_ip(given: str, kept: str) -> None:
     assert SLIMEVR.config.model_validate({"tracker": given}).model_dump()["tracker"] == kept
+
+
+async def test_tracker_that_sends_no_rotation_is_named_with_its_packets() -> None:
+    acceleration = struct.pack(">IQ3fB", 4, 1000, 0.0, 0.0, 9.81, 0)
+    async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
+        await until(
+            phone.saying(handshake(BOARD, 1), lambda: any(each[:1] == b"\x03" for each in phone.heard))
+        )
+        await until(phone.saying(acceleration, lambda: "kinds" in wrist.warnings))
+        assert "of kind 4): update its firmware" in wrist.warnings["kinds"]
+        await connect(wrist, phone)
+        await until(lambda: "kinds" not in wrist.warnings)

@@ -379,3 +379,13 @@ def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], s
         one_by_one += pieces.feed(stream[start : start + size])
     assert one_by_one == whole.feed(stream) == [line for line in lines if 0 < len(line) < 300]
     assert pieces.overlong == whole.overlong == lines.count(b"x" * 300)
+
+
+def test_device_on_a_port_without_an_orientation_is_told_what_to_set() -> None:
+    watch = SilenceWatch("the port", 3.0, 0.0)
+    detection = Detection(SerialConfig(format="ximu3", baud=115_200))
+    for data in (b"T,1000000,25.5\r\n", b"N,1000000,ok\r\n"):
+        detection.feed(data, 0, 1.0)
+    warning = watch.step(b"T,1000000,25.5\r\n", 4.0, detection)
+    assert warning is not None
+    assert "messages without an orientation (1 of T, 1 of N): set the AHRS message type" in warning

@@ -16,6 +16,11 @@ HomeAct = Literal[
 ]  # fmt: skip
 """Act of the person at the cards, see `SetUpHome.act`."""
 MAX_URL = 300
+TOKEN_FILE = "home-assistant.token"  # noqa: S105 - a name
+"""Name of the file with the token in the folder of a home."""
+STRIP = "strip:"
+LAMP = "lamp:"
+"""Begin of the ids of lights of the map, which are no entities of Home Assistant."""
 
 
 class SetUpHome(Query):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.home_assistant.setup.progress import LAMP, STRIP, ChosenLamp, PlacedLamp, StoredSetup
+from pointit.bridges.home_assistant.setup.progress import ChosenLamp, PlacedLamp, StoredSetup
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
@@ -18,12 +18,12 @@ from pointit.maps.model import MAX_LABEL, MapFile, things_of
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
 from pointit.scan.paced import FIRST, SECOND
+from pointit.schemas.home import LAMP, STRIP, TOKEN_FILE
 
 MAP = "home.yaml"
 DRAFT = "placing.yaml"
 """Map while lamps are pointed at: without things, so that none of them reacts."""
 SITE = "site.yaml"
-TOKEN = "home-assistant.token"  # noqa: S105 - a file's name
 STATE = "setup.json"
 MAX_MAP_BYTES = 16 * 2**20
 SIZE_M = 0.3
@@ -48,7 +48,7 @@ class HomeFiles:
         self.map = folder / MAP
         self.draft = folder / DRAFT
         self.site = folder / SITE
-        self.token = folder / TOKEN
+        self.token = folder / TOKEN_FILE
         self.state = StateFile[StoredSetup].at(folder / STATE, StoredSetup)
 
     def create(self) -> None:

@@ -15,11 +15,8 @@ from pydantic import BaseModel, ConfigDict
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.scan.paced import FIRST, SECOND, USUAL_M, PacedRoom, locate_paced, paced_ray
-from pointit.schemas.home import HomeHand, HomePlace, HomeStep
+from pointit.schemas.home import STRIP, HomeHand, HomePlace, HomeStep
 
-STRIP = "strip:"
-LAMP = "lamp:"
-"""Begin of the ids of lights of the map, which are no entities of Home Assistant."""
 MAX_LAMPS = 64
 TRIAL_SPREAD_RAD = math.radians(60.0)
 TRIAL_HEIGHT_M = 1.4

@@ -18,13 +18,14 @@ from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
-from pointit.bridges.home_assistant.setup.progress import LAMP, STRIP, ChosenLamp, SetupProgress
+from pointit.bridges.home_assistant.setup.progress import ChosenLamp, SetupProgress
 from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
 from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
 from pointit.schemas.base import MAX_ID
+from pointit.schemas.home import LAMP, STRIP
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import BUTTON, IMU, RAY
 

@@ -17,15 +17,13 @@ from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.state_file import expand_home, write_atomically
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
 from pointit.schemas.base import Rgb
+from pointit.schemas.home import LAMP, STRIP, TOKEN_FILE
 from pointit.schemas.topics import SET_LAMP, SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
 
-TOKEN = "home-assistant.token"  # noqa: S105 - a file's name, as in `home_files`
 MAX_TOKEN = 4096
 TOKEN_FORM = re.compile(r"[!-~]+")
 """One word of ASCII."""
 WHITE: Rgb = (255, 255, 255)
-STRIP = "strip:"
-LAMP = "lamp:"
 SHOWN_S = 2.0
 """Time for which an end of a strip is lit, s. Pages ask more often."""
 END_PIXELS = 3
@@ -80,12 +78,15 @@ class HomeSite:
                 "that is no access token: copy the whole long-lived access token, one long word, from your "
                 "profile in Home Assistant"
             )
-        write_atomically(expand_home(self._folder) / TOKEN, token.encode(), mode=0o600)
+        write_atomically(expand_home(self._folder) / TOKEN_FILE, token.encode(), mode=0o600)
 
     async def _follow(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Have the site use the map, the pose and the light of an answer."""
         key = await asyncio.to_thread(_version_of, reply.map)
-        if reply.map and key != self._used:
+        is_of_home = Path(reply.map).parent == expand_home(
+            self._folder
+        )  # the right to any map is an operator's
+        if is_of_home and key != self._used:
             await self._bus.call(USE_MAP, UseMap(path=reply.map))
             self._used = key
         if reply.pose_m is not None and reply.poses != self._poses and reply.user:

@@ -56,7 +56,7 @@ MAX_DIRECTION_SIGMA_RAD = math.radians(5.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """What is known about the walk from the first place to the second one.
+    """Prior of the walk from the first place to the second one.
 
     Attributes:
         length_m: its length, with the standard deviation `length_sigma_m`.
@@ -253,7 +253,7 @@ class PacedModel(PointingModel):
         return math.sqrt(max(float(np.linalg.eigvalsh(jacobian @ own_covariance @ jacobian.T)[-1]), 0.0))
 
     def _reason(self, values: Array, residuals: Array, own: NDArray[np.intp]) -> str:
-        """Return why the presses `own` at a lamp do not fit, or `""`."""
+        """Return the reason for which the presses `own` at a lamp do not fit, or `""`."""
         origins = self.origins[own].copy()
         origins[:, :2] += values[self.place[own][:, None] + np.arange(2)]
         sights = values[self.target[own][0] : self.target[own][0] + 3] - origins

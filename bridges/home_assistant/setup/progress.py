@@ -182,7 +182,7 @@ class SetupProgress:
         self._change(lamps=tuple(lamps), offered=tuple(offered), presses=presses, step="hand", left_out={})
 
     def take_hand(self, hand: HomeHand, user: str) -> None:
-        """Let `user` point with `hand`. With the mouse, lamps get places for a trial."""
+        """Use `hand` of `user` from now on. With the mouse, lamps get places for a trial."""
         if hand == "" or not user:
             raise RefusedError("say who points, and with what")
         if not self.state.lamps:

@@ -81,7 +81,7 @@ class HomeSite:
         write_atomically(expand_home(self._folder) / TOKEN_FILE, token.encode(), mode=0o600)
 
     async def _follow(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
-        """Have the site use the map, the pose and the light of an answer."""
+        """Send the requests that an answer calls for: map, pose and light."""
         key = await asyncio.to_thread(_version_of, reply.map)
         is_of_home = Path(reply.map).parent == expand_home(
             self._folder

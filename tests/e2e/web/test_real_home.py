@@ -1,8 +1,8 @@
 """`pointit home` beside a real Home Assistant, at night: the time to the first lamp that pointing switches.
 
-`tests/devices/test_real_home_assistant.py` says how to install one: HOME_ASSISTANT_PYTHON=DIR/bin/python
-scripts/test -m long tests/e2e/web/test_real_home.py. With Python 3.11: homeassistant==2024.3.3, "josepy<2" and
-"setuptools<81".
+`tests/devices/test_real_home_assistant.py` says how to install one; with Python 3.11 homeassistant==2024.3.3,
+"josepy<2" and "setuptools<81". HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long
+tests/e2e/web/test_real_home.py then starts and ends it.
 """
 
 import asyncio

@@ -54,7 +54,10 @@ def test_edit_begins_with_the_first_card_and_keeps_what_is_set_up(
 
 
 def test_missing_extra_is_said_with_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(home, "has_extra", lambda _extra: False)
+    def has_extra(_extra: str) -> bool:
+        return False
+
+    monkeypatch.setattr(home, "has_extra", has_extra)
     done = CliRunner().invoke(home.command, ["--folder", str(tmp_path / "x")], standalone_mode=False)
     assert isinstance(done.exception, ConfigError)
     assert remedy("home") in str(done.exception)

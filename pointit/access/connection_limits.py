@@ -96,7 +96,7 @@ class ConnectionLimits:
             identity_load.allow_start()
 
     def step(self, loads: Mapping[str, Load], roles: Mapping[str, str], now_s: float) -> list[str]:
-        """Take the loads since the last step into account. Return the accounts that are to be cut off now.
+        """Update each account's state from its load since the last step. Return the accounts to cut off now.
 
         `loads` and `roles` are by account.
         """

@@ -49,7 +49,7 @@ FORGIVEN_S = 600.0
 
 
 class Decision(Enum):
-    """What a router does with an identity."""
+    """Decision of a router about the connections of an identity."""
 
     ALLOW = "allow"
     CUT_OFF = "cut off"
@@ -139,7 +139,7 @@ class IdentityLoad:
         self._start_ends_s = self._step_s
 
     def step(self, now_s: float, load: Load) -> Decision:
-        """Take the operations since the last step into account, and decide."""
+        """Update the state from the operations since the last step. Return the decision."""
         elapsed_s = max(0.0, now_s - self._step_s)
         self._step_s = max(now_s, self._step_s)
         size = load.messages + load.started

@@ -40,7 +40,7 @@ CaptureLog = Callable[..., AbstractContextManager[None]]
 
 
 class GuardedRouter(Protocol):
-    """What a guard needs of a router: that of `runtime.router.Router`, which loads Zenoh."""
+    """Interface of a router for its guard. `runtime.router.Router` has it, but its import loads Zenoh."""
 
     is_held: Callable[[str], bool]
     roles: dict[str, str]

@@ -49,7 +49,7 @@ ID_LENGTH = 32
 MAX_KEY_LENGTH = 200
 """Maximum number of characters of a key that are kept."""
 LONG_LENGTH = 1000
-"""Number of characters of a line above which its length is counted: only keys of strangers are so long."""
+"""Number of characters of a line above which its length is counted. Only keys of strangers exceed it."""
 CHARACTERS_OF_MESSAGE = 100
 """Number of characters of a long line whose load is that of one more message."""
 OWN = "\x1b["
@@ -84,7 +84,7 @@ INTERNAL = "/@"
 
 
 class Operation(NamedTuple):
-    """What a client does with a key."""
+    """Operation of a client on a key."""
 
     connection: str
     """Name of the connection, or its first characters if that is all that is known."""

@@ -31,7 +31,7 @@ COMMENTS = ("#", "//", "%")
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")
 """Numbers with a comma that may part thousands or begin decimals."""
 _COMMENT_START = re.compile(r"\A *(?:#|//|%)*")
-"""What may stand before the names of columns. One slash begins a name, such as `/imu/orientation/w`."""
+"""Optional prefix of the line of column names. One slash begins a name, such as `/imu/orientation/w`."""
 _COUNTER = re.compile(r"(.+)/([1-9][0-9]?)bit")
 """Column and unit, and the number of bits of a counter."""
 _QUOTED = re.compile(r'"[^"]*"')

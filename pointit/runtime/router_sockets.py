@@ -47,7 +47,8 @@ def cut(peers: Collection[Peer]) -> int:
 def hold(peers: Collection[Peer]) -> int:
     """Discard what comes from `peers` until Zenoh closes their connections, a lease (3 s) later.
 
-    Whoever is cut connects again within milliseconds. Who is held needs a lease for each new connection.
+    A peer that is cut off connects again within milliseconds. A peer that is held needs a lease for each new
+    connection.
 
     Returns:
         Number of connections.

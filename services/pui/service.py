@@ -91,7 +91,7 @@ class Pui(Service[PuiConfig]):
         else:
             self.bus.subscribe(topics.MAP, self._on_map)
 
-        # requests before messages: whoever sees a cursor may ask at once
+        # requests before messages: a client that sees a cursor may ask at once
         self._share.serve(topics.SET_WORKSPACE, self._on_workspace)
         if not config.people:
             self.bus.serve(topics.SET_TOLERANCE, self._on_tolerance)

@@ -85,7 +85,7 @@ class HoverEngine:
         self._pressed_things = {each.id: (each.label or each.id, each.press) for each in environment.things}
 
     def manner(self, stamp_ns: int) -> SelectionManner:
-        """Return how people select the objects that are there, and the map's things before these are."""
+        """Return the manner of selecting the present objects, and the map things before they are present."""
         by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
         announcer = next((each.announcer for each in self._people.values() if each.announcer), None)
         names_by: SelectsBy | None = (

@@ -288,7 +288,7 @@ class LifeCycle:
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
         self._manner: SelectionManner | None = None
-        """How people select here. None: no selector has told."""
+        """Manner in which people select here, or None if no selector has published it."""
         self._advice: dict[str, str] = {}
         """Next steps of services that act on what the person does, while they point, by instance. The newest
         is shown."""

@@ -1,4 +1,4 @@
-"""What one component tells another is a field: no code reads the meaning of our own sentences.
+"""Components tell each other fields, not sentences: no code reads the meaning of our own sentences.
 
 The page's TypeScript has the same rule in `bridges/web/client/sentences.test.mjs`.
 """

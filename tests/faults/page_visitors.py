@@ -1,8 +1,9 @@
 """Visitors of a page who may only look: as many as a script wants, of one kind.
 
 `python -m tests.faults.page_visitors LINK KIND COUNT`, where LINK is the page's link for viewing. All open
-the page, a line is printed when all are in, and they go on until the process is killed. Whoever is cut off
-comes back after `RETURN_S`. They are polite to the machine (`nice`), since genuine ones have their own.
+the page, a line is printed when all are in, and they go on until the process is killed. A visitor that is
+cut off comes back after `RETURN_S`. They are polite to the machine (`nice`), since genuine ones have their
+own.
 """
 
 import asyncio

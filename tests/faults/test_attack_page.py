@@ -47,7 +47,7 @@ START_S = 60.0
 
 @dataclass(frozen=True)
 class Figures:
-    """What people who point received in `WINDOW_S`."""
+    """Cursors that the people who point received in `WINDOW_S`."""
 
     received: int
     """Cursors."""

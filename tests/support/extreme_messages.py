@@ -1,4 +1,4 @@
-"""Messages at the limits of their types, made from the annotations of their fields. Made anew in each run.
+"""Messages at the limits of their types, made from the annotations of their fields in each run.
 
 Each field takes each of its extremes once, while the others have plain values; then all take theirs at once.
 """

@@ -37,7 +37,7 @@ def _matches(pattern: str, topic: str) -> bool:
 
 @dataclass
 class OldBroker:
-    """What a broker of MQTT 3.1.1 answers, and what it was told."""
+    """Broker of MQTT 3.1.1: its answers, and a record of the packets that it received."""
 
     refused: Sequence[str] = ()
     """Beginnings of filters that are answered by 0x80."""

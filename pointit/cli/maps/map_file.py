@@ -54,7 +54,7 @@ WEB_ADDRESS_REMEDY = (
     "fetch what a WLED has with `curl -o state.json http://WLED/json/state`, then `pointit map import "
     "state.json --as segments`"
 )
-"""Way to a map for who gave the address of a web server."""
+"""Remedy in the error message if a web server's address is given instead of a file or a ROS node."""
 
 
 def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> list[Point | None]:

@@ -1,4 +1,4 @@
-"""What a map is good for that was made without measured lengths, by pointing from one place or two.
+"""Accuracy of paced maps, which are made without measured lengths, by pointing from one place or two.
 
 Such a map is wrong along the lines from its places to its things, by a share of their length, and in its
 scale. Both cancel out in directions from these places and from between them, and grow with the distance from
@@ -90,7 +90,7 @@ def covered_m(places_m: Sequence[tuple[float, float]], things: Sequence[Thing]) 
 
 
 def pacing_text(file: MapFile) -> str:
-    """Return what a paced map is good for, a clause for its summary, or `""` if it is not paced."""
+    """Return a clause on the accuracy of a paced map for its summary, or `""` if it is not paced."""
     if not file.paced_from:
         return ""
     places = [

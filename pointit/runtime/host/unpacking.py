@@ -1,7 +1,7 @@
 """Decompressors under a limit: what data unpack to is bounded before it is in memory.
 
 All of the product's decompressors are here, since a few bytes of any packing can become gigabytes. Libraries
-that unpack by themselves get these, or a limit of their own from who opens them.
+that unpack by themselves get these, or the code that opens them sets a limit of its own.
 """
 
 import zlib

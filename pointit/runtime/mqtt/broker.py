@@ -333,7 +333,7 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
 
 
 def ignore_closed_sockets(client: Any) -> None:
-    """Have an `aiomqtt.Client` that is not connected yet watch no sockets that are closed by then."""
+    """Make an `aiomqtt.Client` that is not connected yet ignore sockets that close before it watches them."""
     client._loop = _LoopWithoutClosedSockets(client._loop)  # noqa: SLF001 - aiomqtt has no other way
 
 

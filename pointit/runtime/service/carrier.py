@@ -168,8 +168,7 @@ class Carrier:
         """Check that nobody has been told yet that the act of `event` failed.
 
         Raises:
-            ActFailedError: If its limit is over, or this process stood still so long that it was taken for
-                dead.
+            ActFailedError: If its limit is over, or this process stood still until others took it for dead.
         """
         if event.takes_back:
             return

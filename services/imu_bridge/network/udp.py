@@ -102,7 +102,7 @@ class UdpDecoder(Decoder):
         return [text] if self._lines.has_form(text) else _json_objects(text)
 
     def _item(self, message: bytes, stamp_ns: int) -> Item | None:
-        """Return what an object of JSON or a line has, or None if it is of another sensor, or passed over.
+        """Return the item in a JSON object or a line, or None if it is of another sensor or is passed over.
 
         Raises:
             ContentError: If it cannot be read.

@@ -199,7 +199,7 @@ class Detection:
 
     @property
     def passed_over(self) -> str:
-        """Return what the device of the only format in question sends instead of readings, or `""`."""
+        """Return a description of messages without readings from the only format in question, or `""`."""
         framers = [*self._candidates.values()] if self.framer is None else [self.framer]
         if len(framers) != 1 or not framers[0].passed_over.count:
             return ""

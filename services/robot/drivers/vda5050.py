@@ -310,7 +310,7 @@ class Agv:
             self._disconnect(f"{reason} ({state}): switch it on, or look at its network")
 
     def _on_old_message(self, age_s: float) -> None:
-        """Say that a message is old, unless the AGV has said that it is off, or is connected."""
+        """Report that a message is old, unless the AGV has said that it is off, or is connected."""
         if self._is_off or self._last is not None:
             return
         age = f"{age_s:.0f} s old" if math.isfinite(age_s) else "of unknown age, since the broker retains it"
@@ -442,7 +442,7 @@ async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice
 def _note_agv(
     found: dict[AgvTopic, FoundDevice], address: str, agv: AgvTopic, message: "aiomqtt.Message"
 ) -> None:
-    """Store the sender of `message` in `found`, unless the message is none of an AGV.
+    """Store the sender of `message` in `found`, unless the message is not from an AGV.
 
     Of an AGV that is off, the broker retains a state as well: that does not count as one of now.
     """

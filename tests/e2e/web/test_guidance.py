@@ -1,4 +1,4 @@
-"""The card leads whoever comes: from every beginning, on anybody's map, and after an act that was refused."""
+"""The card leads every visitor: from every beginning, on any user's map, and after a refused act."""
 
 import asyncio
 import contextlib
@@ -49,7 +49,7 @@ DONE_WORDS = (
     "You switched",
     "{} is on.",
 )
-"""What the page says of an act that was done, with the thing's name."""
+"""Messages of the page about an act that was done, with the thing's name."""
 
 
 UNWANTED = "not to be selected, and staying on it selects it"
@@ -78,7 +78,7 @@ async def picture(page: Page, folder: Path, name: str) -> None:
 
 @pytest_asyncio.fixture
 async def home(commands: Commands, tmp_path: Path) -> SitePage:
-    """Run a map of thirty things with nobody's, a simulated, and a device's arm."""
+    """Run a map of thirty things with a free arm, a simulated arm, and an arm of a device."""
     room = thing_map([f"thing_{index}" for index in range(THINGS)], tmp_path)
     arms = ("--users", "3", "--imu", "page", "--imu", "sim", "--imu", "simulated")
     return await running(commands, str(room), *arms, "--lan", "--set", "web.lan_port=0", "--duration", "900")
@@ -229,7 +229,7 @@ class Pointer:
         self.window = window
         self.acts = 0
         self.lies: list[str] = []
-        """What was told as done and was not."""
+        """Acts that the page reported as done and that were not."""
         self.untold: list[str] = []
         """Acts whose refusal was not told."""
 

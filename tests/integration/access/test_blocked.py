@@ -70,7 +70,7 @@ def router_options(folder: SiteFolder, listen: str) -> list[str]:
 
 
 def heard_late(folder: SiteFolder, ear: Ear) -> int:
-    """Return how much is heard of a new session that floods, once the router has had time to know it."""
+    """Return the number of keys heard from a new flooding session once the router has had time to know it."""
     again = Insider(folder, "anna")
     try:
         _write_for(again, SETTLE_S)

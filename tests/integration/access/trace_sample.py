@@ -32,7 +32,7 @@ CONFIGURED = b"New downsampler rule enabled"
 
 
 def log_of_router(folder: Path) -> bytes:
-    """Return what a router writes while each kind of operation is done."""
+    """Return the log of a router while each kind of operation is done."""
     site = make_site(folder / "site", names={"anna": "user", "ben": "user", "services": "services"})
     out = folder / "out"
     environment = {**os.environ, "RUST_LOG": FILTER}

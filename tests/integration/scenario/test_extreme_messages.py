@@ -60,7 +60,7 @@ class RunningServices:
             self.tasks[launch.instance] = asyncio.create_task(running, name=launch.instance)
 
     def failures(self) -> dict[str, str]:
-        """Return what is wrong with each service that has ended, or has a handler or timer that raised."""
+        """Return by instance the failure of each service that has ended, or whose handler or timer raised."""
         ended = {name: f"has ended: {task}" for name, task in self.tasks.items() if task.done()}
         failing = {
             name: "; ".join(health.warnings) or f"{health.errors} errors"

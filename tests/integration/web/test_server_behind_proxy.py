@@ -37,7 +37,7 @@ async def cookie_through(port: int) -> str:
 
 
 async def reason_through(port: int, cookie: str) -> str:
-    """Return what a page that is opened at `PUBLIC` is told when it gets no websocket."""
+    """Return the reason that a page opened at `PUBLIC` receives when it gets no websocket."""
     headers = {**HOST, "Cookie": cookie}
     async with httpx.AsyncClient(
         base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=30.0

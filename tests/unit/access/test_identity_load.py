@@ -75,11 +75,11 @@ def cut_off_s(loads: Iterable[Load], identity_load: IdentityLoad | None = None) 
 
 @dataclass(frozen=True, kw_only=True)
 class Second:
-    """What an identity does in one second."""
+    """Operations of an identity in one second."""
 
     rate_hz: float
     shares: tuple[float, ...]
-    """Of each of `KINDS`."""
+    """Weight of each of `KINDS` in the load, 0 to 1. The sum is not normalized."""
 
 
 SHARES = st.tuples(*[st.floats(0.0, 1.0)] * len(KINDS)).filter(lambda shares: sum(shares) > 0.1)

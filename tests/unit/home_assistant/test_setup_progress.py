@@ -28,7 +28,7 @@ def at_place() -> SetupProgress:
 
 
 def killed(progress: SetupProgress) -> SetupProgress:
-    """Return what a new process makes of what is stored."""
+    """Return the progress that a new process restores from the stored state."""
     return SetupProgress(StoredSetup.model_validate_json(progress.state.model_dump_json()))
 
 

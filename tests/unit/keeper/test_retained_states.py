@@ -86,7 +86,7 @@ doings = st.lists(
 
 @dataclass
 class Reading:
-    """What the configuration promises: states, and when their owner was last known to be there, s."""
+    """Model of the configuration's promise: states, and the time at which their owner was last present, s."""
 
     owned_s: dict[tuple[str, str], float] = field(default_factory=dict)
     present: set[str] = field(default_factory=set)

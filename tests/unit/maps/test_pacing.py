@@ -1,4 +1,4 @@
-"""What paced maps are good for."""
+"""Accuracy of paced maps, as the check reports it."""
 
 from pathlib import Path
 

@@ -67,7 +67,7 @@ def test_any_messages_are_in_order_as_the_docstring_says(messages: list[tuple[st
 
 @dataclass
 class LinkReading:
-    """What the docstring of the module says of the delays of one name."""
+    """Model of the delays of one name by the docstring of the module."""
 
     reference_s: float
     arrived_s: float

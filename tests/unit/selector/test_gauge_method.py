@@ -36,7 +36,7 @@ def stay(count: int, name: str | None, *, pause_ms: int = 10, fills: bool = True
 
 @dataclass
 class Reading:
-    """What the docstring says, with levels in ms of filling, 0 to `FULL`."""
+    """Model of the method by its docstring, with levels in ms of filling, 0 to `FULL`."""
 
     time_ms: int = 0
     levels: dict[str, float] = field(default_factory=lambda: {"a": 0.0, "b": 0.0})

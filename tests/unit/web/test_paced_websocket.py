@@ -25,7 +25,7 @@ PART = Frame(Opcode.CONT, b"", fin=False).serialize(mask=True)
 
 
 class FakeTransport(asyncio.Transport):
-    """What the protocol writes, and whether it reads."""
+    """Transport that records the bytes that the protocol writes, and whether it reads."""
 
     def __init__(self) -> None:
         super().__init__()

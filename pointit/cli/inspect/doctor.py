@@ -211,13 +211,13 @@ def command(
             is_secured=credentials is not None,
             rejection=str(error) if isinstance(error, RejectedError) else "",
         )
-        return _print_findings(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
+        return _print_report(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if observer.seen is None:
         return INTERRUPTED
     findings = diagnose(observer.seen)
     if only:
         findings = filter_findings(findings, observer.seen, only)
-    return _print_findings(observer.seen, findings, known, site, only=only, as_json=as_json)
+    return _print_report(observer.seen, findings, known, site, only=only, as_json=as_json)
 
 
 async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
@@ -227,7 +227,7 @@ async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], t
     return 0
 
 
-def _print_findings(
+def _print_report(
     seen: Observation,
     findings: list[Finding],
     known: Sequence[Row],

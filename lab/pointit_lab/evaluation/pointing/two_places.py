@@ -21,9 +21,13 @@ from pointit.services.user_sim.config import AimConfig, DecisionConfig, Wristban
 SEEDS = range(7100, 7120)
 """Seeds that nothing was tuned with."""
 LAMPS = 8
-EYES_M, EYES_SIGMA_M = 1.6, 0.04
-"""Assumed height of the eyes, and the standard deviation of that of people, m."""
-WALK_M, WALK_SIGMA_M, WALK_AZIMUTH_SIGMA_RAD = 2.0, 0.3, 0.35
+EYES_M = 1.6
+"""Assumed height of the eyes, m."""
+EYES_SIGMA_M = 0.04
+"""Standard deviation of the height of people's eyes, m."""
+WALK_M = 2.0
+WALK_SIGMA_M = 0.3
+WALK_AZIMUTH_SIGMA_RAD = 0.35
 SECONDS_A_PRESS = 4.0
 WALK_S = 6.0
 MIN_APART_RAD = math.radians(12.0)

@@ -28,6 +28,7 @@ from pydantic_core import from_json
 from pointit.schemas import NS_PER_S
 from pointit.schemas.text import first_of, one_line
 
+T = TypeVar("T", bound="TolerantModel")
 Json = dict[str, Any] | list[Any] | str | float | None
 """Decoded JSON."""
 
@@ -163,9 +164,6 @@ class TolerantModel(BaseModel):
         if isinstance(field.validation_alias, AliasChoices):
             return str(field.validation_alias.choices[0])
         return field.alias or name
-
-
-T = TypeVar("T", bound=TolerantModel)
 
 
 def read_tolerantly(kind: type[T], data: Any, if_unreadable: Mapping[str, object]) -> T | None:

@@ -161,22 +161,29 @@ def _edits_of(
     else:
         value = {"home_assistant": lamp.id, "center": _rounded(ends[""]), "size": [SIZE_M] * 3}
 
-    # A thing that is there keeps what people have written: only its place changes.
     if name:
-        entry = file.things[name]
-        for key in ("center", "size", "light"):
-            is_needed = (
-                key == "center" or (key == "light" and lamp.id.startswith(STRIP)) or entry.size is None
-            )
-            if key in value and is_needed:
-                edits.append(SetValue(section="things", name=name, key=key, value=value[key]))
-        return edits
+        return edits + _edits_of_thing(file, lamp, name, value)
     key_name = lamp.id.partition("." if "." in lamp.id else ":")[2][:64]
     thing = free_name(key_name, file.things, added)
     added.append(thing)
-    if lamp.label.isprintable() and lamp.label not in ("", thing) and len(lamp.label) <= MAX_LABEL:
+    is_allowed = lamp.label.isprintable() and len(lamp.label) <= MAX_LABEL
+    if is_allowed and lamp.label not in ("", thing):
         value["label"] = lamp.label
     edits.append(Add(section="things", name=thing, value=value))
+    return edits
+
+
+def _edits_of_thing(file: MapFile, lamp: ChosenLamp, name: str, value: Mapping[str, Any]) -> list[Edit]:
+    """Return the edits of a thing that is there: only its place changes, not what people wrote."""
+    keys = ["center"]
+    if file.things[name].size is None:
+        keys = ["center", "size", "light"]
+    elif lamp.id.startswith(STRIP):
+        keys = ["center", "light"]
+    edits: list[Edit] = []
+    for key in keys:
+        if key in value:
+            edits.append(SetValue(section="things", name=name, key=key, value=value[key]))
     return edits
 
 
@@ -208,7 +215,9 @@ def advice_on(content: bytes, path: Path, places_m: Sequence[tuple[float, float]
         section, _, name = finding.where.partition(".")
         if section == "things":
             entry = file.things.get(name)
-            label = (entry.label or name) if entry is not None else name
+            label = name
+            if entry is not None and entry.label:
+                label = entry.label
             sentences.append(f"{label} {finding.text}".strip())
     return sentences
 

@@ -46,7 +46,9 @@ class LitLights:
 
     def begin(self, entity: str, state: Mapping[str, Any]) -> ServiceCall | None:
         """Return the call that lights a lamp, or None if it is not off, or is lit. Raises ConfigError."""
-        if not entity.startswith("light.") or entity in self._lights or state.get("state") != OFF:
+        if not entity.startswith("light.") or entity in self._lights:
+            return None
+        if state.get("state") != OFF:
             return None
         self._store(entity, LitLight())
         return ServiceCall(entity, "light", "turn_on")

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
+from pointit.scan.by_pointing import TargetRay
 from pointit.scan.paced import FIRST, SECOND, USUAL_M, PacedRoom, locate_paced, paced_ray
 from pointit.schemas.home import STRIP, HomeHand, HomePlace, HomeStep
 
@@ -113,18 +114,20 @@ class SetupProgress:
     def _must_align(self) -> bool:
         """Return True if presses refer to a zero of the yaw that may be another one in a new process."""
         state = self.state
-        has_zero = bool(state.presses) if state.step == "place" else bool(state.placed)
-        return has_zero and state.step in ("place", "try", "done") and state.hand in ("phone", "wrist")
+        if state.hand not in ("phone", "wrist"):
+            return False
+        if state.step == "place":
+            return bool(state.presses)
+        return state.step in ("try", "done") and bool(state.placed)
 
     @property
     def targets(self) -> list[tuple[str, End]]:
         """Return the lamps and ends of strips to point at from each place, in order."""
-        return [
-            (lamp.id, end)
-            for lamp in self.state.lamps
-            for end in lamp.ends
-            if lamp.id not in self.state.left_out
-        ]
+        targets: list[tuple[str, End]] = []
+        for lamp in self.state.lamps:
+            if lamp.id not in self.state.left_out:
+                targets += [(lamp.id, end) for end in lamp.ends]
+        return targets
 
     @property
     def target(self) -> tuple[str, End] | None:
@@ -133,9 +136,11 @@ class SetupProgress:
             return self._known_target
         if self.state.step != "place":
             return None
-        return next(
-            (target for target in self.targets if target not in self._pressed(self.state.place)), None
-        )
+        pressed = self._pressed(self.state.place)
+        for target in self.targets:
+            if target not in pressed:
+                return target
+        return None
 
     @property
     def place(self) -> HomePlace:
@@ -149,14 +154,18 @@ class SetupProgress:
     def may_walk(self) -> bool:
         """Return True if all lamps were pointed at from the first place, and nothing else is decided."""
         state = self.state
-        return state.step == "place" and state.place == FIRST and bool(state.presses) and self.target is None
+        if state.step != "place" or state.place != FIRST:
+            return False
+        return bool(state.presses) and self.target is None
 
     @property
     def is_complete(self) -> bool:
         """Return True if all lamps were pointed at from all places, so that they can be located."""
         state = self.state
+        if state.step != "place":
+            return False
         is_last_place = state.place == SECOND or state.has_one_place
-        return state.step == "place" and is_last_place and self.target is None
+        return is_last_place and self.target is None
 
     def connect(self, url: str) -> None:
         """Use the Home Assistant at `url`. Its lamps are chosen once it is connected."""
@@ -286,13 +295,14 @@ class SetupProgress:
 
     def fit(self) -> PacedRoom:
         """Return the room of the presses. May take half a second."""
-        rays = [
-            paced_ray(
-                target_key(press.lamp, press.end), press.place, (0.0, 0.0, press.eyes_m), _direction(press)
-            )
-            for press in self.state.presses
-            if press.lamp not in self.state.left_out
-        ]
+        state = self.state
+        rays: list[TargetRay] = []
+        for press in state.presses:
+            if press.lamp in state.left_out:
+                continue
+            key = target_key(press.lamp, press.end)
+            eyes_m = (0.0, 0.0, press.eyes_m)
+            rays.append(paced_ray(key, press.place, eyes_m, _direction(press)))
         return locate_paced(rays)
 
     def on_room(self, room: PacedRoom) -> None:
@@ -307,15 +317,16 @@ class SetupProgress:
                 asked_again.append((lamp, end))
                 self.reasons[lamp] = reason
         if asked_again:
-            place = self.state.place
-            kept = tuple(
-                press
-                for press in self.state.presses
-                if press.place != place or (press.lamp, press.end) not in asked_again
-            )
-            self._change(presses=kept, repeated=(*self.state.repeated, *asked_again))
+            # The presses of other places stay: only those of this place are made once more.
+            kept: list[LampPress] = []
+            for press in self.state.presses:
+                is_repeated = (press.lamp, press.end) in asked_again
+                if press.place != self.state.place or not is_repeated:
+                    kept.append(press)
+            self._change(presses=tuple(kept), repeated=(*self.state.repeated, *asked_again))
             return
-        if left_out and len(left_out) < len({lamp for lamp, _ in self.targets}):
+        lamps = {lamp for lamp, _ in self.targets}
+        if left_out and len(left_out) < len(lamps):
             self._leave_out(left_out)  # it is complete without them, and fitted once more
             return
         self._on_located(room)
@@ -351,8 +362,11 @@ class SetupProgress:
     def _known_target(self) -> tuple[str, End] | None:
         """Return a target of which the azimuth is known: of this place, else of the first one."""
         if self.state.step == "place":
-            presses = [press for press in self.state.presses if press.place == self.place]
-            return (presses[0].lamp, presses[0].end) if presses else None
+            place = self.place
+            for press in self.state.presses:
+                if press.place == place:
+                    return press.lamp, press.end
+            return None
         return (self.state.placed[0].lamp, self.state.placed[0].end) if self.state.placed else None
 
     def _align(self, target: tuple[str, End], azimuth_rad: float) -> None:

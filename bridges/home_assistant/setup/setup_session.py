@@ -18,7 +18,7 @@ from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, SetupProgress
+from pointit.bridges.home_assistant.setup.progress import ChosenLamp, End, SetupProgress
 from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
@@ -117,8 +117,11 @@ class SetupSession:
     @property
     def hovered(self) -> set[str]:
         """Return the lamp that is brighter now because it is its turn."""
+        spot = self._spot
+        if not spot or spot in self._lit.entities:
+            return set()
         is_brighter = int(self._loop.time() / BLINK_S) % 2 == 0
-        return {self._spot} if self._spot and is_brighter and self._spot not in self._lit.entities else set()
+        return {spot} if is_brighter else set()
 
     # Requests of cards.
 
@@ -217,46 +220,82 @@ class SetupSession:
         """Read the list of entities of Home Assistant again, if a card shows it and it is old."""
         connection = self._connection
         is_needed = self.progress.state.step in ("choose", "done")
-        if connection is None or not is_needed or self._loop.time() - self._entities_s < ENTITIES_PERIOD_S:
+        if connection is None or not is_needed:
             return
-        self._entities_s = self._loop.time()
+        now_s = self._loop.time()
+        if now_s - self._entities_s < ENTITIES_PERIOD_S:
+            return
+        self._entities_s = now_s
         with contextlib.suppress(RefusedError, TimeoutError, NoHomeAssistantError):
             self._entities = await entities_of(connection)
 
+    def _shown_problem(self, connection_problem: str) -> str:
+        """Return the problem of the last act, else that of a connection that is needed, else `""`."""
+        state = self.progress.state
+        if self._problem:
+            return self._problem
+        if not state.url or self._connection is not None:
+            return ""
+        if state.step == "connect":
+            return connection_problem
+        is_map_enough = all(_is_of_map(lamp.id) for lamp in state.lamps)
+        return "" if is_map_enough else connection_problem
+
     async def _reply(self, connection_problem: str) -> HomeSetup:
+        """Return what the present card shows."""
         progress = self.progress
         state = progress.state
         target = progress.target
-        problem = self._problem
-        is_waiting = state.step == "connect" or any(not _is_of_map(lamp.id) for lamp in state.lamps)
-        if not problem and state.url and self._connection is None and is_waiting:
-            problem = connection_problem
+        problem = self._shown_problem(connection_problem)
         advice: list[str] = []
         if state.step == "try":
             content = await asyncio.to_thread(self.files.read_map)
             advice = await asyncio.to_thread(advice_on, content, self.files.map, state.places_m)
+        has_token = self.files.token.exists()
+        is_connected = self._connection is not None
+        lamps = tuple(await self._lamps())
+
+        # From here on nothing waits: place, poses and pose are those of one moment.
+        name = ""
+        end: End = ""
+        is_aligning = False
+        is_lit = False
+        if target is not None:
+            name, end = target
+            is_aligning = progress.is_aligning
+            is_lit = self._can_be_lit(name)
+
+        # While lamps are placed, the page shows the draft: the map without its things.
         is_placing = state.step == "place"
+        map_file = self.files.map
+        if is_placing and self.files.draft.exists():
+            map_file = self.files.draft
+
+        pose_m: tuple[float, float] | None = None
+        pose_yaw_rad = 0.0
+        if progress.pose is not None:
+            pose_m, pose_yaw_rad = progress.pose
         return HomeSetup(
             step=state.step,
             url=state.url,
-            has_token=self.files.token.exists(),
-            is_connected=self._connection is not None,
+            has_token=has_token,
+            is_connected=is_connected,
             problem=one_line(problem, MAX_SENTENCE),
-            lamps=tuple(await self._lamps()),
+            lamps=lamps,
             hand=state.hand,
             user=state.user,
             place=progress.place,
-            target=target[0] if target is not None else "",
-            end=target[1] if target is not None else "",
-            is_aligning=progress.is_aligning and target is not None,
+            target=name,
+            end=end,
+            is_aligning=is_aligning,
             may_walk=progress.may_walk,
             can_take_back=is_placing and bool(state.presses),
-            is_lit=target is not None and self._can_be_lit(target[0]),
-            map=str(self.files.draft if is_placing and self.files.draft.exists() else self.files.map),
+            is_lit=is_lit,
+            map=str(map_file),
             places_m=state.places_m,
             poses=progress.poses,
-            pose_m=progress.pose[0] if progress.pose is not None else None,
-            pose_yaw_rad=progress.pose[1] if progress.pose is not None else 0.0,
+            pose_m=pose_m,
+            pose_yaw_rad=pose_yaw_rad,
             advice=tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE]),
         )
 
@@ -268,9 +307,9 @@ class SetupSession:
         listed = list(state.lamps)
         if state.step in ("choose", "done"):
             offered = {lamp.id: lamp for lamp in await self._offered()}
-            listed = list(
-                (offered | {name: lamp for name, lamp in chosen.items() if name not in offered}).values()
-            )
+            for name, lamp in chosen.items():
+                offered.setdefault(name, lamp)  # one that is missing for a moment stays in the list
+            listed = list(offered.values())
         states = {each.entity: each.state for each in self._entities}
         sigmas = sigmas_of(state.placed)
         lamps: list[HomeLamp] = []
@@ -369,8 +408,10 @@ class SetupSession:
         self._lit.on_state(entity, state)
 
     def _can_be_lit(self, lamp: str) -> bool:
+        if _is_of_map(lamp):
+            return True
         state = self._state_of(lamp).get("state")
-        return _is_of_map(lamp) or (lamp.startswith("light.") and state in ("on", "off"))
+        return lamp.startswith("light.") and state in ("on", "off")
 
     def _wanted_spot(self) -> str:
         now_s = self._loop.time()
@@ -378,9 +419,10 @@ class SetupSession:
         if now_s < until_s:
             return "" if _is_of_map(name) else name
         target = self.progress.target
-        if target is None or now_s - self._answered_s > ANSWERED_S or _is_of_map(target[0]):
+        if target is None or now_s - self._answered_s > ANSWERED_S:
             return ""
-        return target[0]
+        lamp = target[0]
+        return "" if _is_of_map(lamp) else lamp
 
     async def _light(self, connection: HomeAssistantConnection) -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""

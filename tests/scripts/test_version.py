@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from packaging.version import Version
 
-from tests.scripts.machine import PYTHON, Machine
 from tests.architecture.sources import ROOT
+from tests.scripts.machine import PYTHON, Machine
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 VERSION = Version(PROJECT["version"])

@@ -242,7 +242,7 @@ class SetupSession:
         return "" if is_map_enough else connection_problem
 
     async def _reply(self, connection_problem: str) -> HomeSetup:
-        """Return what the present card shows."""
+        """Return the content of the present card."""
         progress = self.progress
         state = progress.state
         target = progress.target

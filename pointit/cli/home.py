@@ -28,7 +28,7 @@ def default_folder() -> Path:
         raise ConfigError("there is no home directory; set HOME, or give a folder by --folder") from error
 
 
-@click.command("home", cls=PanelCommand)
+@click.command("home", cls=PanelCommand, usual=("folder", "edit", "lan", "credentials"))
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),

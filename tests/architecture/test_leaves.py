@@ -13,7 +13,7 @@ LEAVES = {
     "speech": (("pointit.speech", "pointit.services.listener"), 11),
     "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 35),
     "testing": (("pointit.testing", "pointit.cli.plugins"), 16),
-    "vda5050": (("pointit.vda5050", "pointit.services.robot.vda5050", "pointit.bridges.agv_tracker"), 8),
+    "vda5050": (("pointit.vda5050", "pointit.services.robot.vda5050", "pointit.bridges.agv_tracker"), 7),
 }
 """Modules of each part, and the largest number of names from others."""
 

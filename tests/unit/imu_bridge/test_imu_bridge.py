@@ -454,13 +454,6 @@ async def test_health_shows_the_device_of_the_page_and_its_battery() -> None:
         await until(lambda: not here.figures() and not here.reports[-1].warnings)
 
 
-@pytest.mark.parametrize(("source", "value"), [("page", 0.0), ("simulated", 1.0)])
-async def test_health_says_whether_the_arm_has_a_source_of_its_own(source: str, value: float) -> None:
-    async with site(source=source) as here:
-        await until(lambda: bool(here.reports))
-        assert value in [each.value for each in here.reports[0].figures if each.name == OWN_SOURCE]
-
-
 async def test_a_page_whose_clock_is_ahead_is_said_and_late_samples_are_counted() -> None:
     async with site(source="page") as here:
         here.send(ahead_s=30.0)

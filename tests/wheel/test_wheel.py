@@ -103,7 +103,8 @@ def test_wheel_has_every_file_of_the_product_and_no_other(wheel: Path) -> None:
 async def test_scenario_runs_without_the_page_and_names_the_extra(plain: Path, commands: Commands) -> None:
     ended = await commands.run([str(plain), "run", "scenario_3", "--duration", "5"]).end(code=0)
     assert "scenario_3 ran" in ended.out
-    assert "There was no page: the page needs `pip install 'pointit[web]'`." in ended.out
+    assert "There was no page: the page needs `" in ended.out
+    assert "pip install 'pointit[web]'`." in ended.out  # `uv pip` where uv made the environment
 
 
 async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> None:
@@ -118,7 +119,8 @@ async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> 
     assert "is up to date" in await says("topic", "schema", "--check")
     assert "ImuSample.v1" in await says("topic", "schema", "ImuSample.v1")
     refused = await says("map", "plot", "conveyor", "-o", "conveyor.svg", code=2)
-    assert "pictures need matplotlib, which is not installed; run `pip install 'pointit[plot]'`" in refused
+    assert "pictures need matplotlib, which is not installed; run `" in refused
+    assert "pip install 'pointit[plot]'`" in refused
 
 
 async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, commands: Commands) -> None:

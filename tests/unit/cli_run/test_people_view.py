@@ -362,8 +362,8 @@ async def test_changes_are_told_once_whatever_their_figures(bus: MemoryBus) -> N
     states: tuple[dict[str, str], ...] = (
         {},
         {"user": "anna"},
-        {"reason": "ben is 0.91 m away"},
-        {"reason": "ben is 0.87 m away"},
+        {"reason": "ben is 0.91 m away", "reason_code": "person"},
+        {"reason": "ben is 0.87 m away", "reason_code": "person"},
         {},
     )
     for fields in states:

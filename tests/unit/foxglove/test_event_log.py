@@ -146,8 +146,8 @@ def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
     assert told() == []
     assert told(user="anna") == [(LogLevel.Info, "cart", "anna steers it")]
     near = [(LogLevel.Warning, "cart", "stopped: ben is 0.9 m away")]
-    assert told(user="anna", phase="stopped", reason="ben is 0.9 m away") == near
-    assert told(user="anna", phase="stopped", reason="ben is 0.8 m away") == []
+    assert told(user="anna", phase="stopped", reason="ben is 0.9 m away", reason_code="person") == near
+    assert told(user="anna", phase="stopped", reason="ben is 0.8 m away", reason_code="person") == []
     assert told(user="anna") == []
     chronicle.site.set_service("robot.cart", present=True)
     chronicle.site.set_service("robot.cart", present=False)

@@ -46,7 +46,7 @@ def only(data: bytes) -> Packet:
 
 
 def test_rotation_of_the_table() -> None:
-    assert decode(IDENTITY) == SlimevrDatagram(1, Rotation(0, (0.0, 0.0, 0.0, 1.0)))
+    assert decode(IDENTITY) == SlimevrDatagram(1, Rotation(0, (0.0, 0.0, 0.0, 1.0)), kind=17)
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,10 @@ def test_orientations_of_every_kind(kind: int, payload: bytes, sensor: int) -> N
 
 
 def test_corrections_and_packets_of_other_kinds_are_passed_over() -> None:
-    assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == SlimevrDatagram(7, None)
-    assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == SlimevrDatagram(7, None)
+    correction = decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00"))
+    assert correction == SlimevrDatagram(7, None, kind=17)
+    temperature = decode(datagram(20, b"\x00" + struct.pack(">f", 31.0)))
+    assert temperature == SlimevrDatagram(7, None, kind=20)
 
 
 def test_handshakes_of_boards_and_apps() -> None:
@@ -109,7 +111,7 @@ def test_handshakes_of_boards_and_apps() -> None:
 
 def test_echoes_and_handshakes_have_no_number() -> None:
     echo = decode(datagram(10, struct.pack(">I", 9), 4711))
-    assert echo == SlimevrDatagram(0, Pong(9))
+    assert echo == SlimevrDatagram(0, Pong(9), kind=10)
     assert protocol.ping(9) == datagram(10, struct.pack(">I", 9), 0)
 
 

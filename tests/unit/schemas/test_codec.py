@@ -235,10 +235,10 @@ def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
         decode(kind, msgpack.packb(fields))
 
 
-SENTENCES = {"next_step", "message", "reason", "refusal", "sentence", "text", "warnings"}
+SENTENCES = {"advice", "next_step", "message", "problem", "reason", "refusal", "sentence", "text", "warnings"}
 """Texts for people, that are no ids."""
-DOCUMENTS = {"command", "home_assistant", "parameters", "path", "query", "reply"}
-"""JSON, commands to show, and paths of files: only who runs the site writes them."""
+DOCUMENTS = {"command", "home_assistant", "map", "parameters", "path", "query", "reply", "url"}
+"""JSON, commands to show, addresses, and paths of files: only who runs the site writes them."""
 
 
 def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

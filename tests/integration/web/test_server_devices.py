@@ -105,7 +105,8 @@ async def test_devices_are_found_with_the_words_that_choose_them() -> None:
             ("--output ddp:kitchen.local", "Kitchen, 60 pixels", 60),
         ]
         command = "pointit map import home-assistant --url http://192.168.1.5:8123 --token-file ~/ha.token"
-        assert reply["homes"] == [{"label": "Home, 2025.4.4", "command": command}]
+        home = {"label": "Home, 2025.4.4", "command": command, "url": "http://192.168.1.5:8123"}
+        assert reply["homes"] == [home]
         problems = ["ddp: a device has an address that cannot be used", "x: no Bluetooth adapter"]
         assert (sorted(reply["problems"]), reply["can_connect"]) == (problems, False)
         assert "belongs to no run" in await refusal(page)

@@ -191,7 +191,7 @@ function tell(change: SiteEvent): void {
   const mine = controls.mine?.user ?? "";
   if ("feedback" in change) {
     const { feedback } = change;
-    // a text of `feedback say`, from whomever: targets of a localization have an id, or wait for one
+    // a text of `feedback say` from any service; targets of a localization have an id, or wait for one
     if (feedback.cue === "target" && !feedback.target_id && !feedback.waits && change.user === (mine || controls.user)) {
       if (settings.sound) chime(feedback.chime);
       controls.toasts.show("info", capital(friendly(site, feedback.text)));

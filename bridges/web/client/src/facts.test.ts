@@ -27,7 +27,7 @@ function home() {
   return { site, ada, controls, card };
 }
 
-test("a refusal stays while one is on the thing, and another visit begins anew", () => {
+test("a refusal stays while one is on the thing, and another visit starts without it", () => {
   const { site, ada, card } = home();
   assert.equal(card(), "Movie: stay on it …");
   noteChange(site, { ...EVENT, event: "refused", reason: "no Home Assistant answers: start it" });

@@ -14,7 +14,7 @@ from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.config.nearest_name import accept_old_names
-from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
+from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError, WrongSiteError
 from pointit.runtime.link.link import (
     DEFAULT_ENDPOINT,
     DEFAULT_SITE,
@@ -75,7 +75,10 @@ def open(  # noqa: A001 - `pointit.open`
     `connect`.
     """
     thread = LoopThread()
-    return SyncSite(_join(address, site, credentials, timeout_s), thread)
+    try:
+        return SyncSite(_join(address, site, credentials, timeout_s), thread)
+    except PointItError as error:
+        raise error.with_traceback(None) from None  # a script without a site ends with a sentence
 
 
 @contextlib.asynccontextmanager

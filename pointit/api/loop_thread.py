@@ -51,7 +51,8 @@ class LoopThread:
         except concurrent.futures.CancelledError as error:
             raise closed_error() from error
         except PointItError as error:
-            raise error.with_traceback(None) from error.__cause__  # this thread's frames hide the caller's
+            # Its sentence is for people: no frames of this thread and no error of a library stand above it.
+            raise error.with_traceback(None) from None
         except BaseException:
             call.cancel()
             raise

@@ -40,6 +40,15 @@ print(site.name, sorted(next(site.services())))
 """
 
 
+READS_A_SITE = """
+import sys
+import pointit
+
+with pointit.open(sys.argv[1], timeout_s=0.1) as site:
+    site.wait()
+"""
+
+
 @pytest_asyncio.fixture
 async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
@@ -87,6 +96,16 @@ async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
     with pytest.raises(ConfigError, match=r"'here' is no address; write one like tcp/127.0.0.1:7447"):
         async with pointit.connect("here"):
             pass
+
+
+def test_script_without_a_site_ends_with_one_sentence(endpoint: str) -> None:
+    script = [sys.executable, "-c", READS_A_SITE, endpoint]
+    ended = subprocess.run(script, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert ended.returncode == 1
+    *frames, sentence = ended.stderr.strip().splitlines()
+    assert f"nobody answers at {endpoint}" in sentence
+    assert len(frames) <= 8
+    assert "zenoh" not in "".join(frames)
 
 
 async def test_the_run_that_is_joined_without_a_name_is_told_once(

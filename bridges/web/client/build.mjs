@@ -10,12 +10,26 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = process.argv[2] ?? join(here, "../static");
 rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
-const entries = { app: "app.ts", phone: "phone.ts", scan: "scan.ts", "scan-worker": "scan/worker.ts", touch: "styles/touch.css" };
+const entries = {
+  app: "app.ts",
+  phone: "phone.ts",
+  scan: "scan.ts",
+  "scan-worker": "scan/worker.ts",
+  touch: "styles/touch.css",
+};
 await build({
   absWorkingDir: here,
   entryPoints: Object.fromEntries(Object.entries(entries).map(([name, file]) => [name, `src/${file}`])),
-  outdir: out, bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "none", logLevel: "warning",
-  charset: "utf8", splitting: true, chunkNames: "chunk-[hash]", // who sees the plan loads no three.js
+  outdir: out,
+  bundle: true,
+  minify: true,
+  format: "esm",
+  target: "es2022",
+  legalComments: "none",
+  logLevel: "warning",
+  charset: "utf8",
+  splitting: true,
+  chunkNames: "chunk-[hash]", // who sees the plan loads no three.js
 });
 cpSync(join(here, "public"), out, { recursive: true });
 cpSync(join(here, "../../../docs/reference/glossary.md"), join(out, "glossary.md")); // for `?`

@@ -9,9 +9,31 @@ import ts from "typescript";
 
 const SOURCE = join(dirname(fileURLToPath(import.meta.url)), "src");
 /** Fields and variables that are sentences for people. */
-const SENTENCES = new Set(["error", "message", "next_step", "problem", "reason", "remedy", "said", "sentence"]);
+const SENTENCES = new Set([
+  "error",
+  "message",
+  "next_step",
+  "problem",
+  "reason",
+  "remedy",
+  "said",
+  "sentence",
+]);
 /** Methods of a text, or of a pattern, that read a part of it. */
-const TEXT_USES = new Set(["endsWith", "exec", "includes", "indexOf", "match", "matchAll", "replace", "replaceAll", "search", "split", "startsWith", "test"]);
+const TEXT_USES = new Set([
+  "endsWith",
+  "exec",
+  "includes",
+  "indexOf",
+  "match",
+  "matchAll",
+  "replace",
+  "replaceAll",
+  "search",
+  "split",
+  "startsWith",
+  "test",
+]);
 /** Two words: the pattern reads prose. */
 const WORDS = /[A-Za-z]{2,} \(?[A-Za-z]{2,}/;
 
@@ -32,7 +54,11 @@ function readsIn(file, text) {
   const found = [];
   const visit = (node) => {
     if (ts.isRegularExpressionLiteral(node) && WORDS.test(node.text)) found.push(node.getText());
-    if (ts.isCallExpression(node) && ts.isPropertyAccessExpression(node.expression) && TEXT_USES.has(node.expression.name.text)) {
+    if (
+      ts.isCallExpression(node) &&
+      ts.isPropertyAccessExpression(node.expression) &&
+      TEXT_USES.has(node.expression.name.text)
+    ) {
       if ([node.expression.expression, ...node.arguments].some(isSentence)) found.push(node.getText());
     }
     ts.forEachChild(node, visit);
@@ -42,24 +68,51 @@ function readsIn(file, text) {
 }
 
 test("no code reads a sentence that a field should tell", () => {
-  const files = readdirSync(SOURCE, { recursive: true }).filter((file) => file.endsWith(".ts") && !file.endsWith(".test.ts"));
+  const files = readdirSync(SOURCE, { recursive: true }).filter(
+    (file) => file.endsWith(".ts") && !file.endsWith(".test.ts"),
+  );
   assert.ok(files.length > 100);
-  const found = files.flatMap((file) => readsIn(file, readFileSync(join(SOURCE, file), "utf8")).map((source) => [source, file]));
-  assert.deepEqual(found.filter(([source]) => !ALLOWED.has(source)), [], "give the message a field, and read that");
-  assert.deepEqual([...ALLOWED.keys()].filter((source) => !found.some(([each]) => each === source)), [], "these are gone: remove them from ALLOWED");
+  const found = files.flatMap((file) =>
+    readsIn(file, readFileSync(join(SOURCE, file), "utf8")).map((source) => [source, file]),
+  );
+  assert.deepEqual(
+    found.filter(([source]) => !ALLOWED.has(source)),
+    [],
+    "give the message a field, and read that",
+  );
+  assert.deepEqual(
+    [...ALLOWED.keys()].filter((source) => !found.some(([each]) => each === source)),
+    [],
+    "these are gone: remove them from ALLOWED",
+  );
 });
 
 test("the rule finds each form of reading", () => {
-  for (const source of ["/button to confirm\\b/.test(text)", "/load it again/.test(error.message)", "reason.replaceAll(id, '')", "why.reason.startsWith(what)", "sentence.split(' ')"]) {
+  for (const source of [
+    "/button to confirm\\b/.test(text)",
+    "/load it again/.test(error.message)",
+    "reason.replaceAll(id, '')",
+    "why.reason.startsWith(what)",
+    "sentence.split(' ')",
+  ]) {
     assert.equal(readsIn("a.ts", source).length > 0, true, source);
   }
-  for (const source of ["/^-?\\d+$/.test(number)", "names.includes(name)", "path.replace(/[?#].*/, '')"]) assert.deepEqual(readsIn("a.ts", source), [], source);
+  for (const source of ["/^-?\\d+$/.test(number)", "names.includes(name)", "path.replace(/[?#].*/, '')"])
+    assert.deepEqual(readsIn("a.ts", source), [], source);
 });
 
 test("no scenario that comes with PointIt is known by name", () => {
-  const names = readdirSync(join(SOURCE, "../../../../pointit/launch/scenarios")).map((file) => file.replace(/\.yaml$/, ""));
+  const names = readdirSync(join(SOURCE, "../../../../pointit/launch/scenarios")).map((file) =>
+    file.replace(/\.yaml$/, ""),
+  );
   assert.ok(names.includes("scenario_4"));
-  const files = readdirSync(SOURCE, { recursive: true }).filter((file) => file.endsWith(".ts") && !file.endsWith(".test.ts"));
-  const found = files.flatMap((file) => names.filter((name) => readFileSync(join(SOURCE, file), "utf8").includes(name)).map((name) => [name, file]));
+  const files = readdirSync(SOURCE, { recursive: true }).filter(
+    (file) => file.endsWith(".ts") && !file.endsWith(".test.ts"),
+  );
+  const found = files.flatMap((file) =>
+    names
+      .filter((name) => readFileSync(join(SOURCE, file), "utf8").includes(name))
+      .map((name) => [name, file]),
+  );
   assert.deepEqual(found, []);
 });

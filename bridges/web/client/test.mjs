@@ -7,13 +7,33 @@ import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const tests = readdirSync(join(here, "src"), { recursive: true }).filter((file) => file.endsWith(".test.ts")).sort();
-const rules = readdirSync(here).filter((file) => file.endsWith(".test.mjs")).sort();
+const tests = readdirSync(join(here, "src"), { recursive: true })
+  .filter((file) => file.endsWith(".test.ts"))
+  .sort();
+const rules = readdirSync(here)
+  .filter((file) => file.endsWith(".test.mjs"))
+  .sort();
 const out = mkdtempSync(join(tmpdir(), "pointit-page-"));
 try {
-  await build({ absWorkingDir: here, entryPoints: tests.map((file) => `src/${file}`), outdir: out, bundle: true,
-    platform: "node", format: "esm", outExtension: { ".js": ".mjs" }, logLevel: "warning" });
-  const ran = spawnSync(process.execPath, ["--test", ...tests.map((file) => join(out, file.replace(/\.ts$/, ".mjs"))), ...rules.map((file) => join(here, file))], { stdio: "inherit" });
+  await build({
+    absWorkingDir: here,
+    entryPoints: tests.map((file) => `src/${file}`),
+    outdir: out,
+    bundle: true,
+    platform: "node",
+    format: "esm",
+    outExtension: { ".js": ".mjs" },
+    logLevel: "warning",
+  });
+  const ran = spawnSync(
+    process.execPath,
+    [
+      "--test",
+      ...tests.map((file) => join(out, file.replace(/\.ts$/, ".mjs"))),
+      ...rules.map((file) => join(here, file)),
+    ],
+    { stdio: "inherit" },
+  );
   process.exitCode = ran.status ?? 1;
 } finally {
   rmSync(out, { recursive: true, force: true });

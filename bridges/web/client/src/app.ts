@@ -77,36 +77,53 @@ function cannotPlay(error: unknown): never {
   write(at("lost-text"), `This recording cannot be played here: ${String(error)}`);
   throw error;
 }
-const connection = new Connection(site, recording ? await import("./past/recorded").then(({ play }) => play(recording)).catch(cannotPlay) : toServer, {
-  onUpdate: () => wake(),
-  onHello: () => {
-    tuning.forget();
-    speaker.setUsual(site.hello?.speaks ?? false, site.hello?.language ?? "");
+const connection = new Connection(
+  site,
+  recording
+    ? await import("./past/recorded").then(({ play }) => play(recording)).catch(cannotPlay)
+    : toServer,
+  {
+    onUpdate: () => wake(),
+    onHello: () => {
+      tuning.forget();
+      speaker.setUsual(site.hello?.speaks ?? false, site.hello?.language ?? "");
+    },
+    onStatus: () => {
+      controls.follow();
+      mouse.update();
+      headsetArm.update();
+      pairing.update();
+      refresh();
+    },
+    onState: (isConnected, attempt) => {
+      showConnection(isConnected, attempt);
+      refresh();
+    },
   },
-  onStatus: () => {
-    controls.follow();
-    mouse.update();
-    headsetArm.update();
-    pairing.update();
-    refresh();
-  },
-  onState: (isConnected, attempt) => {
-    showConnection(isConnected, attempt);
-    refresh();
-  },
-});
+);
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
 const headsetArm = new HeadsetArm(controls, (sentence) => {
   stage.view?.immersion?.tell(sentence);
   chime("buzz");
 });
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
-  mouse.renew();
-  wake();
-}, headsetArm, () => {
-  if (awake) frame();
-});
+const stage: Stage = new Stage(
+  at("view"),
+  at("cameras"),
+  at("chip"),
+  ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at),
+  ["guide", "chip"].map(at),
+  controls,
+  (place) => mouse.aim(place),
+  () => {
+    mouse.renew();
+    wake();
+  },
+  headsetArm,
+  () => {
+    if (awake) frame();
+  },
+);
 const pairing = pairingDialog(controls);
 const guide = makeGuide(at("guide"), controls, mouse, pairing);
 const scenario = makeScenario(at("scenario"), at("progress"), controls);
@@ -120,15 +137,56 @@ const speaker = new Speaker(at("name"), (spoken, problem) => {
 let namedNs = 0;
 const look = makeLook(controls, speaker, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [personPart(controls), moverPart(controls, mouse, pairing), nowPart(controls), thingsPart(controls), robotsPart(controls), belts, speechPart(controls)] },
-  { name: "Set up", icon: "map", parts: [homePart(controls, pairing, () => panel), peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
-  { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
+  {
+    name: "Control",
+    icon: "sliders",
+    parts: [
+      personPart(controls),
+      moverPart(controls, mouse, pairing),
+      nowPart(controls),
+      thingsPart(controls),
+      robotsPart(controls),
+      belts,
+      speechPart(controls),
+    ],
+  },
+  {
+    name: "Set up",
+    icon: "map",
+    parts: [
+      homePart(controls, pairing, () => panel),
+      peoplePart(controls, scenario),
+      devicesPart(controls),
+      mapPart(controls),
+      mapRoomPart(controls),
+      tuning,
+    ],
+  },
+  {
+    name: "Health",
+    icon: "pulse",
+    parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)],
+  },
 ]);
 const stop = stopAll(at("stop"), controls);
 const runEnd = makeRunEnd(at("ended"), controls);
 const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
-const help = makeHelp((): readonly Shortcut[] => shortcuts, () => stage.gestures);
-const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline, speaker });
+const help = makeHelp(
+  (): readonly Shortcut[] => shortcuts,
+  () => stage.gestures,
+);
+const shortcuts = makeShortcuts({
+  controls,
+  mouse,
+  stage,
+  belts,
+  look,
+  pairing,
+  panel,
+  help,
+  timeline,
+  speaker,
+});
 addEventListener("keydown", tellBeginning);
 listen(shortcuts, () => settings.shortcuts);
 at("help").addEventListener("click", () => help.open());
@@ -192,7 +250,12 @@ function tell(change: SiteEvent): void {
   if ("feedback" in change) {
     const { feedback } = change;
     // a text of `feedback say` from any service; targets of a localization have an id, or wait for one
-    if (feedback.cue === "target" && !feedback.target_id && !feedback.waits && change.user === (mine || controls.user)) {
+    if (
+      feedback.cue === "target" &&
+      !feedback.target_id &&
+      !feedback.waits &&
+      change.user === (mine || controls.user)
+    ) {
       if (settings.sound) chime(feedback.chime);
       controls.toasts.show("info", capital(friendly(site, feedback.text)));
       return;
@@ -201,16 +264,26 @@ function tell(change: SiteEvent): void {
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
     // of a place, or of a robot, whose press may have to be repeated; cues of objects are told by their events
-    const isTold = feedback.point_m !== null || (controls.mine?.steering != null && ["refused", "deselected"].includes(feedback.cue));
-    if (isTold && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(friendly(site, feedback.text)));
+    const isTold =
+      feedback.point_m !== null ||
+      (controls.mine?.steering != null && ["refused", "deselected"].includes(feedback.cue));
+    if (isTold && feedback.text)
+      controls.toasts.show(
+        feedback.cue === "selected" ? "done" : "info",
+        capital(friendly(site, feedback.text)),
+      );
     return;
   }
-  const { event } = change, id = event.object_id;
+  const { event } = change;
+  const id = event.object_id;
   isStale = true;
   if (controls.tellTakenBack(event) || event.user !== (mine || controls.user)) return;
   const isLeaving = event.event === "dispatched" || event.event === "left";
-  const isOwn = controls.isOwn({ user: event.user, stampNs: event.stamp_ns }) && (!isLeaving || controls.hasSelected(id));
-  const what = called(site, id, event.kind), isWrong = !controls.isWanted(event.kind), who = isOwn ? "" : `${event.user}: `;
+  const isOwn =
+    controls.isOwn({ user: event.user, stampNs: event.stamp_ns }) && (!isLeaving || controls.hasSelected(id));
+  const what = called(site, id, event.kind);
+  const isWrong = !controls.isWanted(event.kind);
+  const who = isOwn ? "" : `${event.user}: `;
   if (event.event === "selected") {
     if (isOwn) {
       controls.setSelected(id, true);
@@ -225,8 +298,7 @@ function tell(change: SiteEvent): void {
     const ended = outcome(site, event);
     controls.setSelected(id, false);
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
-  }
-  else if (event.event === "refused" && isOwn) {
+  } else if (event.event === "refused" && isOwn) {
     const why = friendly(site, event.reason) || "it could not be selected.";
     controls.toasts.show("info", `${capital(what)} is not changed: ${why}`);
   }
@@ -237,7 +309,8 @@ const LATE_NS = 1.5e9;
 
 /** Speak the name that is announced to the person. */
 function speakName(): void {
-  const announced = controls.person?.announced, began = Number(announced?.began_ns ?? 0);
+  const announced = controls.person?.announced;
+  const began = Number(announced?.began_ns ?? 0);
   if (!announced?.object_id || began === namedNs) return;
   namedNs = began;
   if (!site.timeline && siteNow(site) - began < LATE_NS * site.speed) speaker.say(announced.label);
@@ -263,7 +336,9 @@ function announce(): void {
   const interaction = controls.person?.interaction;
   const robot = steeredBy(site, controls.user);
   const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : nextStepOf(site, controls.person!)}${steers}` : "";
+  const now = interaction
+    ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : nextStepOf(site, controls.person!)}${steers}`
+    : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);
@@ -275,11 +350,44 @@ function showHeader(): void {
   showVisit();
   const wrong = site.status?.findings.filter((each) => each.severity !== "note" && !each.follows).length ?? 0;
   panel.count(HEALTH, wrong, wrong === 1 ? "warning" : "warnings");
-  const pill = at("pill"), isLoading = site.status === null && at("lost").hidden, isLost = !isLoading && (!site.connected || isCutOff(site));
-  mark(pill, "data-state", runEnd.isOver ? "past" : isLoading ? "loading" : isLost ? "lost" : wrong ? "warning" : past ? "past" : "live");
-  mark(pill.querySelector("use")!, "href", `#icon-${runEnd.isOver ? "stop" : isLost ? "close" : wrong ? "warning" : past ? "history" : "live"}`);
+  const pill = at("pill");
+  const isLoading = site.status === null && at("lost").hidden;
+  const isLost = !isLoading && (!site.connected || isCutOff(site));
+  mark(
+    pill,
+    "data-state",
+    runEnd.isOver
+      ? "past"
+      : isLoading
+        ? "loading"
+        : isLost
+          ? "lost"
+          : wrong
+            ? "warning"
+            : past
+              ? "past"
+              : "live",
+  );
+  mark(
+    pill.querySelector("use")!,
+    "href",
+    `#icon-${runEnd.isOver ? "stop" : isLost ? "close" : wrong ? "warning" : past ? "history" : "live"}`,
+  );
   const median = !isLost && !past ? connection.latency.total(performance.now()).p50 : null;
-  write(at("pill-text"), runEnd.isOver ? "Ended" : isLoading ? "Connecting" : !site.connected ? "Lost" : past ? "Past" : isLost ? "Cut off" : "Live");
+  write(
+    at("pill-text"),
+    runEnd.isOver
+      ? "Ended"
+      : isLoading
+        ? "Connecting"
+        : !site.connected
+          ? "Lost"
+          : past
+            ? "Past"
+            : isLost
+              ? "Cut off"
+              : "Live",
+  );
   write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
   show(at("recorded"), site.connected && controls.isPresent("recorder") && !past);
   show(at("looks-on"), site.connected && site.hello?.role === "viewer" && !past);
@@ -287,7 +395,8 @@ function showHeader(): void {
 
 /** Offer the way into the past of a running site, or out of it. */
 function showVisit(): void {
-  const visit = at("visit"), isPast = site.timeline !== null;
+  const visit = at("visit");
+  const isPast = site.timeline !== null;
   show(visit, site.connected && site.hello !== null && !site.timeline?.title);
   visit.classList.toggle("primary", isPast);
   mark(visit, "aria-keyshortcuts", isPast ? "Escape" : "W");
@@ -301,7 +410,8 @@ function showVisit(): void {
 /** Say why the scene stands still, or is not yet there; without `pui` there is no map to draw. */
 function showOutage(): void {
   const text = site.connected ? outage(site) : "";
-  const isWaiting = !stage.isDrawn && !text && (site.status === null || (!site.timeline && controls.isPresent("pui")));
+  const isWaiting =
+    !stage.isDrawn && !text && (site.status === null || (!site.timeline && controls.isPresent("pui")));
   show(at("drawing"), isWaiting && at("lost").hidden);
   show(at("outage"), text !== "");
   write(at("outage-text"), text);
@@ -318,18 +428,29 @@ function showConnection(isConnected: boolean, attempt: number): void {
 
 /** Say that the connection is lost; not when the run has ended, which is said instead. */
 function showLost(): void {
-  const isLost = !site.connected && !runEnd.isOver && (site.hello !== null || attempts > 1 || connection.isRefused), attempt = attempts;
+  const isLost =
+    !site.connected && !runEnd.isOver && (site.hello !== null || attempts > 1 || connection.isRefused);
+  const attempt = attempts;
   show(at("lost"), isLost);
-  const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
-    ? "The connection is lost. What you see is old; trying again …"
-    : connection.reason ? connection.reason
-    : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
+  const text = connection.isRefused
+    ? "PointIt was restarted: open the link that it prints."
+    : site.hello && attempt <= 6
+      ? "The connection is lost. What you see is old; trying again …"
+      : connection.reason
+        ? connection.reason
+        : attempt > 3
+          ? "PointIt does not answer. Open the link that it printed when it was started."
+          : "Connecting …";
   write(at("lost-text"), isLost ? text : "");
 }
 
 window.pointit = {
-  get site() { return site; },
-  get stats() { return stage.view?.stats ?? null; },
+  get site() {
+    return site;
+  },
+  get stats() {
+    return stage.view?.stats ?? null;
+  },
 };
 void stage.make();
 connection.open();

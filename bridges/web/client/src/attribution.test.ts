@@ -7,8 +7,26 @@ import { outage } from "./outage";
 import { emptyPerson, emptySite, siteNow, type Site } from "./site/site";
 import type { FindingLine, PersonLine, Status } from "./wire";
 
-const lineOf = (user: string, moved_by: PersonLine["moved_by"], is_mine = false): PersonLine => ({ user, moved_by, source: "device", is_mine, phone: "", battery: null, assumed: null });
-const statusOf = (part: Partial<Status> = {}): Status => ({ kind: "status", services: [], findings: [], people: [], viewers: 1, lan_url: "", devices: [], run: "runs", ...part });
+const lineOf = (user: string, moved_by: PersonLine["moved_by"], is_mine = false): PersonLine => ({
+  user,
+  moved_by,
+  source: "device",
+  is_mine,
+  phone: "",
+  battery: null,
+  assumed: null,
+});
+const statusOf = (part: Partial<Status> = {}): Status => ({
+  kind: "status",
+  services: [],
+  findings: [],
+  people: [],
+  viewers: 1,
+  lan_url: "",
+  devices: [],
+  run: "runs",
+  ...part,
+});
 
 function bench(): { site: Site; controls: Controls; now: () => number } {
   const site = emptySite();
@@ -57,13 +75,22 @@ test("another scenario asks first only where a person would lose something", () 
   const { site, controls } = bench();
   const services = [{ instance: "user-sim.user1", present: true, since_s: 1 }];
   site.status = statusOf({ services, viewers: 3 });
-  site.selection = { objects: [{ id: "a", user: "user1" }, { id: "b", user: "user1" }], reserved: [] } as never;
+  site.selection = {
+    objects: [
+      { id: "a", user: "user1" },
+      { id: "b", user: "user1" },
+    ],
+    reserved: [],
+  } as never;
   site.people.get("user1")!.line = { ...lineOf("user1", "own"), source: "simulation" };
   assert.deepEqual(losses(controls), [], "the simulated person's");
   site.people.get("user1")!.line = lineOf("user1", "mouse", true);
   controls.follow();
   controls.setSelected("b", true);
-  assert.deepEqual(losses(controls), ["You point as user1, and lose 1 selection.", "2 other pages show it, too."]);
+  assert.deepEqual(losses(controls), [
+    "You point as user1, and lose 1 selection.",
+    "2 other pages show it, too.",
+  ]);
   site.people.get("user1")!.line = lineOf("user1", "phone");
   assert.deepEqual(losses(controls)[0], "user1 points with a phone, and loses 2 selections.");
   site.people.get("user1")!.line = lineOf("user1", "own");
@@ -72,8 +99,20 @@ test("another scenario asks first only where a person would lose something", () 
 });
 
 test("services that leave or start with a scenario are no outage", () => {
-  const finding = (part: Partial<FindingLine>): FindingLine => ({ severity: "error", code: "unreachable", service: "", sentence: "10 of 11 services are gone together", remedy: "look there", follows: false, ...part });
+  const finding = (part: Partial<FindingLine>): FindingLine => ({
+    severity: "error",
+    code: "unreachable",
+    service: "",
+    sentence: "10 of 11 services are gone together",
+    remedy: "look there",
+    follows: false,
+    ...part,
+  });
   const findings = [finding({}), finding({ service: "pui", follows: true })];
-  assert.match(outage({ status: statusOf({ findings }) }), /^10 of 11 services are gone together; look there/);
-  for (const run of ["starts", "over"] as const) assert.equal(outage({ status: statusOf({ findings, run }) }), "");
+  assert.match(
+    outage({ status: statusOf({ findings }) }),
+    /^10 of 11 services are gone together; look there/,
+  );
+  for (const run of ["starts", "over"] as const)
+    assert.equal(outage({ status: statusOf({ findings, run }) }), "");
 });

@@ -35,7 +35,10 @@ export class Controls {
   private takenBack: TakenBack | null = null;
 
   constructor(
-    readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
+    readonly site: Site,
+    readonly settings: Settings,
+    readonly connection: Connection,
+    readonly toasts: Toasts,
     /** Redraws everything that depends on the controls. */
     readonly changed: () => void,
   ) {}
@@ -115,13 +118,21 @@ export class Controls {
   /** Title of the running scenario, or of one that can be run. */
   titleOf(scenario: string): string {
     const running = [...this.site.deployments.values()].find((each) => each.scenario === scenario);
-    return capital(this.offers.find(({ name }) => name === scenario)?.title || running?.title || scenario.replaceAll("_", " ")); // old recordings have no titles
+    return capital(
+      this.offers.find(({ name }) => name === scenario)?.title ||
+        running?.title ||
+        scenario.replaceAll("_", " "),
+    ); // old recordings have no titles
   }
 
   /** Name of the running scenario, or "". */
   get scenario(): string {
     const all = [...this.site.deployments.values()];
-    return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
+    return (
+      all.find((each) => each.scenario)?.scenario ??
+      all.find((each) => each.services.some((s) => !s.user))?.name ??
+      ""
+    );
   }
 
   /** Kinds to select. Empty means all. */
@@ -159,8 +170,10 @@ export class Controls {
 
   /** Send a request, and show the message of its reply as well. */
   async askAloud(wish: Wish, patienceMs?: number): Promise<Reply | null> {
-    const reply = await this.ask(wish, patienceMs), message = reply?.["message"];
-    if (typeof message === "string" && message) this.toasts.show("info", capital(friendly(this.site, message)));
+    const reply = await this.ask(wish, patienceMs);
+    const message = reply?.["message"];
+    if (typeof message === "string" && message)
+      this.toasts.show("info", capital(friendly(this.site, message)));
     return reply;
   }
 
@@ -176,8 +189,11 @@ export class Controls {
 
   /** Stop robots, all by default; each is asked for itself, so that one that does not answer holds up no other. */
   async stopRobots(robots: readonly string[] = this.stoppable): Promise<void> {
-    const replies = await Promise.all(robots.map((name) =>
-      this.ask({ key: "robots/{robot}/stop", name, query: { reason: "from the page" } })));
+    const replies = await Promise.all(
+      robots.map((name) =>
+        this.ask({ key: "robots/{robot}/stop", name, query: { reason: "from the page" } }),
+      ),
+    );
     const stopped = robots.filter((_, i) => replies[i]);
     if (stopped.length) this.toasts.show("done", `Stopped: ${stopped.join(", ")}.`);
   }
@@ -201,12 +217,14 @@ export class Controls {
   }
 
   localize(): void {
-    if (this.may("localizer/{user}/start")) void this.askAloud({ key: "localizer/{user}/start", name: this.user });
+    if (this.may("localizer/{user}/start"))
+      void this.askAloud({ key: "localizer/{user}/start", name: this.user });
   }
 
   /** Stop localizing; with `forget_bias`, the next localization by a robot expects no elevation bias. */
   cancel(query: Partial<CancelLocalization> = {}): void {
-    if (this.may("localizer/{user}/cancel")) void this.askAloud({ key: "localizer/{user}/cancel", name: this.user, query });
+    if (this.may("localizer/{user}/cancel"))
+      void this.askAloud({ key: "localizer/{user}/cancel", name: this.user, query });
   }
 
   /** Whether the person has selected something that they can clear. */
@@ -232,7 +250,8 @@ export class Controls {
     if (!can) return this.toasts.show("info", `There is nothing to ${cause} for ${user}.`);
     const asked: TakenBack = { cause, user, names: [], late: [] };
     this.takenBack = asked;
-    if (!(await this.ask({ key: `selector/{user}/${cause}`, name: user })) && this.takenBack === asked) this.takenBack = null;
+    if (!(await this.ask({ key: `selector/{user}/${cause}`, name: user })) && this.takenBack === asked)
+      this.takenBack = null;
   }
 
   /**
@@ -240,15 +259,26 @@ export class Controls {
    * Returns whether it did.
    */
   tellTakenBack(event: SelectionEvent): boolean {
-    const asked = this.takenBack, { site } = this;
+    const asked = this.takenBack;
+    const { site } = this;
     if (!asked || event.cause !== asked.cause || event.user !== asked.user) return false;
     if (event.event === "refused" && asked.cause === "undo") return true; // which the answer says
-    const what = called(site, event.object_id, event.kind), { names, late } = asked, isClear = asked.cause === "clear";
+    const what = called(site, event.object_id, event.kind);
+    const { names, late } = asked;
+    const isClear = asked.cause === "clear";
     (event.event === "refused" ? late : names).push(what);
     this.setSelected(event.object_id, event.event === "selected");
     const does = isClear ? "Cleared" : `${outcome(site, event)}${event.event === "selected" ? " again" : ""}`;
-    const text = [names.length ? `${does}: ${listed(names)}.` : "", late.length ? `Too late for ${listed(late)}.` : ""].filter(Boolean).join(" ");
-    this.toasts.show(names.length ? "done" : "info", text, { action: isClear && names.length ? { name: "Undo", run: () => this.undo() } : undefined, topic: asked });
+    const text = [
+      names.length ? `${does}: ${listed(names)}.` : "",
+      late.length ? `Too late for ${listed(late)}.` : "",
+    ]
+      .filter(Boolean)
+      .join(" ");
+    this.toasts.show(names.length ? "done" : "info", text, {
+      action: isClear && names.length ? { name: "Undo", run: () => this.undo() } : undefined,
+      topic: asked,
+    });
     return true;
   }
 

@@ -11,7 +11,9 @@ type Attributes = Record<string, string | number | boolean | ((event: Event) => 
  * `className` and `text` are what they say.
  */
 export function el<K extends keyof HTMLElementTagNameMap>(
-  tag: K, attributes: Attributes = {}, ...children: Child[]
+  tag: K,
+  attributes: Attributes = {},
+  ...children: Child[]
 ): HTMLElementTagNameMap[K] {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -69,7 +71,12 @@ export function key(name: string): HTMLElement {
 /** A titled part of the panel. */
 export function section(title: string, ...children: Child[]): HTMLElement {
   const id = `s-${title.toLowerCase().replaceAll(/[^a-z]+/g, "-")}`;
-  return el("section", { className: "part", "aria-labelledby": id }, el("h2", { id, text: title }), ...children);
+  return el(
+    "section",
+    { className: "part", "aria-labelledby": id },
+    el("h2", { id, text: title }),
+    ...children,
+  );
 }
 
 let sheets = 0;
@@ -78,13 +85,27 @@ let sheets = 0;
 export function sheet(title: string | HTMLElement, ...children: Child[]): HTMLDialogElement {
   const head = typeof title === "string" ? el("h2", { text: title }) : title;
   head.id ||= `sheet-${++sheets}`;
-  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
-  const dialog = el("dialog", { className: "sheet", "aria-labelledby": head.id }, el("header", {}, head, close), ...children);
+  const close = el(
+    "button",
+    { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() },
+    icon("close"),
+  );
+  const dialog = el(
+    "dialog",
+    { className: "sheet", "aria-labelledby": head.id },
+    el("header", {}, head, close),
+    ...children,
+  );
   document.body.append(dialog);
   return dialog;
 }
 
 /** A part that can be folded. */
 export function folded(title: string, isOpen: boolean, ...children: Child[]): HTMLDetailsElement {
-  return el("details", { className: "part", open: isOpen }, el("summary", {}, el("h2", { text: title }), icon("chevron")), el("div", { className: "inner" }, ...children));
+  return el(
+    "details",
+    { className: "part", open: isOpen },
+    el("summary", {}, el("h2", { text: title }), icon("chevron")),
+    el("div", { className: "inner" }, ...children),
+  );
 }

@@ -9,16 +9,55 @@ import { emptyPerson, emptySite } from "./site/site";
 import { noteChange } from "./site/things";
 
 const S = 1e9;
-const HOVER: Hover = { action: "select", is_selected: false, miss_rad: 0, object_id: "movie", progress: 0.4, seq: 0, snapped_m: null, snapped_position_m: null, stamp_ns: 10 * S, taken_by: "" };
-const EVENT: SelectionEvent = { event: "selected", object_id: "movie", user: "ada", cause: "dwell", stamp_ns: 11 * S, kind: "Movie", reason: "", bay: "", confidence: null, seq: 0, carriers: [] };
+const HOVER: Hover = {
+  action: "select",
+  is_selected: false,
+  miss_rad: 0,
+  object_id: "movie",
+  progress: 0.4,
+  seq: 0,
+  snapped_m: null,
+  snapped_position_m: null,
+  stamp_ns: 10 * S,
+  taken_by: "",
+};
+const EVENT: SelectionEvent = {
+  event: "selected",
+  object_id: "movie",
+  user: "ada",
+  cause: "dwell",
+  stamp_ns: 11 * S,
+  kind: "Movie",
+  reason: "",
+  bay: "",
+  confidence: null,
+  seq: 0,
+  carriers: [],
+};
 
 function home() {
-  const site = emptySite(), ada = emptyPerson("ada"), object = { kind: "Movie", mode: "button", surface: "none", size_m: [1, 1, 1], press: false, bay: "" };
+  const site = emptySite();
+  const ada = emptyPerson("ada");
+  const object = { kind: "Movie", mode: "button", surface: "none", size_m: [1, 1, 1], press: false, bay: "" };
   const controls = new Controls(site, {} as never, {} as never, {} as never, () => {});
-  Object.assign(site, { connected: true, hello: { deeds: ["take", "pair"], requests: [] }, status: { services: [{ instance: "selector", present: true, since_s: 60 }] } });
-  Object.assign(ada, { line: { user: "ada", moved_by: "mouse", is_mine: true, source: "none" }, hover: HOVER, cameNs: 10 * S, interaction: { state: "pointing", next_step: "next", press: "" } });
+  Object.assign(site, {
+    connected: true,
+    hello: { deeds: ["take", "pair"], requests: [] },
+    status: { services: [{ instance: "selector", present: true, since_s: 60 }] },
+  });
+  Object.assign(ada, {
+    line: { user: "ada", moved_by: "mouse", is_mine: true, source: "none" },
+    hover: HOVER,
+    cameNs: 10 * S,
+    interaction: { state: "pointing", next_step: "next", press: "" },
+  });
   site.people.set("ada", ada);
-  site.objects.set("things", { objects: [{ ...object, id: "movie" }, { ...object, id: "radio", kind: "Radio", mode: "switch" }] } as never);
+  site.objects.set("things", {
+    objects: [
+      { ...object, id: "movie" },
+      { ...object, id: "radio", kind: "Radio", mode: "switch" },
+    ],
+  } as never);
   const card = (hover: Partial<Hover> = {}): string => {
     ada.hover = { ...HOVER, ...hover };
     const { facts, words } = factsOf(controls, ada, false, null);
@@ -37,36 +76,69 @@ test("a refusal stays while one is on the thing, and another visit starts withou
   noteChange(site, { ...EVENT, stamp_ns: 21 * S });
   assert.equal(card({ action: "" }), "Movie has fired. Go on with the next.");
   noteChange(site, { ...EVENT, event: "refused", stamp_ns: 21 * S, reason: "it did not follow" });
-  assert.equal(card({ action: "" }), "Movie is not changed: it did not follow", "a failed act has the stamp of its event");
+  assert.equal(
+    card({ action: "" }),
+    "Movie is not changed: it did not follow",
+    "a failed act has the stamp of its event",
+  );
   noteChange(site, { ...EVENT, event: "deselected", stamp_ns: 22 * S, cause: "" });
-  assert.equal(card({ action: "" }), "Movie is not changed: it did not follow", "a button goes off by itself");
+  assert.equal(
+    card({ action: "" }),
+    "Movie is not changed: it did not follow",
+    "a button goes off by itself",
+  );
   noteChange(site, { ...EVENT, event: "refused", stamp_ns: 22 * S, user: "ben", reason: "of another" });
   assert.notEqual(card({ action: "" }), "Movie is not changed: of another");
 });
 
 test("an unavailable thing is said to be so before, during and after an act", () => {
   const { site, card } = home();
-  site.carriers.set("ha", { things: [{ id: "movie", state: "unavailable", reason: "its lamp is off: switch it on" }] } as never);
-  for (const action of ["refuse", "", "select"] as const) assert.equal(card({ action }), "Movie is unavailable: its lamp is off: switch it on");
+  site.carriers.set("ha", {
+    things: [{ id: "movie", state: "unavailable", reason: "its lamp is off: switch it on" }],
+  } as never);
+  for (const action of ["refuse", "", "select"] as const)
+    assert.equal(card({ action }), "Movie is unavailable: its lamp is off: switch it on");
 });
 
 test("a switch that is on, under way or not wanted has its own words", () => {
-  const { site, controls, card } = home(), radio = { object_id: "radio" };
+  const { site, controls, card } = home();
+  const radio = { object_id: "radio" };
   site.selection = { objects: [{ id: "radio", user: "ada", is_pending: true }], reserved: [] } as never;
   assert.equal(card({ ...radio, action: "" }), "Radio: under way …");
   site.selection = { objects: [{ id: "radio", user: "ben" }], reserved: [] } as never;
   assert.equal(card({ ...radio, action: "", is_selected: true }), "Radio is on. Go on with the next.");
-  assert.equal(card({ ...radio, action: "deselect", is_selected: true }), "Radio is on; staying switches it off.");
-  site.deployments.set("run.a", { target_kinds: ["Movie"], services: [], scenarios: [], goal: "Point at Movie." } as never);
+  assert.equal(
+    card({ ...radio, action: "deselect", is_selected: true }),
+    "Radio is on; staying switches it off.",
+  );
+  site.deployments.set("run.a", {
+    target_kinds: ["Movie"],
+    services: [],
+    scenarios: [],
+    goal: "Point at Movie.",
+  } as never);
   site.selection = null;
-  assert.equal(card(radio), "Radio: not to be selected, and staying on it selects it. Go on to the Movie ones.");
+  assert.equal(
+    card(radio),
+    "Radio: not to be selected, and staying on it selects it. Go on to the Movie ones.",
+  );
   assert.equal(controls.goal, "Point at Movie.");
 });
 
 test("what selects here is what the selector says, or the thing, or names", () => {
   const { site, ada, card } = home();
-  site.manner = { by: "stay", pressed: ["the kettle"], pressed_count: 3, names_by: null, seq: 0, stamp_ns: 0 };
-  assert.equal(card({ object_id: "" }), "Move onto a thing and stay on it until it is full. For the kettle, 2 more, press the button.");
+  site.manner = {
+    by: "stay",
+    pressed: ["the kettle"],
+    pressed_count: 3,
+    names_by: null,
+    seq: 0,
+    stamp_ns: 0,
+  };
+  assert.equal(
+    card({ object_id: "" }),
+    "Move onto a thing and stay on it until it is full. For the kettle, 2 more, press the button.",
+  );
   site.manner = { by: "press", pressed: [], pressed_count: 0, names_by: null, seq: 0, stamp_ns: 0 };
   assert.equal(card(), "Movie: press the button.");
   ada.announced = { object_id: "" } as never;
@@ -79,6 +151,12 @@ test("who has the arm is said by the server", () => {
     ada.line = { user: "ada", moved_by, source, is_mine } as never;
     return factsOf(controls, ada, false, null).facts.who;
   };
-  assert.deepEqual([who("own", "none"), who("own", "device"), who("own", "simulation")], ["nobody", "device", "simulation"]);
-  assert.deepEqual([who("mouse", "none"), who("mouse", "simulation", true), who("phone", "none"), who("headset", "device")], ["mouse", "me", "phone", "headset"]);
+  assert.deepEqual(
+    [who("own", "none"), who("own", "device"), who("own", "simulation")],
+    ["nobody", "device", "simulation"],
+  );
+  assert.deepEqual(
+    [who("mouse", "none"), who("mouse", "simulation", true), who("phone", "none"), who("headset", "device")],
+    ["mouse", "me", "phone", "headset"],
+  );
 });

@@ -15,28 +15,81 @@ export interface Success {
 }
 
 /** The facts about `person`, and the words for them; `success`: null if the last one is some seconds ago. */
-export function factsOf(controls: Controls, person: Person, steers: boolean, success: Success | null): { facts: Facts; words: Words } {
-  const { site } = controls, { user, hover, line } = person, id = hover?.object_id ?? "", object = objectOf(site, id);
-  const last = lastAct(site, person), closed = unavailable(site, id), other = hover?.taken_by ?? "", does = hover?.action ?? "";
+export function factsOf(
+  controls: Controls,
+  person: Person,
+  steers: boolean,
+  success: Success | null,
+): { facts: Facts; words: Words } {
+  const { site } = controls;
+  const { user, hover, line } = person;
+  const id = hover?.object_id ?? "";
+  const object = objectOf(site, id);
+  const last = lastAct(site, person);
+  const closed = unavailable(site, id);
+  const other = hover?.taken_by ?? "";
+  const does = hover?.action ?? "";
   const owned = site.selection?.objects.find((each) => each.id === id);
-  const passed = passedSentence(site, controls), empty = emptySentence(site), mine = line?.is_mine && line.moved_by === "mouse";
+  const passed = passedSentence(site, controls);
+  const empty = emptySentence(site);
+  const mine = line?.is_mine && line.moved_by === "mouse";
   const facts: Facts = {
-    isOver: passed !== "", who: mine ? "me" : !line || line.moved_by === "own" ? WHO[line?.source ?? "device"] : line.moved_by,
-    mayTake: controls.mayDo("take") || controls.mayDo("pair"), state: person.interaction?.state ?? "pointing",
-    just: !success ? "" : success.isWrong ? "wrong" : "right", isOnThing: id !== "", last: last.result,
-    barrier: other && does === "refuse" ? "taken" : closed ? (isStarting(site, id) ? "starting" : "unavailable") : does === "refuse" ? "late" : owned?.is_pending ? "pending"
-      : does === "select" && !controls.isWanted(object?.kind ?? "") ? "unwanted" : "",
-    does, mode: modeOf(site, id), by: selectsBy(site, person),
-    owner: owned?.user === user ? (controls.hasSelected(id) ? "page" : "person") : owned || hover?.is_selected ? "other" : "",
-    steers, isProposed: proposalOf(person) !== null, isEmpty: empty !== "", canSelect: controls.isPresent("selector"), hasGoal: controls.goal !== "", isAdvised: person.interaction?.is_advised ?? false,
+    isOver: passed !== "",
+    who: mine ? "me" : !line || line.moved_by === "own" ? WHO[line?.source ?? "device"] : line.moved_by,
+    mayTake: controls.mayDo("take") || controls.mayDo("pair"),
+    state: person.interaction?.state ?? "pointing",
+    just: !success ? "" : success.isWrong ? "wrong" : "right",
+    isOnThing: id !== "",
+    last: last.result,
+    barrier:
+      other && does === "refuse"
+        ? "taken"
+        : closed
+          ? isStarting(site, id)
+            ? "starting"
+            : "unavailable"
+          : does === "refuse"
+            ? "late"
+            : owned?.is_pending
+              ? "pending"
+              : does === "select" && !controls.isWanted(object?.kind ?? "")
+                ? "unwanted"
+                : "",
+    does,
+    mode: modeOf(site, id),
+    by: selectsBy(site, person),
+    owner:
+      owned?.user === user
+        ? controls.hasSelected(id)
+          ? "page"
+          : "person"
+        : owned || hover?.is_selected
+          ? "other"
+          : "",
+    steers,
+    isProposed: proposalOf(person) !== null,
+    isEmpty: empty !== "",
+    canSelect: controls.isPresent("selector"),
+    hasGoal: controls.goal !== "",
+    isAdvised: person.interaction?.is_advised ?? false,
   };
-  const count = ownCount(site, user, (each) => controls.hasSelected(each)), named = capital(thing(site, id));
+  const count = ownCount(site, user, (each) => controls.hasSelected(each));
+  const named = capital(thing(site, id));
   return {
     facts,
     words: {
-      user, thing: named, other, goal: controls.goal, next: nextStepOf(site, person), passed, empty, pressed: pressedSentence(site),
+      user,
+      thing: named,
+      other,
+      goal: controls.goal,
+      next: nextStepOf(site, person),
+      passed,
+      empty,
+      pressed: pressedSentence(site),
       why: facts.last === "refused" ? friendly(site, last.reason) || "it could not be selected" : closed,
-      did: success?.did ?? "", count: count > 1 ? `${count} are yours now. ` : "", wanted: `the ${controls.targetKinds.join(" or ")} ones`,
+      did: success?.did ?? "",
+      count: count > 1 ? `${count} are yours now. ` : "",
+      wanted: `the ${controls.targetKinds.join(" or ")} ones`,
     },
   };
 }
@@ -46,7 +99,8 @@ const WHO = { unknown: "unknown", none: "nobody", device: "device", simulation: 
 /** What selects the thing that they are on, or things here. */
 function selectsBy(site: Site, { announced, hover }: Person): Facts["by"] {
   if (announced) return site.manner?.names_by === "stay" ? "stay" : "name";
-  const object = objectOf(site, hover?.object_id ?? ""), objects = thingsOf(site);
+  const object = objectOf(site, hover?.object_id ?? "");
+  const objects = thingsOf(site);
   const isPressed = object ? object.press : objects.length > 0 && objects.every((each) => each.object.press);
   return isPressed ? "press" : (site.manner?.by ?? "stay");
 }

@@ -5,7 +5,8 @@ export function duration(seconds: number): string {
   const s = Math.max(0, Math.floor(seconds));
   if (s < 60) return `${s} s`;
   if (s < 3600) return `${Math.floor(s / 60)} min`;
-  if (s < 86_400) return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, "0")} min`;
+  if (s < 86_400)
+    return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, "0")} min`;
   return `${Math.floor(s / 86_400)} d`;
 }
 
@@ -26,7 +27,9 @@ export function figure(value: number): string {
 /** Time of the day, `14:03:07`. */
 export function time(unixMs: number): string {
   const t = new Date(unixMs);
-  return [t.getHours(), t.getMinutes(), t.getSeconds()].map((part) => String(part).padStart(2, "0")).join(":");
+  return [t.getHours(), t.getMinutes(), t.getSeconds()]
+    .map((part) => String(part).padStart(2, "0"))
+    .join(":");
 }
 
 /** `1.2 kB`, `3.4 MB`. */
@@ -63,12 +66,19 @@ export function rendererName(text: string): string {
   const inner = /^ANGLE \((.*)\)$/.exec(text)?.[1] ?? text;
   if (/SwiftShader/i.test(inner)) return "SwiftShader";
   const parts = inner.split(", ");
-  return (parts[1] ?? inner).replace(/^ANGLE Metal Renderer: /, "").replace(/ \(0x[0-9A-F]+\)/i, "").replace(/ (Direct3D|OpenGL|Vulkan).*$/, "");
+  return (parts[1] ?? inner)
+    .replace(/^ANGLE Metal Renderer: /, "")
+    .replace(/ \(0x[0-9A-F]+\)/i, "")
+    .replace(/ (Direct3D|OpenGL|Vulkan).*$/, "");
 }
 
 /** Number that a person typed, with a comma or a point, and with or without `unit` behind it; null if it is none. */
 export function typedNumber(text: string, unit: string): number | null {
-  const bare = text.trim().replace(/\u2212/g, "-").toLowerCase(), end = unit.toLowerCase();
+  const bare = text
+    .trim()
+    .replace(/\u2212/g, "-")
+    .toLowerCase();
+  const end = unit.toLowerCase();
   const number = (bare.endsWith(end) ? bare.slice(0, -end.length) : bare).trim().replace(",", ".");
   return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(number) ? Number(number) : null;
 }

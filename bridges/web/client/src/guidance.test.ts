@@ -4,12 +4,38 @@ import { test } from "node:test";
 import { guidance, rowOf, TABLE, type Facts, type Words } from "./guidance";
 
 const mine: Facts = {
-  isOver: false, who: "me", mayTake: true, state: "pointing", just: "", isOnThing: false, last: "", barrier: "", does: "", mode: "button", owner: "", by: "stay",
-  steers: false, isProposed: false, isEmpty: false, canSelect: true, hasGoal: false, isAdvised: false,
+  isOver: false,
+  who: "me",
+  mayTake: true,
+  state: "pointing",
+  just: "",
+  isOnThing: false,
+  last: "",
+  barrier: "",
+  does: "",
+  mode: "button",
+  owner: "",
+  by: "stay",
+  steers: false,
+  isProposed: false,
+  isEmpty: false,
+  canSelect: true,
+  hasGoal: false,
+  isAdvised: false,
 };
 const words: Words = {
-  user: "ada", thing: "The lamp", other: "ben", why: "it does not answer: start it", goal: "Point at a box.", next: "Wear the band.", did: "fired the lamp", count: "2 are yours now. ",
-  wanted: "the red ones", passed: "All packages have passed.", empty: "No package is here.", pressed: " For the kettle, press the button.",
+  user: "ada",
+  thing: "The lamp",
+  other: "ben",
+  why: "it does not answer: start it",
+  goal: "Point at a box.",
+  next: "Wear the band.",
+  did: "fired the lamp",
+  count: "2 are yours now. ",
+  wanted: "the red ones",
+  passed: "All packages have passed.",
+  empty: "No package is here.",
+  pressed: " For the kettle, press the button.",
 };
 const on: Partial<Facts> = { isOnThing: true, does: "select" };
 
@@ -26,61 +52,149 @@ const CASES: readonly [row: string, facts: Partial<Facts>, said: string][] = [
   ["their own device", { who: "device" }, "ada points with their own device. Wear the band."],
   ["rests", { state: "idle" }, "Your arm rests. Wear the band."],
   ["is found", { state: "localizing" }, "You are the arm. First the system finds your place. Wear the band."],
-  ["selected what is not wanted", { just: "wrong" }, "You fired the lamp, which is not wanted. Select it again to take it back."],
+  [
+    "selected what is not wanted",
+    { just: "wrong" },
+    "You fired the lamp, which is not wanted. Select it again to take it back.",
+  ],
   ["selected", { just: "right" }, "You fired the lamp! 2 are yours now. Go on with the next."],
   ["refused", { ...on, last: "refused", does: "" }, "The lamp is not changed: it does not answer: start it"],
-  ["unavailable", { ...on, barrier: "unavailable", does: "refuse" }, "The lamp is unavailable: it does not answer: start it"],
-  ["starting", { ...on, barrier: "starting", does: "refuse" }, "The lamp is starting: it does not answer: start it"],
-  ["another's", { ...on, barrier: "taken", does: "refuse", mode: "claim" }, "The lamp cannot be had: ben has it. Point at another, or wait."],
-  ["in use", { ...on, barrier: "taken", does: "refuse" }, "The lamp cannot be had: ben is about to use it. Point at another, or wait."],
-  ["too late", { ...on, barrier: "late", does: "refuse", mode: "claim" }, "The lamp cannot be had: it is too late for it. Point at another."],
+  [
+    "unavailable",
+    { ...on, barrier: "unavailable", does: "refuse" },
+    "The lamp is unavailable: it does not answer: start it",
+  ],
+  [
+    "starting",
+    { ...on, barrier: "starting", does: "refuse" },
+    "The lamp is starting: it does not answer: start it",
+  ],
+  [
+    "another's",
+    { ...on, barrier: "taken", does: "refuse", mode: "claim" },
+    "The lamp cannot be had: ben has it. Point at another, or wait.",
+  ],
+  [
+    "in use",
+    { ...on, barrier: "taken", does: "refuse" },
+    "The lamp cannot be had: ben is about to use it. Point at another, or wait.",
+  ],
+  [
+    "too late",
+    { ...on, barrier: "late", does: "refuse", mode: "claim" },
+    "The lamp cannot be had: it is too late for it. Point at another.",
+  ],
   ["under way", { ...on, barrier: "pending", does: "" }, "The lamp: under way …"],
-  ["not wanted; stay selects it", { ...on, barrier: "unwanted", mode: "claim" }, "The lamp: not to be selected, and staying on it selects it. Go on to the red ones."],
-  ["not wanted", { ...on, barrier: "unwanted", mode: "claim", by: "press" }, "The lamp: not to be selected. Go on to the red ones."],
-  ["on; stay ends it", { ...on, does: "deselect", mode: "switch", owner: "other" }, "The lamp is on; staying switches it off."],
-  ["on; press ends it", { ...on, does: "deselect", mode: "switch", by: "press" }, "The lamp is on; the button switches it off."],
-  ["theirs; stay ends it", { ...on, does: "deselect", mode: "claim", owner: "page" }, "The lamp is yours; staying takes it back."],
-  ["theirs; press ends it", { ...on, does: "deselect", mode: "claim", by: "press" }, "The lamp is yours; the button takes it back."],
+  [
+    "not wanted; stay selects it",
+    { ...on, barrier: "unwanted", mode: "claim" },
+    "The lamp: not to be selected, and staying on it selects it. Go on to the red ones.",
+  ],
+  [
+    "not wanted",
+    { ...on, barrier: "unwanted", mode: "claim", by: "press" },
+    "The lamp: not to be selected. Go on to the red ones.",
+  ],
+  [
+    "on; stay ends it",
+    { ...on, does: "deselect", mode: "switch", owner: "other" },
+    "The lamp is on; staying switches it off.",
+  ],
+  [
+    "on; press ends it",
+    { ...on, does: "deselect", mode: "switch", by: "press" },
+    "The lamp is on; the button switches it off.",
+  ],
+  [
+    "theirs; stay ends it",
+    { ...on, does: "deselect", mode: "claim", owner: "page" },
+    "The lamp is yours; staying takes it back.",
+  ],
+  [
+    "theirs; press ends it",
+    { ...on, does: "deselect", mode: "claim", by: "press" },
+    "The lamp is yours; the button takes it back.",
+  ],
   ["fired", { ...on, does: "", last: "done" }, "The lamp has fired. Go on with the next."],
   ["fired by them", { ...on, owner: "person" }, "The lamp has fired. Go on with the next."],
   ["was not left yet", { ...on, does: "" }, "The lamp: leave it, then point at it again."],
   ["is on", { ...on, does: "", mode: "switch", owner: "page" }, "The lamp is on. Go on with the next."],
   ["is off", { ...on, does: "", mode: "switch" }, "The lamp is off. Go on with the next."],
-  ["theirs, by this page", { ...on, mode: "claim", owner: "page" }, "The lamp is yours. Go on with the next."],
-  ["theirs, otherwise", { ...on, mode: "claim", owner: "person" }, "The lamp is selected already. Go on with the next."],
-  ["belongs to another", { ...on, does: "", mode: "claim", owner: "other" }, "The lamp belongs to ben. Go on with the next."],
+  [
+    "theirs, by this page",
+    { ...on, mode: "claim", owner: "page" },
+    "The lamp is yours. Go on with the next.",
+  ],
+  [
+    "theirs, otherwise",
+    { ...on, mode: "claim", owner: "person" },
+    "The lamp is selected already. Go on with the next.",
+  ],
+  [
+    "belongs to another",
+    { ...on, does: "", mode: "claim", owner: "other" },
+    "The lamp belongs to ben. Go on with the next.",
+  ],
   ["free again", { ...on, does: "", mode: "claim" }, "The lamp is free again. Go on with the next."],
   ["by its name", { ...on, by: "name" }, "The lamp: press once you have heard its name."],
   ["by a press", { ...on, by: "press" }, "The lamp: press the button."],
   ["by staying", on, "The lamp: stay on it …"],
   ["robots", { steers: true, isOnThing: true, canSelect: false }, ""],
   ["empty", { isEmpty: true, hasGoal: true }, "No package is here."],
-  ["a place is proposed", { isProposed: true, hasGoal: true }, "This place is proposed. Point elsewhere, then here again: that sends it."],
-  ["names are spoken", { by: "name", hasGoal: true }, "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want."],
+  [
+    "a place is proposed",
+    { isProposed: true, hasGoal: true },
+    "This place is proposed. Point elsewhere, then here again: that sends it.",
+  ],
+  [
+    "names are spoken",
+    { by: "name", hasGoal: true },
+    "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want.",
+  ],
   ["advised by a service", { isAdvised: true, hasGoal: true }, "Wear the band."],
-  ["the site's goal", { hasGoal: true, canSelect: false }, "Point at a box. For the kettle, press the button."],
+  [
+    "the site's goal",
+    { hasGoal: true, canSelect: false },
+    "Point at a box. For the kettle, press the button.",
+  ],
   ["all want a press", { by: "press" }, "Move onto a thing and press the button."],
-  ["staying selects", {}, "Move onto a thing and stay on it until it is full. For the kettle, press the button."],
+  [
+    "staying selects",
+    {},
+    "Move onto a thing and stay on it until it is full. For the kettle, press the button.",
+  ],
   ["nothing to select", { canSelect: false }, "Point anywhere: the arm follows you."],
 ];
 
 for (const [name, facts, said] of CASES) {
   test(`row: ${name}`, () => {
-    const all = { ...mine, ...facts }, { title, text } = guidance(all, words);
+    const all = { ...mine, ...facts };
+    const { title, text } = guidance(all, words);
     assert.equal(rowOf(all).name, name);
     assert.equal([title === "You are the arm now." ? "" : title, text].filter(Boolean).join(" "), said);
   });
 }
 
 test("each row is tested once", () => {
-  assert.deepEqual(CASES.map(([name]) => name), TABLE.map(({ name }) => name));
+  assert.deepEqual(
+    CASES.map(([name]) => name),
+    TABLE.map(({ name }) => name),
+  );
 });
 
 function every(): Facts[] {
   const all: Facts[] = [];
-  for (const last of ["", "done", "refused"] as const) for (const barrier of ["", "unavailable", "starting", "taken", "late", "pending", "unwanted"] as const)
-    for (const does of ["", "select", "deselect", "refuse"] as const) for (const mode of ["button", "switch", "claim"] as const)
-      for (const owner of ["", "page", "person", "other"] as const) for (const by of ["stay", "press", "name"] as const) all.push({ ...mine, isOnThing: true, last, barrier, does, mode, owner, by });
+  for (const last of ["", "done", "refused"] as const) {
+    for (const barrier of ["", "unavailable", "starting", "taken", "late", "pending", "unwanted"] as const) {
+      for (const does of ["", "select", "deselect", "refuse"] as const) {
+        for (const mode of ["button", "switch", "claim"] as const) {
+          for (const owner of ["", "page", "person", "other"] as const)
+            for (const by of ["stay", "press", "name"] as const)
+              all.push({ ...mine, isOnThing: true, last, barrier, does, mode, owner, by });
+        }
+      }
+    }
+  }
   return all;
 }
 
@@ -94,7 +208,9 @@ test("a refusal, or a barrier, is never followed by a sentence that something wa
 });
 
 test("a button is said to have fired only if it was fired", () => {
-  for (const facts of every().filter(({ mode, last, owner }) => mode === "button" && last !== "done" && ["", "other"].includes(owner))) {
+  for (const facts of every().filter(
+    ({ mode, last, owner }) => mode === "button" && last !== "done" && ["", "other"].includes(owner),
+  )) {
     assert.ok(!guidance(facts, words).text.includes("has fired"));
   }
 });

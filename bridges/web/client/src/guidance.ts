@@ -81,51 +81,184 @@ export interface Row {
   readonly say: Said;
 }
 
-const MINE = { mode: "point", step: "aim", title: "You are the arm now.", text: "", press: "", offers: ["give"] } as const;
+const MINE = {
+  mode: "point",
+  step: "aim",
+  title: "You are the arm now.",
+  text: "",
+  press: "",
+  offers: ["give"],
+} as const;
 const ON = { isOnThing: true, canSelect: true } as const;
-const row = (name: string, when: Row["when"], say: Partial<Said>): Row => ({ name, when, say: { ...MINE, ...say } });
+const row = (name: string, when: Row["when"], say: Partial<Said>): Row => ({
+  name,
+  when,
+  say: { ...MINE, ...say },
+});
 
 export const TABLE: readonly Row[] = [
   row("all have passed", { isOver: true }, { mode: "passed", title: "{passed}", offers: ["again"] }),
 
   row("not known yet", { who: "unknown" }, { mode: "none", title: "", offers: [] }),
-  row("who only looks on", { who: ["nobody", "device", "simulation", "mouse"], mayTake: false }, { mode: "none", title: "", offers: [] }),
-  row("nobody", { who: "nobody" }, { mode: "invite", title: "Nobody points as {user} yet. Do it yourself:", offers: ["take", "pair"] }),
-  row("a simulated person", { who: "simulation" }, { mode: "invite", title: "This is a simulation. Take over:", offers: ["take", "pair"] }),
-  row("another page", { who: "mouse" }, { mode: "other", title: "Another page points as {user}. Take over:", offers: ["take"] }),
+  row(
+    "who only looks on",
+    { who: ["nobody", "device", "simulation", "mouse"], mayTake: false },
+    { mode: "none", title: "", offers: [] },
+  ),
+  row(
+    "nobody",
+    { who: "nobody" },
+    { mode: "invite", title: "Nobody points as {user} yet. Do it yourself:", offers: ["take", "pair"] },
+  ),
+  row(
+    "a simulated person",
+    { who: "simulation" },
+    { mode: "invite", title: "This is a simulation. Take over:", offers: ["take", "pair"] },
+  ),
+  row(
+    "another page",
+    { who: "mouse" },
+    { mode: "other", title: "Another page points as {user}. Take over:", offers: ["take"] },
+  ),
   row("a phone", { who: "phone" }, { mode: "phone", title: "A phone points.", text: "{next}" }),
   row("a headset", { who: "headset" }, { mode: "phone", title: "A headset points.", text: "{next}" }),
-  row("their own device", { who: "device" }, { mode: "other", title: "{user} points with their own device.", text: "{next}", offers: ["take"] }),
+  row(
+    "their own device",
+    { who: "device" },
+    { mode: "other", title: "{user} points with their own device.", text: "{next}", offers: ["take"] },
+  ),
 
-  row("rests", { state: "idle" }, { mode: "idle", step: "press", title: "Your arm rests.", text: "{next}", press: "Start pointing", offers: ["press", "give"] }),
-  row("is found", { state: "localizing" }, { title: "You are the arm. First the system finds your place.", text: "{next}" }),
-  row("selected what is not wanted", { just: "wrong" }, { mode: "wrong", title: "You {did}, which is not wanted.", text: "Select it again to take it back." }),
-  row("selected", { just: "right" }, { mode: "success", title: "You {did}!", text: "{count}Go on with the next." }),
+  row(
+    "rests",
+    { state: "idle" },
+    {
+      mode: "idle",
+      step: "press",
+      title: "Your arm rests.",
+      text: "{next}",
+      press: "Start pointing",
+      offers: ["press", "give"],
+    },
+  ),
+  row(
+    "is found",
+    { state: "localizing" },
+    { title: "You are the arm. First the system finds your place.", text: "{next}" },
+  ),
+  row(
+    "selected what is not wanted",
+    { just: "wrong" },
+    { mode: "wrong", title: "You {did}, which is not wanted.", text: "Select it again to take it back." },
+  ),
+  row(
+    "selected",
+    { just: "right" },
+    { mode: "success", title: "You {did}!", text: "{count}Go on with the next." },
+  ),
 
   row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} is not changed: {why}" }),
-  row("unavailable", { ...ON, barrier: "unavailable" }, { step: "stopped", text: "{thing} is unavailable: {why}" }),
+  row(
+    "unavailable",
+    { ...ON, barrier: "unavailable" },
+    { step: "stopped", text: "{thing} is unavailable: {why}" },
+  ),
   row("starting", { ...ON, barrier: "starting" }, { step: "following", text: "{thing} is starting: {why}" }),
-  row("another's", { ...ON, barrier: "taken", mode: "claim" }, { step: "stopped", text: "{thing} cannot be had: {other} has it. Point at another, or wait." }),
-  row("in use", { ...ON, barrier: "taken" }, { step: "stopped", text: "{thing} cannot be had: {other} is about to use it. Point at another, or wait." }),
-  row("too late", { ...ON, barrier: "late" }, { step: "stopped", text: "{thing} cannot be had: it is too late for it. Point at another." }),
+  row(
+    "another's",
+    { ...ON, barrier: "taken", mode: "claim" },
+    { step: "stopped", text: "{thing} cannot be had: {other} has it. Point at another, or wait." },
+  ),
+  row(
+    "in use",
+    { ...ON, barrier: "taken" },
+    {
+      step: "stopped",
+      text: "{thing} cannot be had: {other} is about to use it. Point at another, or wait.",
+    },
+  ),
+  row(
+    "too late",
+    { ...ON, barrier: "late" },
+    { step: "stopped", text: "{thing} cannot be had: it is too late for it. Point at another." },
+  ),
   row("under way", { ...ON, barrier: "pending" }, { step: "following", text: "{thing}: under way …" }),
-  row("not wanted; stay selects it", { ...ON, barrier: "unwanted", by: "stay" }, { step: "leave", text: "{thing}: not to be selected, and staying on it selects it. Go on to {wanted}." }),
-  row("not wanted", { ...ON, barrier: "unwanted" }, { text: "{thing}: not to be selected. Go on to {wanted}." }),
+  row(
+    "not wanted; stay selects it",
+    { ...ON, barrier: "unwanted", by: "stay" },
+    { step: "leave", text: "{thing}: not to be selected, and staying on it selects it. Go on to {wanted}." },
+  ),
+  row(
+    "not wanted",
+    { ...ON, barrier: "unwanted" },
+    { text: "{thing}: not to be selected. Go on to {wanted}." },
+  ),
 
-  row("on; stay ends it", { ...ON, does: "deselect", mode: "switch", by: "stay" }, { step: "hold", text: "{thing} is on; staying switches it off." }),
-  row("on; press ends it", { ...ON, does: "deselect", mode: "switch" }, press("{thing} is on; the button switches it off.")),
-  row("theirs; stay ends it", { ...ON, does: "deselect", by: "stay" }, { step: "hold", text: "{thing} is yours; staying takes it back." }),
-  row("theirs; press ends it", { ...ON, does: "deselect" }, press("{thing} is yours; the button takes it back.")),
+  row(
+    "on; stay ends it",
+    { ...ON, does: "deselect", mode: "switch", by: "stay" },
+    { step: "hold", text: "{thing} is on; staying switches it off." },
+  ),
+  row(
+    "on; press ends it",
+    { ...ON, does: "deselect", mode: "switch" },
+    press("{thing} is on; the button switches it off."),
+  ),
+  row(
+    "theirs; stay ends it",
+    { ...ON, does: "deselect", by: "stay" },
+    { step: "hold", text: "{thing} is yours; staying takes it back." },
+  ),
+  row(
+    "theirs; press ends it",
+    { ...ON, does: "deselect" },
+    press("{thing} is yours; the button takes it back."),
+  ),
 
-  row("fired", { ...ON, mode: "button", last: "done" }, { step: "following", text: "{thing} has fired. Go on with the next." }),
-  row("fired by them", { ...ON, mode: "button", owner: ["page", "person"] }, { step: "following", text: "{thing} has fired. Go on with the next." }),
-  row("was not left yet", { ...ON, mode: "button", does: "" }, { step: "following", text: "{thing}: leave it, then point at it again." }),
-  row("is on", { ...ON, mode: "switch", owner: ["page", "person", "other"], does: "" }, { step: "following", text: "{thing} is on. Go on with the next." }),
-  row("is off", { ...ON, mode: "switch", does: "" }, { step: "following", text: "{thing} is off. Go on with the next." }),
-  row("theirs, by this page", { ...ON, mode: "claim", owner: "page" }, { step: "following", text: "{thing} is yours. Go on with the next." }),
-  row("theirs, otherwise", { ...ON, mode: "claim", owner: "person" }, { step: "following", text: "{thing} is selected already. Go on with the next." }),
-  row("belongs to another", { ...ON, mode: "claim", owner: "other", does: "" }, { step: "following", text: "{thing} belongs to {other}. Go on with the next." }),
-  row("free again", { ...ON, does: "" }, { step: "following", text: "{thing} is free again. Go on with the next." }),
+  row(
+    "fired",
+    { ...ON, mode: "button", last: "done" },
+    { step: "following", text: "{thing} has fired. Go on with the next." },
+  ),
+  row(
+    "fired by them",
+    { ...ON, mode: "button", owner: ["page", "person"] },
+    { step: "following", text: "{thing} has fired. Go on with the next." },
+  ),
+  row(
+    "was not left yet",
+    { ...ON, mode: "button", does: "" },
+    { step: "following", text: "{thing}: leave it, then point at it again." },
+  ),
+  row(
+    "is on",
+    { ...ON, mode: "switch", owner: ["page", "person", "other"], does: "" },
+    { step: "following", text: "{thing} is on. Go on with the next." },
+  ),
+  row(
+    "is off",
+    { ...ON, mode: "switch", does: "" },
+    { step: "following", text: "{thing} is off. Go on with the next." },
+  ),
+  row(
+    "theirs, by this page",
+    { ...ON, mode: "claim", owner: "page" },
+    { step: "following", text: "{thing} is yours. Go on with the next." },
+  ),
+  row(
+    "theirs, otherwise",
+    { ...ON, mode: "claim", owner: "person" },
+    { step: "following", text: "{thing} is selected already. Go on with the next." },
+  ),
+  row(
+    "belongs to another",
+    { ...ON, mode: "claim", owner: "other", does: "" },
+    { step: "following", text: "{thing} belongs to {other}. Go on with the next." },
+  ),
+  row(
+    "free again",
+    { ...ON, does: "" },
+    { step: "following", text: "{thing} is free again. Go on with the next." },
+  ),
 
   row("by its name", { ...ON, by: "name" }, press("{thing}: press once you have heard its name.")),
   row("by a press", { ...ON, by: "press" }, press("{thing}: press the button.")),
@@ -133,12 +266,30 @@ export const TABLE: readonly Row[] = [
 
   row("robots", { steers: true }, {}),
   row("empty", { isEmpty: true }, { step: "stopped", text: "{empty}" }),
-  row("a place is proposed", { isProposed: true }, { step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." }),
-  row("names are spoken", { canSelect: true, by: "name" }, { text: "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want." }),
+  row(
+    "a place is proposed",
+    { isProposed: true },
+    { step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." },
+  ),
+  row(
+    "names are spoken",
+    { canSelect: true, by: "name" },
+    {
+      text: "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want.",
+    },
+  ),
   row("advised by a service", { isAdvised: true }, { text: "{next}" }),
   row("the site's goal", { hasGoal: true }, { text: "{goal}{pressed}" }),
-  row("all want a press", { canSelect: true, by: "press" }, { text: "Move onto a thing and press the button." }),
-  row("staying selects", { canSelect: true }, { text: "Move onto a thing and stay on it until it is full.{pressed}" }),
+  row(
+    "all want a press",
+    { canSelect: true, by: "press" },
+    { text: "Move onto a thing and press the button." },
+  ),
+  row(
+    "staying selects",
+    { canSelect: true },
+    { text: "Move onto a thing and stay on it until it is full.{pressed}" },
+  ),
   row("nothing to select", {}, { text: "Point anywhere: the arm follows you." }),
 ];
 
@@ -162,6 +313,7 @@ export function rowOf(facts: Facts): Row {
 /** What the card says. */
 export function guidance(facts: Facts, words: Words): Said {
   const { say } = rowOf(facts);
-  const filled = (template: string): string => template.replace(/\{(\w+)\}/g, (_, name: keyof Words) => words[name]);
+  const filled = (template: string): string =>
+    template.replace(/\{(\w+)\}/g, (_, name: keyof Words) => words[name]);
   return { ...say, title: filled(say.title), text: filled(say.text) };
 }

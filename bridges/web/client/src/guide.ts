@@ -15,9 +15,22 @@ const SUCCESS_MS = 2500;
 /** The card is a chip after so long, ms: it lies over the scene. */
 const LONG_MS = 10_000;
 const SIGNS: Record<Said["mode"], string> = {
-  none: "point", invite: "point", other: "mouse", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone", passed: "check",
+  none: "point",
+  invite: "point",
+  other: "mouse",
+  point: "point",
+  idle: "pause",
+  success: "check",
+  wrong: "close",
+  phone: "phone",
+  passed: "check",
 };
-const STEP_SIGNS: Partial<Record<Said["step"], string>> = { press: "button", leave: "warning", following: "play", stopped: "warning" };
+const STEP_SIGNS: Partial<Record<Said["step"], string>> = {
+  press: "button",
+  leave: "warning",
+  following: "play",
+  stopped: "warning",
+};
 
 export interface Guide {
   update(): void;
@@ -26,35 +39,76 @@ export interface Guide {
 }
 
 /** The card of the table; who is on nothing has the words of robots, where they steer some. */
-export function cardOf({ facts, words }: { facts: Facts; words: Words }, robots: RobotSituation | null): Said {
+export function cardOf(
+  { facts, words }: { facts: Facts; words: Words },
+  robots: RobotSituation | null,
+): Said {
   const said = guidance(facts, words);
   return robots && said.mode === "point" && !said.text ? { ...said, press: "", ...robotStep(robots) } : said;
 }
 
 /** Whether the card shows how full the gauge is: while staying on something, or a press, has an effect. */
-const hasGauge = ({ mode, step, text }: Said): boolean => mode === "point" && ["hold", "leave", "press"].includes(step) && text !== "";
+const hasGauge = ({ mode, step, text }: Said): boolean =>
+  mode === "point" && ["hold", "leave", "press"].includes(step) && text !== "";
 
 export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = controls;
-  let isShort = false, topic = "", since = 0, steered = "";
+  let isShort = false;
+  let topic = "";
+  let since = 0;
+  let steered = "";
   let success = { did: "", user: "", isWrong: false, at: -Infinity };
-  const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
-    el("button", { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
-      icon(symbol), el("span", { text: name }), shortcut ? key(shortcut === "Escape" ? "Esc" : shortcut) : null);
+  const button = (
+    symbol: string,
+    name: string,
+    shortcut: string,
+    className: string,
+    run: () => void,
+  ): HTMLButtonElement =>
+    el(
+      "button",
+      { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
+      icon(symbol),
+      el("span", { text: name }),
+      shortcut ? key(shortcut === "Escape" ? "Esc" : shortcut) : null,
+    );
   const sign = icon("point");
-  const title = el("strong", {}), text = el("span", { className: "text" });
+  const title = el("strong", {});
+  const text = el("span", { className: "text" });
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
-  const take = button("mouse", isTouch() ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
+  const take = button(
+    "mouse",
+    isTouch() ? "Point with your finger" : "Point with the mouse",
+    "",
+    "primary",
+    () => void mouse.take(),
+  );
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
-  const press = button("button", "Start pointing", "Space", "primary", () => controls.press(controls.mine?.user));
+  const press = button("button", "Start pointing", "Space", "primary", () =>
+    controls.press(controls.mine?.user),
+  );
   const again = button("play", "Again", "", "primary", () => void controls.ask({ key: "conveyor/reset" }));
   const give = button("undo", "Give back", "Escape", "", () => void release());
-  const shrink = el("button", { type: "button", className: "quiet", "aria-label": "Make it small", onclick: () => {
-    isShort = true;
-    self.update();
-    take.focus();
-  } }, icon("close"));
-  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, again, give), shrink);
+  const shrink = el(
+    "button",
+    {
+      type: "button",
+      className: "quiet",
+      "aria-label": "Make it small",
+      onclick: () => {
+        isShort = true;
+        self.update();
+        take.focus();
+      },
+    },
+    icon("close"),
+  );
+  host.append(
+    sign,
+    el("div", { className: "words" }, title, text, gauge),
+    el("div", { className: "does" }, take, phone, press, again, give),
+    shrink,
+  );
 
   async function release(): Promise<void> {
     if (controls.mine) await mouse.give();
@@ -63,7 +117,8 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
 
   /** Make the card a chip after a while, with all its buttons; not under a pointer or the keyboard's focus. */
   function shorten(mode: Said["mode"]): void {
-    const now = performance.now(), newTopic = mode === "invite" ? "invite" : "arm";
+    const now = performance.now();
+    const newTopic = mode === "invite" ? "invite" : "arm";
     if (newTopic !== topic) {
       topic = newTopic;
       since = now;
@@ -77,8 +132,11 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       const person = controls.mine ?? controls.person;
       const user = person?.user ?? "";
       steered = steeredBy(site, user)?.name ?? steered;
-      const robots = person && robotSituation(site, person, steered), isNew = success.user === user && performance.now() - success.at < SUCCESS_MS;
-      const now = person ? cardOf(factsOf(controls, person, robots !== null, isNew ? success : null), robots) : null;
+      const robots = person && robotSituation(site, person, steered);
+      const isNew = success.user === user && performance.now() - success.at < SUCCESS_MS;
+      const now = person
+        ? cardOf(factsOf(controls, person, robots !== null, isNew ? success : null), robots)
+        : null;
       const isShown = site.connected && site.status?.run !== "over" && now !== null && now.mode !== "none";
       show(host, isShown);
       if (!isShown) return;
@@ -86,7 +144,11 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       mark(host, "data-step", now.step);
       shorten(now.mode);
       mark(host, "data-short", isShort ? "" : null);
-      mark(sign.firstElementChild!, "href", `#icon-${(now.mode === "point" ? STEP_SIGNS[now.step] : "") || SIGNS[now.mode]}`);
+      mark(
+        sign.firstElementChild!,
+        "href",
+        `#icon-${(now.mode === "point" ? STEP_SIGNS[now.step] : "") || SIGNS[now.mode]}`,
+      );
       write(title, now.title);
       write(text, now.text);
       show(text, now.text !== "");
@@ -102,7 +164,10 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
     },
     selected(event) {
       success = {
-        did: `${outcome(site, event).toLowerCase()} ${isNamed(site, event.object_id) ? "" : "a "}${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
+        did: `${outcome(site, event).toLowerCase()} ${isNamed(site, event.object_id) ? "" : "a "}${thing(site, event.object_id, event.kind)}`,
+        user: event.user,
+        isWrong: !controls.isWanted(event.kind),
+        at: performance.now(),
       };
       setTimeout(() => self.update(), SUCCESS_MS + 50);
     },

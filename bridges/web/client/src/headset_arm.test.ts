@@ -10,10 +10,17 @@ test("an arm that another page took before any status told of it is not pointed 
   let now = 0;
   const clock = performance.now;
   performance.now = () => now;
-  const site = emptySite(), asked: string[] = [];
-  const connection = { ask: (wish: { deed: string; name: string; query?: { held_s?: number } }) => (asked.push(`${wish.deed} ${wish.name} ${wish.query?.held_s ?? ""}`.trim()), Promise.resolve({})) };
+  const site = emptySite();
+  const asked: string[] = [];
+  const connection = {
+    ask: (wish: { deed: string; name: string; query?: { held_s?: number } }) => (
+      asked.push(`${wish.deed} ${wish.name} ${wish.query?.held_s ?? ""}`.trim()),
+      Promise.resolve({})
+    ),
+  };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
-  const told: string[] = [], arm = new HeadsetArm(controls, (sentence) => told.push(sentence));
+  const told: string[] = [];
+  const arm = new HeadsetArm(controls, (sentence) => told.push(sentence));
   const appears = (line: object) => {
     site.people.set("ada", Object.assign(emptyPerson("ada"), { line: { ...LINE, ...line } }));
     arm.update();

@@ -20,17 +20,24 @@ export class HeadsetArm implements Arm {
   private takenAt = -Infinity;
 
   /** @param lost is told in a sentence that the wearer has lost the arm. */
-  constructor(private readonly controls: Controls, private readonly lost: (sentence: string) => void) {}
+  constructor(
+    private readonly controls: Controls,
+    private readonly lost: (sentence: string) => void,
+  ) {}
 
   get user(): string {
-    const { controls, pointing } = this, { hello } = controls.site;
-    return pointing || (controls.mayDo("take") ? controls.user : hello?.user ?? "");
+    const { controls, pointing } = this;
+    const { hello } = controls.site;
+    return pointing || (controls.mayDo("take") ? controls.user : (hello?.user ?? ""));
   }
 
   async take(): Promise<string> {
     if (this.isAsking) return "The server has not answered yet: wait a moment.";
     this.isAsking = true;
-    const { user } = this, problem = await this.ask({ deed: "take", name: user, query: { by: "headset" } }).finally(() => (this.isAsking = false));
+    const { user } = this;
+    const problem = await this.ask({ deed: "take", name: user, query: { by: "headset" } }).finally(
+      () => (this.isAsking = false),
+    );
     this.isConfirmed = false;
     this.takenAt = performance.now();
     this.pointing = problem ? "" : user;
@@ -43,7 +50,11 @@ export class HeadsetArm implements Arm {
   }
 
   press(heldMs: number): Promise<string> {
-    return this.ask({ deed: "press", name: this.pointing, query: { held_s: Math.min(heldMs, MAX_HELD_MS) / 1000 } });
+    return this.ask({
+      deed: "press",
+      name: this.pointing,
+      query: { held_s: Math.min(heldMs, MAX_HELD_MS) / 1000 },
+    });
   }
 
   step(by: -1 | 1, to: Step["to"]): Promise<string> {
@@ -56,10 +67,14 @@ export class HeadsetArm implements Arm {
 
   /** Update from the server's status: another page may have taken the arm, or the connection was lost. */
   update(): void {
-    const line = this.controls.site.people.get(this.pointing)?.line, isMine = line?.moved_by === "headset" && line.is_mine;
+    const line = this.controls.site.people.get(this.pointing)?.line;
+    const isMine = line?.moved_by === "headset" && line.is_mine;
     if (isMine) this.isConfirmed = true;
     else if (this.pointing && (this.isConfirmed || !line || performance.now() - this.takenAt > CONFIRM_MS)) {
-      const who = { own: "", mouse: "Another page", headset: "Another headset", phone: "A phone" }[line?.moved_by ?? "own"], user = this.pointing;
+      const who = { own: "", mouse: "Another page", headset: "Another headset", phone: "A phone" }[
+        line?.moved_by ?? "own"
+      ];
+      const user = this.pointing;
       this.pointing = "";
       this.lost(who ? `${who} points as ${user} now.` : `You do not point as ${user} any more.`);
     }

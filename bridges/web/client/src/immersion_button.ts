@@ -5,11 +5,19 @@ import type { Toasts } from "./toasts";
 import type { Immersion, View } from "./view";
 
 export class ImmersionButton {
-  readonly element = el("button", { type: "button", hidden: true, onclick: () => void this.toggle() }, icon("headset"), el("span", { text: "In your room" }));
+  readonly element = el(
+    "button",
+    { type: "button", hidden: true, onclick: () => void this.toggle() },
+    icon("headset"),
+    el("span", { text: "In your room" }),
+  );
   private immersion: Immersion | null = null;
 
   /** @param turn takes over what the server has sent, before each frame of the session. */
-  constructor(private readonly toasts: Toasts, private readonly turn: () => void) {
+  constructor(
+    private readonly toasts: Toasts,
+    private readonly turn: () => void,
+  ) {
     this.element.title = "Show names, rays and cursors where they are, through this headset or phone";
   }
 

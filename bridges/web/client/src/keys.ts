@@ -21,7 +21,11 @@ export interface Shortcut {
 
 /** Where keys step to while names are announced. */
 export const STEPS: Readonly<Record<string, readonly [by: -1 | 1, to: Step["to"]]>> = {
-  ArrowLeft: [-1, "beside"], ArrowRight: [1, "beside"], ArrowUp: [-1, "row"], ArrowDown: [1, "row"], Home: [1, "here"],
+  ArrowLeft: [-1, "beside"],
+  ArrowRight: [1, "beside"],
+  ArrowUp: [-1, "row"],
+  ArrowDown: [1, "row"],
+  Home: [1, "here"],
 };
 
 const FIELDS = "input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select";
@@ -47,12 +51,17 @@ export function listen(shortcuts: readonly Shortcut[], areOn: () => boolean): vo
     if (target.matches(FIELDS)) return null;
     if ((event.key.startsWith("Arrow") || event.key === "Home") && target.matches(MOVES)) return null;
     // Space belongs to a control that the keyboard has come to; after a click it is the person's button
-    if (event.key === " " && isByKeyboard && target.matches("button, input, summary, a, [role=tab]")) return null;
+    if (event.key === " " && isByKeyboard && target.matches("button, input, summary, a, [role=tab]"))
+      return null;
     return shortcut;
   }
 
   addEventListener("keydown", (event) => {
-    if (event.key === "Tab" || (event.key.startsWith("Arrow") && event.target instanceof Element && event.target.matches(MOVES))) isByKeyboard = true;
+    if (
+      event.key === "Tab" ||
+      (event.key.startsWith("Arrow") && event.target instanceof Element && event.target.matches(MOVES))
+    )
+      isByKeyboard = true;
     const shortcut = found(event);
     if (!shortcut) return;
     event.preventDefault();

@@ -8,8 +8,14 @@ const LINE = { user: "ada", moved_by: "own", is_mine: false, assumed: null, phon
 
 test("after a restart the wrist is taken back once, and not before the server can have its person point", async () => {
   Object.assign(globalThis, { document: { getElementById: () => null } });
-  const site = emptySite(), asked: string[] = [];
-  const connection = { ask: (wish: { deed: string; name: string }) => (asked.push(`${wish.deed} ${wish.name}`), Promise.resolve({})) };
+  const site = emptySite();
+  const asked: string[] = [];
+  const connection = {
+    ask: (wish: { deed: string; name: string }) => (
+      asked.push(`${wish.deed} ${wish.name}`),
+      Promise.resolve({})
+    ),
+  };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
   const mouse = new Mouse(controls, () => null, { addEventListener: () => {} } as never);
   const appears = (line: object, interaction: object | null, present: boolean) => {

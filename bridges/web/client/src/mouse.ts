@@ -18,7 +18,11 @@ export class Mouse {
   tremor = 0;
   private leaving: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(private readonly controls: Controls, private readonly view: () => View | null, stage: HTMLElement) {
+  constructor(
+    private readonly controls: Controls,
+    private readonly view: () => View | null,
+    stage: HTMLElement,
+  ) {
     stage.addEventListener("pointerleave", ({ pointerType }) => {
       clearTimeout(this.leaving); // a finger that is lifted has not gone anywhere else
       if (pointerType === "mouse") this.leaving = setTimeout(() => this.rest(), OUT_MS);
@@ -86,7 +90,11 @@ export class Mouse {
     const line = person?.line;
     if (!this.wanted || user || !line || !site.connected || this.isAsking) return;
     if (line.moved_by !== "own") {
-      if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "mouse" ? "Another page" : `A ${line.moved_by}`} points as ${this.wanted} now.`);
+      if (this.hadIt)
+        controls.toasts.show(
+          "info",
+          `${line.moved_by === "mouse" ? "Another page" : `A ${line.moved_by}`} points as ${this.wanted} now.`,
+        );
       this.wanted = "";
     } else if (this.hadIt && controls.isPresent("imu-bridge", this.wanted) && person?.interaction) {
       this.hadIt = false; // after a lost connection, or a restarted server, which knows by now whether the person rests

@@ -2,7 +2,11 @@
 
 declare module "node:test" {
   export function test(name: string, run: () => void | Promise<void>): Promise<void>;
-  export const mock: { method(of: object, name: string, as: (...given: never[]) => unknown): void; restoreAll(): void; timers: { enable(which: { apis: string[] }): void; tick(ms: number): void } };
+  export const mock: {
+    method(of: object, name: string, as: (...given: never[]) => unknown): void;
+    restoreAll(): void;
+    timers: { enable(which: { apis: string[] }): void; tick(ms: number): void };
+  };
 }
 
 declare module "node:assert/strict" {

@@ -21,7 +21,9 @@ export function isCutOff(site: Known): boolean {
 
 function whole({ status }: Known): FindingLine | undefined {
   const all = status?.findings ?? [];
-  return all.some(({ follows }) => follows) ? all.find(({ service, follows }) => !service && !follows) : undefined;
+  return all.some(({ follows }) => follows)
+    ? all.find(({ service, follows }) => !service && !follows)
+    : undefined;
 }
 
 /** One sentence for people; empty while all run. */
@@ -30,8 +32,11 @@ export function outage({ status }: Known): string {
   const site = whole({ status });
   if (site) return `${capital(site.sentence)}; ${site.remedy}`;
   for (const [service, effect] of Object.entries(EFFECTS)) {
-    const isGone = status?.services.some(({ instance, present }) => instance === service && !present) ?? false;
-    const cause = status?.findings.find((each) => each.service === service && each.severity === "error" && (isGone || each.code === SILENT));
+    const isGone =
+      status?.services.some(({ instance, present }) => instance === service && !present) ?? false;
+    const cause = status?.findings.find(
+      (each) => each.service === service && each.severity === "error" && (isGone || each.code === SILENT),
+    );
     if (cause) return `${effect}: ${service} ${cause.sentence}${cause.remedy ? `; ${cause.remedy}` : ""}`;
   }
   return "";

@@ -27,7 +27,10 @@ const TICK_MS = 40;
 
 class Wrist {
   private readonly screen = new Screen();
-  private readonly link = new Link({ heard: (part) => this.hear(part), changed: (state) => this.changed(state) });
+  private readonly link = new Link({
+    heard: (part) => this.hear(part),
+    changed: (state) => this.changed(state),
+  });
   private readonly pace = new Pace();
   private readonly rate = new Rate();
   private readonly taps = new Taps();
@@ -106,7 +109,9 @@ class Wrist {
       this.sensing = await sensing;
     } catch (error) {
       this.wake.want(false);
-      this.screen.trouble(error instanceof NoOrientation ? error.message : `The sensor cannot be started: ${String(error)}.`);
+      this.screen.trouble(
+        error instanceof NoOrientation ? error.message : `The sensor cannot be started: ${String(error)}.`,
+      );
       return;
     } finally {
       this.isStarting = false;
@@ -155,10 +160,15 @@ class Wrist {
     const due = this.pace.due(now, this.link.buffered);
     if (!due) return;
     const { q, t } = due;
-    if (this.link.say({ kind: "turn", q, t_ms: t, session: this.session, battery: this.charge })) this.rate.tick(now);
+    if (this.link.say({ kind: "turn", q, t_ms: t, session: this.session, battery: this.charge }))
+      this.rate.tick(now);
   }
 
-  private ask(deed: "press" | "step" | "take" | "give" | "centre" | "speak" | "report_voice", what: string, query: Record<string, unknown> = {}): void {
+  private ask(
+    deed: "press" | "step" | "take" | "give" | "centre" | "speak" | "report_voice",
+    what: string,
+    query: Record<string, unknown> = {},
+  ): void {
     this.await(this.link.ask({ deed, key: "", name: "", query }), what);
   }
 
@@ -230,7 +240,10 @@ class Wrist {
     const next = stage === "centre" ? CENTRE : this.shown(cue?.next_step ?? "");
     screen.next(next, stage === "button" ? (cue?.progress ?? null) : null);
     screen.write("big-name", stage === "centre" ? "Centre" : "Press");
-    screen.write("big-note", stage === "centre" ? "this is straight ahead" : cue ? pressWords(cue.press) : "");
+    screen.write(
+      "big-note",
+      stage === "centre" ? "this is straight ahead" : cue ? pressWords(cue.press) : "",
+    );
     screen.write("place", state === "localizing" ? "Call off" : "Find my place");
     screen.write("let-go", this.hasArm ? "Let go" : "Take my arm");
   }
@@ -243,9 +256,18 @@ class Wrist {
   private showFigures(): void {
     const now = performance.now();
     this.figuresAt = now;
-    this.screen.write("figures", this.sensing && this.link.state === "open"
-      ? figures(this.rate.at(now), this.link.roundTrip, this.charge, this.sensing.source, this.link.transport === "post")
-      : "");
+    this.screen.write(
+      "figures",
+      this.sensing && this.link.state === "open"
+        ? figures(
+            this.rate.at(now),
+            this.link.roundTrip,
+            this.charge,
+            this.sensing.source,
+            this.link.transport === "post",
+          )
+        : "",
+    );
   }
 
   private showSpeaker(): void {
@@ -260,14 +282,18 @@ class Wrist {
 
   private listenToButton(): void {
     const { big } = this.screen;
-    let downX = 0, downY = 0;
+    let downX = 0;
+    let downY = 0;
     const down = () => {
       big.classList.add("is-down");
       this.taps.down(performance.now());
     };
     const up = () => {
       big.classList.remove("is-down");
-      const gesture = this.taps.up(performance.now(), this.stage === "button" && (this.cue?.wants_double ?? false));
+      const gesture = this.taps.up(
+        performance.now(),
+        this.stage === "button" && (this.cue?.wants_double ?? false),
+      );
       if (gesture) this.press(gesture);
     };
     big.addEventListener("pointerdown", (event) => {
@@ -278,8 +304,16 @@ class Wrist {
       down();
     });
     big.addEventListener("pointermove", (event) => {
-      const right = event.clientX - downX, down = event.clientY - downY, isAcross = Math.abs(right) >= Math.abs(down);
-      if (!this.cue?.has_names || this.stage !== "button" || !big.classList.contains("is-down") || Math.max(Math.abs(right), Math.abs(down)) < SWIPE_PX) return;
+      const right = event.clientX - downX;
+      const down = event.clientY - downY;
+      const isAcross = Math.abs(right) >= Math.abs(down);
+      if (
+        !this.cue?.has_names ||
+        this.stage !== "button" ||
+        !big.classList.contains("is-down") ||
+        Math.max(Math.abs(right), Math.abs(down)) < SWIPE_PX
+      )
+        return;
       big.classList.remove("is-down");
       this.taps.cancel();
       this.step(Math.sign(isAcross ? right : down), isAcross ? "beside" : "row");
@@ -297,7 +331,9 @@ class Wrist {
     });
     big.addEventListener("contextmenu", (event) => event.preventDefault());
     // Keys, switches and screen readers click without a pointer.
-    big.addEventListener("click", (event) => { if (event.detail === 0) this.press("press"); });
+    big.addEventListener("click", (event) => {
+      if (event.detail === 0) this.press("press");
+    });
   }
 }
 

@@ -26,19 +26,27 @@ export interface RobotSituation {
 }
 
 const KINDS: Record<RobotState["kind"], string> = { quadrotor: "the quadrotor", ground: "the ground robot" };
-const line = (robot: SeenRobot | null | undefined): RobotLine | null => (robot ? { ...robot.state, name: robot.name } : null);
+const line = (robot: SeenRobot | null | undefined): RobotLine | null =>
+  robot ? { ...robot.state, name: robot.name } : null;
 
 /** Robots as `person` may steer them; `last`: the one that they steered last. Null where nobody steers any. */
 export function robotSituation(site: Site, person: Person, last: string): RobotSituation | null {
-  const robots = seenRobots(site), { steering, user } = person;
+  const robots = seenRobots(site);
+  const { steering, user } = person;
   if (!steering || !robots.length) return null;
-  const named = (name: string | undefined): RobotLine | null => line(robots.find((each) => each.name === name));
-  const [first] = steering.candidates, halted = named(last);
+  const named = (name: string | undefined): RobotLine | null =>
+    line(robots.find((each) => each.name === name));
+  const [first] = steering.candidates;
+  const halted = named(last);
   return {
-    steered: line(steeredBy(site, user)), asked: steering.robot, isLanding: steering.mode === "land", waypoints: steering.waypoints_m.length,
+    steered: line(steeredBy(site, user)),
+    asked: steering.robot,
+    isLanding: steering.mode === "land",
+    waypoints: steering.waypoints_m.length,
     meant: first && first.probability >= MIN_MEANT ? named(first.object_id) : null,
     halted: halted?.reason && ["stopped", "lost"].includes(halted.phase) ? halted : null,
-    user, kinds: [...new Set(robots.map(({ state }) => state.kind))].sort(),
+    user,
+    kinds: [...new Set(robots.map(({ state }) => state.kind))].sort(),
   };
 }
 
@@ -47,26 +55,57 @@ export function robotStep(now: RobotSituation): Pick<Said, "step" | "text"> & { 
   const { steered, meant, halted } = now;
   if (steered) return steeredStep(now, steered, capital(steered.name));
   if (now.asked) return { step: "following", text: `${capital(now.asked)} is asked to follow you …` };
-  if (meant?.user && meant.user !== now.user) return { step: "stopped", text: `${capital(meant.name)} is steered by ${meant.user}. Wait until it is free, or point at another robot.` };
-  if (meant) return { step: "press", text: `${capital(meant.name)}: press, and it is yours.`, press: `Take ${meant.name}` };
+  if (meant?.user && meant.user !== now.user)
+    return {
+      step: "stopped",
+      text: `${capital(meant.name)} is steered by ${meant.user}. Wait until it is free, or point at another robot.`,
+    };
+  if (meant)
+    return {
+      step: "press",
+      text: `${capital(meant.name)}: press, and it is yours.`,
+      press: `Take ${meant.name}`,
+    };
   if (halted) return { step: "stopped", text: `${capital(halted.name)} was stopped: ${halted.reason}` };
-  return { step: "aim", text: `Point at ${now.kinds.map((kind) => KINDS[kind]).join(" or ")}: then a press takes it.` };
+  return {
+    step: "aim",
+    text: `Point at ${now.kinds.map((kind) => KINDS[kind]).join(" or ")}: then a press takes it.`,
+  };
 }
 
-function steeredStep(now: RobotSituation, { kind, phase, reason, name }: RobotLine, Name: string): ReturnType<typeof robotStep> {
+function steeredStep(
+  now: RobotSituation,
+  { kind, phase, reason, name }: RobotLine,
+  Name: string,
+): ReturnType<typeof robotStep> {
   if (reason || phase === "stopped" || phase === "lost") {
     const canLand = kind === "quadrotor" && (phase === "idle" || phase === "moving");
-    return { step: "stopped", text: `${Name} ${phase === "lost" ? "is not heard" : "stands"}${reason ? `: ${reason}` : "."}`, ...(canLand ? { press: "Land here" } : {}) };
+    return {
+      step: "stopped",
+      text: `${Name} ${phase === "lost" ? "is not heard" : "stands"}${reason ? `: ${reason}` : "."}`,
+      ...(canLand ? { press: "Land here" } : {}),
+    };
   }
   if (kind === "quadrotor") {
-    if (now.isLanding || phase === "landing") return { step: "following", text: `${Name} lands where you pointed …` };
-    if (phase === "landed" || phase === "taking_off") return { step: "following", text: `${Name} is yours and takes off …` };
-    return { step: "following", text: `${Name} follows where you point. A press lands it there.`, press: "Land here" };
+    if (now.isLanding || phase === "landing")
+      return { step: "following", text: `${Name} lands where you pointed …` };
+    if (phase === "landed" || phase === "taking_off")
+      return { step: "following", text: `${Name} is yours and takes off …` };
+    return {
+      step: "following",
+      text: `${Name} follows where you point. A press lands it there.`,
+      press: "Land here",
+    };
   }
   if (now.waypoints) {
     const points = now.waypoints === 1 ? "1 place is" : `${now.waypoints} places are`;
-    return { step: "press", text: `${points} on its way. Stay on the next, or press: ${name} goes.`, press: `Send ${name}` };
+    return {
+      step: "press",
+      text: `${points} on its way. Stay on the next, or press: ${name} goes.`,
+      press: `Send ${name}`,
+    };
   }
-  if (phase === "moving") return { step: "following", text: `${Name} goes its way. Stay on a place to send it farther.` };
+  if (phase === "moving")
+    return { step: "following", text: `${Name} goes its way. Stay on a place to send it farther.` };
   return { step: "hold", text: `${Name} is yours. Stay on a place where it should go.` };
 }

@@ -15,7 +15,10 @@ export interface Score {
 }
 
 /** Score of the conveyor or of segments on strips so far; null before the first object came out. */
-export function scoreOf({ conveyor }: Pick<Site, "conveyor">, isWanted: (kind: string) => boolean): Score | null {
+export function scoreOf(
+  { conveyor }: Pick<Site, "conveyor">,
+  isWanted: (kind: string) => boolean,
+): Score | null {
   const wanted = (conveyor?.bays ?? []).filter(({ kind }) => isWanted(kind));
   const passed = wanted.reduce((sum, { count }) => sum + count, 0);
   return passed ? { passed, selected: wanted.reduce((sum, { selected }) => sum + selected, 0) } : null;
@@ -35,10 +38,15 @@ export function passedSentence(site: Site, controls: Pick<Controls, "isWanted" |
 
 /** Reason why nothing is on the conveyor, with the remedy; "" while something is, or comes. */
 export function emptySentence(site: Site): string {
-  const { conveyor } = site, noun = nounOf(site), moving = movingOf(site);
+  const { conveyor } = site;
+  const noun = nounOf(site);
+  const moving = movingOf(site);
   if (!conveyor || thingsOf(site).length) return "";
-  if (!conveyor.feeding) return `No ${noun} is here: feeding is stopped. Press Start feeding, or add a ${noun}.`;
-  return conveyor.speed_mps ? "" : `No ${noun} is here: the ${moving} stand still. Press Start the ${moving}.`;
+  if (!conveyor.feeding)
+    return `No ${noun} is here: feeding is stopped. Press Start feeding, or add a ${noun}.`;
+  return conveyor.speed_mps
+    ? ""
+    : `No ${noun} is here: the ${moving} stand still. Press Start the ${moving}.`;
 }
 
 function scoreWords({ selected, passed }: Score, kinds: readonly string[]): string {
@@ -55,21 +63,29 @@ export interface RunEnd {
 export function makeRunEnd(host: HTMLElement, controls: Controls): RunEnd {
   const { site } = controls;
   const text = host.querySelector("p")!;
-  let result = "", scenario = "", isShipped = false, since = Infinity;
+  let result = "";
+  let scenario = "";
+  let isShipped = false;
+  let since = Infinity;
 
   const self = {
     isOver: false,
     update() {
-      const isOver = site.status?.run === "over" && !site.timeline, now = performance.now();
+      const isOver = site.status?.run === "over" && !site.timeline;
+      const now = performance.now();
       since = isOver ? Math.min(since, now) : Infinity;
       self.isOver = isOver && (!site.connected || now - since >= OVER_MS);
       if (controls.scenario && controls.scenario !== scenario) [scenario, result] = [controls.scenario, ""];
-      if (controls.scenario) isShipped = controls.offers.some((each) => each.name === scenario && each.is_shipped);
+      if (controls.scenario)
+        isShipped = controls.offers.some((each) => each.name === scenario && each.is_shipped);
       const score = scoreOf(site, (kind) => controls.isWanted(kind));
       // the kinds to select end with the deployment, the counts with their service
-      if (!isOver && controls.scenario) result = score ? `: ${scoreWords(score, controls.targetKinds)} were selected` : "";
+      if (!isOver && controls.scenario)
+        result = score ? `: ${scoreWords(score, controls.targetKinds)} were selected` : "";
       show(host, self.isOver);
-      const again = isShipped ? ` Start it again in a terminal: pointit run ${scenario}` : " Start it again where it was started.";
+      const again = isShipped
+        ? ` Start it again in a terminal: pointit run ${scenario}`
+        : " Start it again where it was started.";
       write(text, self.isOver ? `The run has ended${result}.${again}` : "");
     },
   };

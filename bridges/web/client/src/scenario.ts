@@ -26,8 +26,14 @@ export interface Scenario {
  */
 export function makeScenario(host: HTMLElement, progress: HTMLElement, controls: Controls): Scenario {
   const { site } = controls;
-  const name = el("span", { className: "scenario-name" }), shown = el("span", {});
-  const open = el("button", { type: "button", "aria-haspopup": "dialog", onclick: () => openMenu() }, shown, icon("chevron"));
+  const name = el("span", { className: "scenario-name" });
+  const shown = el("span", {});
+  const open = el(
+    "button",
+    { type: "button", "aria-haspopup": "dialog", onclick: () => openMenu() },
+    shown,
+    icon("chevron"),
+  );
   const starting = el("p", {});
   host.append(name, open);
   progress.append(el("div", { className: "spinner", "aria-hidden": "true" }), starting);
@@ -35,8 +41,15 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   const list = el("ul", { className: "scenarios" });
   const title = el("h2");
   const lost = el("ul", { className: "losses" });
-  const yes = el("button", { type: "button", className: "primary" }), no = el("button", { type: "button", text: "Go on as it is", onclick: () => dialog.close() });
-  const question = el("div", {}, el("p", { text: "This ends for everybody what runs now:" }), lost, el("div", { className: "pairs" }, yes, no));
+  const yes = el("button", { type: "button", className: "primary" });
+  const no = el("button", { type: "button", text: "Go on as it is", onclick: () => dialog.close() });
+  const question = el(
+    "div",
+    {},
+    el("p", { text: "This ends for everybody what runs now:" }),
+    lost,
+    el("div", { className: "pairs" }, yes, no),
+  );
   const dialog = sheet(title, list, question);
 
   let to = "";
@@ -49,20 +62,42 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
     show(list, true);
     show(question, false);
     list.dataset.signature = "";
-    renew(list, JSON.stringify([offers, scenario]), () => offers.map((each) => {
-      const isNow = each.name === scenario, text = isNow ? "Restart" : "Run", shownTitle = controls.titleOf(each.name);
-      return el("li", isNow ? { "aria-current": "true" } : {},
-        el("div", {}, el("strong", { text: shownTitle }), isNow ? el("span", { className: "tag", text: "runs now" }) : null, el("p", { text: sentence(each.about) })),
-        el("button", { type: "button", "aria-label": `${text}: ${shownTitle}`, onclick: () => run(each.name) }, icon("play"), el("span", { text })));
-    }));
+    renew(list, JSON.stringify([offers, scenario]), () =>
+      offers.map((each) => {
+        const isNow = each.name === scenario;
+        const text = isNow ? "Restart" : "Run";
+        const shownTitle = controls.titleOf(each.name);
+        return el(
+          "li",
+          isNow ? { "aria-current": "true" } : {},
+          el(
+            "div",
+            {},
+            el("strong", { text: shownTitle }),
+            isNow ? el("span", { className: "tag", text: "runs now" }) : null,
+            el("p", { text: sentence(each.about) }),
+          ),
+          el(
+            "button",
+            { type: "button", "aria-label": `${text}: ${shownTitle}`, onclick: () => run(each.name) },
+            icon("play"),
+            el("span", { text }),
+          ),
+        );
+      }),
+    );
     if (!dialog.open) dialog.showModal();
     list.querySelector<HTMLElement>("[aria-current] button")?.scrollIntoView({ block: "nearest" });
   }
 
   function run(scenario: string, as: RunOptions = {}): void {
-    const all = losses(controls), isSame = scenario === controls.scenario;
+    const all = losses(controls);
+    const isSame = scenario === controls.scenario;
     if (!all.length) return void start(scenario, as);
-    write(title, isSame ? `Restart “${controls.titleOf(scenario)}”?` : `Run “${controls.titleOf(scenario)}”?`);
+    write(
+      title,
+      isSame ? `Restart “${controls.titleOf(scenario)}”?` : `Run “${controls.titleOf(scenario)}”?`,
+    );
     lost.replaceChildren(...all.map((text) => el("li", { text })));
     yes.textContent = isSame ? "Restart" : "Run";
     yes.onclick = () => void start(scenario, as);
@@ -73,7 +108,10 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   }
 
   async function start(scenario: string, as: RunOptions): Promise<void> {
-    const before = { scenario: controls.scenario, as: { users: site.people.size, localizes: controls.localizes } };
+    const before = {
+      scenario: controls.scenario,
+      as: { users: site.people.size, localizes: controls.localizes },
+    };
     dialog.close();
     controls.toasts.endActions();
     to = scenario;
@@ -85,7 +123,12 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
     // a lost connection is no refusal: the page may have been restarted with the rest
     else if (site.connected) to = "";
     else isAccepted = true;
-    back = isAccepted && before.scenario && (before.scenario !== scenario || before.as.users !== (as.users ?? before.as.users)) ? before : null;
+    back =
+      isAccepted &&
+      before.scenario &&
+      (before.scenario !== scenario || before.as.users !== (as.users ?? before.as.users))
+        ? before
+        : null;
     controls.changed();
   }
 
@@ -94,21 +137,37 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   /** Whether the requested scenario runs with all its services. */
   function isThere(): boolean {
     if (!isAccepted || controls.scenario !== to || !site.map || !site.status) return false;
-    return [...site.deployments.values()].every(({ services }) => services.every(({ service, user }) => controls.isPresent(service, user)));
+    return [...site.deployments.values()].every(({ services }) =>
+      services.every(({ service, user }) => controls.isPresent(service, user)),
+    );
   }
 
   function tellStarted(): void {
-    const before = back, { scenario } = controls;
+    const before = back;
+    const { scenario } = controls;
     back = null;
-    const isOther = before !== null && before.scenario !== scenario, people = before?.as.users === 1 ? "1 person" : `${before?.as.users} people`;
-    controls.toasts.show("done", `${controls.titleOf(scenario)} is running.`, before && before.as.users
-      ? { action: { name: `Back to ${isOther ? "the last one" : people}`, run: () => run(before.scenario, before.as) } } : {});
+    const isOther = before !== null && before.scenario !== scenario;
+    const people = before?.as.users === 1 ? "1 person" : `${before?.as.users} people`;
+    controls.toasts.show(
+      "done",
+      `${controls.titleOf(scenario)} is running.`,
+      before && before.as.users
+        ? {
+            action: {
+              name: `Back to ${isOther ? "the last one" : people}`,
+              run: () => run(before.scenario, before.as),
+            },
+          }
+        : {},
+    );
   }
 
   return {
     run,
     update() {
-      const may = controls.may("run/scenario"), { scenario } = controls, isStarting = to !== "" || site.status?.run === "starts";
+      const may = controls.may("run/scenario");
+      const { scenario } = controls;
+      const isStarting = to !== "" || site.status?.run === "starts";
       show(open, may || (dialog.open && isStarting));
       show(name, open.hidden && scenario !== "");
       write(name, controls.titleOf(scenario));
@@ -118,7 +177,10 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
         to = "";
         tellStarted();
       } else if (to && performance.now() - since > PATIENCE_MS) {
-        controls.toasts.show("error", `${controls.titleOf(to)} did not start in time; the health page shows what is missing.`);
+        controls.toasts.show(
+          "error",
+          `${controls.titleOf(to)} did not start in time; the health page shows what is missing.`,
+        );
         to = "";
       }
       show(progress, isStarting && site.connected && !site.timeline);

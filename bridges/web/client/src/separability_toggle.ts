@@ -10,7 +10,13 @@ const PATIENCE_MS = 60_000;
 export const SEPARABILITY_KEY = "T";
 
 export class SeparabilityToggle {
-  readonly button = el("button", { type: "button", "aria-keyshortcuts": SEPARABILITY_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(SEPARABILITY_KEY));
+  readonly button = el(
+    "button",
+    { type: "button", "aria-keyshortcuts": SEPARABILITY_KEY, onclick: () => this.toggle() },
+    icon("floor"),
+    el("span", { text: "Told apart" }),
+    key(SEPARABILITY_KEY),
+  );
   readonly legend: HTMLElement;
   /** What the floor shows, or null. */
   shown: Separability | null = null;
@@ -22,17 +28,28 @@ export class SeparabilityToggle {
   private mouse: readonly [number, number] | null = null;
 
   /** @param changed called when `shown` has changed. */
-  constructor(private readonly controls: Controls, private readonly changed: () => void) {
+  constructor(
+    private readonly controls: Controls,
+    private readonly changed: () => void,
+  ) {
     this.button.title = "Colour the floor by the things that cannot be told apart by pointing from there";
-    this.legend = el("div", { className: "apart", role: "group", "aria-label": "What is told apart from where" },
+    this.legend = el(
+      "div",
+      { className: "apart", role: "group", "aria-label": "What is told apart from where" },
       el("strong", { text: "Told apart by pointing from there" }),
-      el("div", { className: "ramp" }), el("div", { className: "ticks" }, ...["all", "half", "none"].map((text) => el("span", { text }))),
-      this.stands, this.under);
+      el("div", { className: "ramp" }),
+      el("div", { className: "ticks" }, ...["all", "half", "none"].map((text) => el("span", { text }))),
+      this.stands,
+      this.under,
+    );
   }
 
   get isOffered(): boolean {
     const { map, hello } = this.controls.site;
-    return (map?.things.some((thing) => !thing.is_tracked) ?? false) && (hello?.deeds.includes("told_apart") ?? false);
+    return (
+      (map?.things.some((thing) => !thing.is_tracked) ?? false) &&
+      (hello?.deeds.includes("told_apart") ?? false)
+    );
   }
 
   toggle(): void {
@@ -50,15 +67,21 @@ export class SeparabilityToggle {
   }
 
   update(): void {
-    const { controls } = this, { site } = controls;
+    const { controls } = this;
+    const { site } = controls;
     if (!this.isOffered && this.isOn) this.toggle();
     show(this.button, this.isOffered);
     mark(this.button, "aria-pressed", String(this.isOn));
     show(this.legend, this.isOn);
     if (this.isOn && this.asked !== site.mapVersion) void this.ask(site.mapVersion);
-    const { person } = controls, stands = person && standingOf(person), { shown } = this;
+    const { person } = controls;
+    const stands = person && standingOf(person);
+    const { shown } = this;
     const text = stands && shown ? separabilityText(shown, stands.position_m[0], stands.position_m[1]) : "";
-    write(this.stands, this.isOn && !shown ? "Computing …" : text && `Where ${controls.user} stands: ${text}`);
+    write(
+      this.stands,
+      this.isOn && !shown ? "Computing …" : text && `Where ${controls.user} stands: ${text}`,
+    );
     this.over(this.mouse);
   }
 

@@ -26,11 +26,31 @@ export interface Slider {
 
 let sliders = 0;
 
-export function slider({ label, min, max, step, unit, initial, send: request, onInvalid }: SliderOptions): Slider {
-  const id = `slider-${++sliders}`, digits = (String(step).split(".")[1] ?? "").length;
+export function slider({
+  label,
+  min,
+  max,
+  step,
+  unit,
+  initial,
+  send: request,
+  onInvalid,
+}: SliderOptions): Slider {
+  const id = `slider-${++sliders}`;
+  const digits = (String(step).split(".")[1] ?? "").length;
   const input = el("input", { type: "range", id, min, max, step });
-  const field = el("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label} in ${unit}`, value: "–" });
-  const reset = el("button", { type: "button", className: "quiet reset", hidden: true, onclick: () => void back() }, icon("undo"));
+  const field = el("input", {
+    type: "text",
+    inputmode: "decimal",
+    autocomplete: "off",
+    "aria-label": `${label} in ${unit}`,
+    value: "–",
+  });
+  const reset = el(
+    "button",
+    { type: "button", className: "quiet reset", hidden: true, onclick: () => void back() },
+    icon("undo"),
+  );
   let inUse: number | null = null;
   let isBusy = false;
   let wanted: number | null = null;
@@ -51,7 +71,8 @@ export function slider({ label, min, max, step, unit, initial, send: request, on
   }
 
   function offerReset(value: number): void {
-    const start = initial(), isInitial = start === null || text(value) === text(start);
+    const start = initial();
+    const isInitial = start === null || text(value) === text(start);
     if (isInitial && document.activeElement === reset) input.focus();
     show(reset, !isInitial);
     if (start !== null) reset.title = `Back to ${text(start)} ${unit}`;
@@ -96,11 +117,20 @@ export function slider({ label, min, max, step, unit, initial, send: request, on
     const value = typedNumber(field.value, unit);
     known = field.value;
     if (value !== null) return void send(value);
-    onInvalid(`${label}: “${field.value.trim()}” is no number. Type one in ${unit}, such as ${text(inUse ?? min)}.`);
+    onInvalid(
+      `${label}: “${field.value.trim()}” is no number. Type one in ${unit}, such as ${text(inUse ?? min)}.`,
+    );
     if (inUse !== null) fill(inUse);
   });
   return {
-    element: el("div", { className: "slider" }, el("label", { for: id, text: label }), reset, el("span", { className: "typed" }, field, el("span", { text: unit })), input),
+    element: el(
+      "div",
+      { className: "slider" },
+      el("label", { for: id, text: label }),
+      reset,
+      el("span", { className: "typed" }, field, el("span", { text: unit })),
+      input,
+    ),
     set(value) {
       if (value === null) inUse = null;
       // the site's own state lags behind the answer a little

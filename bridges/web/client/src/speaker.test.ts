@@ -6,39 +6,88 @@ mock.timers.enable({ apis: ["setTimeout"] });
 
 /** What the page uses of an element. */
 class Element extends EventTarget {
-  children: Element[] = []; textContent = ""; className = ""; checked = false; selected = false; type = ""; private own = "";
-  constructor(readonly tag: string) { super(); }
-  set onchange(listener: EventListener) { this.addEventListener("change", listener); }
-  append(...more: Element[]): void { this.children.push(...more); }
-  replaceChildren(...now: Element[]): void { this.children = now; }
-  setAttribute(name: string, value: unknown): void { Object.assign(this, { [name]: value }); }
-  all(tag: string): Element[] { return this.children.flatMap((each) => [...(each.tag === tag ? [each] : []), ...(each.all?.(tag) ?? [])]); }
-  get value(): string { return this.tag === "select" ? this.all("option").find(({ selected }) => selected)?.value ?? "" : this.own; }
-  set value(value: string) { if (this.tag === "select") for (const each of this.all("option")) each.selected = each.value === value; else this.own = value; }
+  children: Element[] = [];
+  textContent = "";
+  className = "";
+  checked = false;
+  selected = false;
+  type = "";
+  private own = "";
+  constructor(readonly tag: string) {
+    super();
+  }
+  set onchange(listener: EventListener) {
+    this.addEventListener("change", listener);
+  }
+  append(...more: Element[]): void {
+    this.children.push(...more);
+  }
+  replaceChildren(...now: Element[]): void {
+    this.children = now;
+  }
+  setAttribute(name: string, value: unknown): void {
+    Object.assign(this, { [name]: value });
+  }
+  all(tag: string): Element[] {
+    return this.children.flatMap((each) => [...(each.tag === tag ? [each] : []), ...(each.all?.(tag) ?? [])]);
+  }
+  get value(): string {
+    return this.tag === "select"
+      ? (this.all("option").find(({ selected }) => selected)?.value ?? "")
+      : this.own;
+  }
+  set value(value: string) {
+    if (this.tag === "select") for (const each of this.all("option")) each.selected = each.value === value;
+    else this.own = value;
+  }
 }
 
 /** A speaker in a browser with these voices; what it tells, and what it was asked to speak. */
 function make(voices: { lang: string }[], stored: object = {}) {
-  const kept = new Map([["pointit-speaker", JSON.stringify(stored)]]), told: unknown[] = [], spoken: { text: string; lang: string; onstart?(): void; onerror?(event: object): void }[] = [];
-  const synthesis = Object.assign(new EventTarget(), { getVoices: () => voices, cancel() {}, speak: (utterance: (typeof spoken)[0]) => spoken.push(utterance) });
+  const kept = new Map([["pointit-speaker", JSON.stringify(stored)]]);
+  const told: unknown[] = [];
+  const spoken: { text: string; lang: string; onstart?(): void; onerror?(event: object): void }[] = [];
+  const synthesis = Object.assign(new EventTarget(), {
+    getVoices: () => voices,
+    cancel() {},
+    speak: (utterance: (typeof spoken)[0]) => spoken.push(utterance),
+  });
   Object.assign(globalThis, {
-    window: { speechSynthesis: synthesis }, localStorage: { getItem: (key: string) => kept.get(key) ?? null, setItem: (key: string, value: string) => kept.set(key, value) },
-    document: { createElement: (tag: string) => new Element(tag), createTextNode: (text: string) => ({ textContent: text }) }, SpeechSynthesisUtterance: class { lang = ""; constructor(readonly text: string) {} },
+    window: { speechSynthesis: synthesis },
+    localStorage: {
+      getItem: (key: string) => kept.get(key) ?? null,
+      setItem: (key: string, value: string) => kept.set(key, value),
+    },
+    document: {
+      createElement: (tag: string) => new Element(tag),
+      createTextNode: (text: string) => ({ textContent: text }),
+    },
+    SpeechSynthesisUtterance: class {
+      lang = "";
+      constructor(readonly text: string) {}
+    },
   });
   const speaker = new Speaker(new Element("p") as never, (...news) => told.push(news) > 0);
   return { speaker, told, spoken, kept, synthesis };
 }
 
 test("languages that the browser learns late are offered, and another rate keeps the chosen one", () => {
-  const voices: { lang: string }[] = [], { speaker, synthesis, kept, spoken } = make(voices, { on: true, lang: "it-IT", rate: 1 });
+  const voices: { lang: string }[] = [];
+  const { speaker, synthesis, kept, spoken } = make(voices, { on: true, lang: "it-IT", rate: 1 });
   const [lang, rate] = (speaker.fields() as unknown as Element).all("select") as [Element, Element];
   voices.push({ lang: "de-DE" }, { lang: "it-IT" });
   synthesis.dispatchEvent(new Event("voiceschanged"));
-  assert.deepEqual(lang.all("option").map(({ value }) => value), ["", "de-DE", "it-IT"]);
+  assert.deepEqual(
+    lang.all("option").map(({ value }) => value),
+    ["", "de-DE", "it-IT"],
+  );
   rate.value = "1.5";
   rate.dispatchEvent(new Event("change"));
   speaker.say("lamp");
-  assert.deepEqual([JSON.parse(kept.get("pointit-speaker")!), spoken.at(-1)!.lang], [{ on: true, lang: "it-IT", rate: 1.5 }, "it-IT"]);
+  assert.deepEqual(
+    [JSON.parse(kept.get("pointit-speaker")!), spoken.at(-1)!.lang],
+    [{ on: true, lang: "it-IT", rate: 1.5 }, "it-IT"],
+  );
 });
 
 test("a name counts once the browser has begun to speak it", () => {
@@ -56,7 +105,9 @@ test("a name counts once the browser has begun to speak it", () => {
 test("a next step is spoken once, cuts off no name and counts as none", () => {
   const { speaker, told, spoken, synthesis } = make([{ lang: "de-DE" }]);
   let cuts = 0;
-  synthesis.cancel = () => { cuts += 1; };
+  synthesis.cancel = () => {
+    cuts += 1;
+  };
   speaker.setUsual(true, "de");
   speaker.say("Lampe");
   for (const step of ["", "Point at a box.", "Point at a box.", "Press."]) speaker.sayStep(step);
@@ -68,7 +119,8 @@ test("a next step is spoken once, cuts off no name and counts as none", () => {
 });
 
 test("a browser without voices, or without one of the language, says so by itself and again once it has one", () => {
-  const voices: { lang: string }[] = [], { speaker, told, synthesis } = make(voices);
+  const voices: { lang: string }[] = [];
+  const { speaker, told, synthesis } = make(voices);
   speaker.setUsual(true, "de");
   mock.timers.tick(3000);
   assert.deepEqual(told, [[0, "none"]]);
@@ -76,7 +128,10 @@ test("a browser without voices, or without one of the language, says so by itsel
     voices.push({ lang });
     synthesis.dispatchEvent(new Event("voiceschanged"));
   }
-  assert.deepEqual(told.slice(1), [[0, "language"], [0, ""]]);
+  assert.deepEqual(told.slice(1), [
+    [0, "language"],
+    [0, ""],
+  ]);
   speaker.say("Lampe");
   mock.timers.tick(3000);
   assert.deepEqual(told.at(-1), [0, "silent"]);

@@ -2,7 +2,11 @@
 
 import { el, write } from "./dom";
 
-interface Choices { on: boolean | null; lang: string; rate: number }
+interface Choices {
+  on: boolean | null;
+  lang: string;
+  rate: number;
+}
 /** Why nothing is heard: no voice at all, or of the language, or the browser does not speak. */
 export type VoiceProblem = "" | "none" | "language" | "silent";
 
@@ -24,7 +28,10 @@ export class Speaker {
   private waiting: ReturnType<typeof setTimeout> | undefined;
 
   /** `region`: element with `aria-live`. `report`: is told of names that were spoken, and why nothing is heard; returns whether it could pass that on. */
-  constructor(private readonly region: HTMLElement, private readonly report: (spoken: number, problem: VoiceProblem) => boolean) {
+  constructor(
+    private readonly region: HTMLElement,
+    private readonly report: (spoken: number, problem: VoiceProblem) => boolean,
+  ) {
     try {
       Object.assign(this.choices, JSON.parse(localStorage.getItem(STORED) ?? "{}"));
     } catch {
@@ -36,7 +43,9 @@ export class Speaker {
     });
   }
 
-  get isOn(): boolean { return this.choices.on ?? this.isUsual; }
+  get isOn(): boolean {
+    return this.choices.on ?? this.isUsual;
+  }
 
   /** Set whether and in which language names are spoken as long as the person has not chosen. */
   setUsual(speaks: boolean, lang: string): void {
@@ -67,17 +76,28 @@ export class Speaker {
 
   /** Fields to choose whether, in which language and how fast. */
   fields(): HTMLElement {
-    const on = this.box = el("input", { type: "checkbox", onchange: () => this.keep({ on: on.checked }) });
+    const on = (this.box = el("input", { type: "checkbox", onchange: () => this.keep({ on: on.checked }) }));
     on.checked = this.isOn;
-    const rate = el("select", { onchange: () => this.keep({ rate: Number(rate.value) }) },
-      ...RATES.map((each) => el("option", { value: String(each), text: `${each} ×`, selected: each === this.choices.rate })));
+    const rate = el(
+      "select",
+      { onchange: () => this.keep({ rate: Number(rate.value) }) },
+      ...RATES.map((each) =>
+        el("option", { value: String(each), text: `${each} ×`, selected: each === this.choices.rate }),
+      ),
+    );
     this.offer();
-    return el("div", { className: "speaker" },
+    return el(
+      "div",
+      { className: "speaker" },
       el("label", { className: "check" }, on, el("span", { text: "Speak the names of things I point at" })),
-      el("label", {}, "Language ", this.languages), el("label", {}, "Rate ", rate));
+      el("label", {}, "Language ", this.languages),
+      el("label", {}, "Rate ", rate),
+    );
   }
 
-  private get lang(): string { return this.choices.lang || this.usualLang; }
+  private get lang(): string {
+    return this.choices.lang || this.usualLang;
+  }
 
   private get voices(): readonly string[] {
     return (window.speechSynthesis?.getVoices() ?? []).map(({ lang }) => lang);
@@ -85,8 +105,13 @@ export class Speaker {
 
   /** Offer the languages that the browser knows now, some of which it learns late. */
   private offer(): void {
-    const { lang } = this.choices, known = [...new Set([...this.voices, ...(lang ? [lang] : [])])].sort();
-    this.languages.replaceChildren(...["", ...known].map((each) => el("option", { value: each, text: each || "as the page", selected: each === lang })));
+    const { lang } = this.choices;
+    const known = [...new Set([...this.voices, ...(lang ? [lang] : [])])].sort();
+    this.languages.replaceChildren(
+      ...["", ...known].map((each) =>
+        el("option", { value: each, text: each || "as the page", selected: each === lang }),
+      ),
+    );
   }
 
   private keep(change: Partial<Choices>): void {
@@ -102,8 +127,15 @@ export class Speaker {
 
   /** What the browser lacks. */
   private missing(): VoiceProblem {
-    const { voices, lang } = this, [main] = lang.toLowerCase().split("-");
-    return !this.isOn ? "" : !voices.length ? "none" : lang && !voices.some((each) => each.toLowerCase().split(/[-_]/)[0] === main) ? "language" : "";
+    const { voices, lang } = this;
+    const [main] = lang.toLowerCase().split("-");
+    return !this.isOn
+      ? ""
+      : !voices.length
+        ? "none"
+        : lang && !voices.some((each) => each.toLowerCase().split(/[-_]/)[0] === main)
+          ? "language"
+          : "";
   }
 
   private tell(spoken: number, problem: VoiceProblem): void {
@@ -112,7 +144,8 @@ export class Speaker {
 
   /** `isName`: it cuts off what is being spoken, and is counted. */
   private utter(text: string, isName = true): void {
-    const synthesis = window.speechSynthesis, silent = (): void => this.tell(0, this.missing() || "silent");
+    const synthesis = window.speechSynthesis;
+    const silent = (): void => this.tell(0, this.missing() || "silent");
     if (!synthesis) return silent();
     if (isName) synthesis.cancel();
     const utterance = new SpeechSynthesisUtterance(text);
@@ -125,7 +158,9 @@ export class Speaker {
         clearTimeout(this.waiting);
         this.tell(1, this.missing());
       };
-      utterance.onerror = ({ error }) => { if (error !== "interrupted" && error !== "canceled") silent(); };
+      utterance.onerror = ({ error }) => {
+        if (error !== "interrupted" && error !== "canceled") silent();
+      };
     }
     synthesis.speak(utterance);
   }

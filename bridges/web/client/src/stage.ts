@@ -14,7 +14,9 @@ import { isDark } from "./theme";
 import type { Arm, Camera, MakeView, View } from "./view";
 
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
-  room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
+  room: { label: "Room", icon: "cube" },
+  top: { label: "Top", icon: "map" },
+  eyes: { label: "Eyes", icon: "eye" },
 };
 /** A view that fails this many frames in a row is replaced by the plan. */
 const MOST_FAILURES = 20;
@@ -57,15 +59,33 @@ export class Stage {
    * @param turn draws a frame of the page if anything has changed.
    */
   constructor(
-    private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void, private readonly arm: Arm, turn: () => void,
+    private readonly host: HTMLElement,
+    cameras: HTMLElement,
+    private readonly chip: HTMLElement,
+    private readonly cards: readonly HTMLElement[],
+    private readonly edgeCards: readonly HTMLElement[],
+    private readonly controls: Controls,
+    private readonly onAim: (at: Vec3) => void,
+    private readonly onNew: () => void,
+    private readonly arm: Arm,
+    turn: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     host.parentElement!.append(this.list.element);
-    this.separability = new SeparabilityToggle(controls, () => this.view?.setSeparability(this.separability.shown));
+    this.separability = new SeparabilityToggle(controls, () =>
+      this.view?.setSeparability(this.separability.shown),
+    );
     this.immersion = new ImmersionButton(controls.toasts, turn);
-    cameras.append(this.hint, this.separability.legend, this.cameras.element, this.separability.button, this.immersion.element);
-    host.addEventListener("pointermove", ({ clientX, clientY }) => this.separability.over(this.view?.floorAt(clientX, clientY) ?? null));
+    cameras.append(
+      this.hint,
+      this.separability.legend,
+      this.cameras.element,
+      this.separability.button,
+      this.immersion.element,
+    );
+    host.addEventListener("pointermove", ({ clientX, clientY }) =>
+      this.separability.over(this.view?.floorAt(clientX, clientY) ?? null),
+    );
     host.addEventListener("pointerleave", () => this.separability.over(null));
     const turned = (): void => void (this.wasTurned = true);
     host.addEventListener("wheel", turned, { capture: true, passive: true });
@@ -80,7 +100,8 @@ export class Stage {
     try {
       if (settings.view !== "plan") {
         if (hasWebGl()) make = (await import("./scene/scene")).makeScene;
-        else if (settings.view === "scene") toasts.show("info", "This browser has no WebGL 2: the plan is shown.");
+        else if (settings.view === "scene")
+          toasts.show("info", "This browser has no WebGL 2: the plan is shown.");
       }
       if (turn === this.making) this.put(make);
     } catch (error) {
@@ -119,7 +140,8 @@ export class Stage {
 
   private chase(): void {
     if (!this.followed) return;
-    const at = this.view?.placeOf(this.followed), { site } = this.controls;
+    const at = this.view?.placeOf(this.followed);
+    const { site } = this.controls;
     if (!at || site.robots.get(this.followed)?.state?.user === this.pointing) return this.follow(""); // a robot that follows the person would run away
     this.view!.pointAt(at);
     this.onAim(at);
@@ -153,23 +175,41 @@ export class Stage {
 
   /** How a hand moves the view, for the help. */
   get gestures(): readonly (readonly [string, string])[] {
-    if (this.view?.stats.renderer === "SVG") return [["Drag", "Move the plan"], [isTouch() ? "Two fingers" : "Wheel", "Nearer, or farther away"]];
-    if (isTouch()) return [["One finger", "Turn the view; while you are the arm, point"], ["Two fingers", "Move the view, nearer or farther away"]];
-    return [["Drag", "Turn the view"], ["Right drag", "Move the view"], ["Wheel", "Nearer, or farther away"]];
+    if (this.view?.stats.renderer === "SVG")
+      return [
+        ["Drag", "Move the plan"],
+        [isTouch() ? "Two fingers" : "Wheel", "Nearer, or farther away"],
+      ];
+    if (isTouch())
+      return [
+        ["One finger", "Turn the view; while you are the arm, point"],
+        ["Two fingers", "Move the view, nearer or farther away"],
+      ];
+    return [
+      ["Drag", "Turn the view"],
+      ["Right drag", "Move the view"],
+      ["Wheel", "Nearer, or farther away"],
+    ];
   }
 
   /** What lies over the view, px. */
   private covered(): Rect[] {
     const { left, top } = this.host.getBoundingClientRect();
-    return this.cards.map((card) => card.getBoundingClientRect()).filter(({ width }) => width > 0)
+    return this.cards
+      .map((card) => card.getBoundingClientRect())
+      .filter(({ width }) => width > 0)
       .map(({ x, y, width, height }) => ({ x: x - left, y: y - top, width, height }));
   }
 
   /** What the cards at the top and at the foot leave free. */
   private edges(): Edges {
-    const { top, bottom } = this.host.getBoundingClientRect(), edges = { top: 0, bottom: 0 };
-    for (const card of [this.cameras.element, ...this.edgeCards].map((each) => each.getBoundingClientRect())) {
-      if (card.height && card.top + card.bottom < top + bottom) edges.top = Math.max(edges.top, card.bottom - top);
+    const { top, bottom } = this.host.getBoundingClientRect();
+    const edges = { top: 0, bottom: 0 };
+    for (const card of [this.cameras.element, ...this.edgeCards].map((each) =>
+      each.getBoundingClientRect(),
+    )) {
+      if (card.height && card.top + card.bottom < top + bottom)
+        edges.top = Math.max(edges.top, card.bottom - top);
       else if (card.height) edges.bottom = Math.max(edges.bottom, bottom - card.top);
     }
     return edges;
@@ -184,10 +224,15 @@ export class Stage {
     this.view?.dispose();
     this.view = null;
     this.host.replaceChildren();
-    this.view = make(this.host, { arm: this.arm, onAim: (at) => {
-      if (this.followed) this.follow("");
-      this.onAim(at);
-    }, onLost: () => this.giveWay(), onImmersed: () => this.immersion.update() });
+    this.view = make(this.host, {
+      arm: this.arm,
+      onAim: (at) => {
+        if (this.followed) this.follow("");
+        this.onAim(at);
+      },
+      onLost: () => this.giveWay(),
+      onImmersed: () => this.immersion.update(),
+    });
     this.theme();
     const { cameras } = this.view;
     this.cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));

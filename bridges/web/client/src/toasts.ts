@@ -26,18 +26,44 @@ export class Toasts {
   }
 
   /** @param action a button in it, for which it stays longer; topic: of the action that it tells of, whose toast it replaces. */
-  show(kind: Kind, text: string, { action, topic = text }: { action?: Action | undefined; topic?: unknown } = {}): void {
-    for (const other of this.host.querySelectorAll(".toast")) if (this.topics.get(other) === topic) other.remove();
-    const toast = el("div", { className: "toast", "data-kind": kind }, icon(ICONS[kind]), el("span", { text }));
+  show(
+    kind: Kind,
+    text: string,
+    { action, topic = text }: { action?: Action | undefined; topic?: unknown } = {},
+  ): void {
+    for (const other of this.host.querySelectorAll(".toast"))
+      if (this.topics.get(other) === topic) other.remove();
+    const toast = el(
+      "div",
+      { className: "toast", "data-kind": kind },
+      icon(ICONS[kind]),
+      el("span", { text }),
+    );
     if (kind === "error") {
-      toast.append(el("button", { className: "quiet", type: "button", "aria-label": "Close", onclick: () => toast.remove() }, icon("close")));
+      toast.append(
+        el(
+          "button",
+          { className: "quiet", type: "button", "aria-label": "Close", onclick: () => toast.remove() },
+          icon("close"),
+        ),
+      );
     }
     if (action) {
       this.endActions();
-      toast.append(el("button", { type: "button", className: "action", onclick: () => {
-        toast.remove();
-        action.run();
-      } }, el("span", { text: action.name })));
+      toast.append(
+        el(
+          "button",
+          {
+            type: "button",
+            className: "action",
+            onclick: () => {
+              toast.remove();
+              action.run();
+            },
+          },
+          el("span", { text: action.name }),
+        ),
+      );
     }
     this.topics.set(toast, topic);
     this.host.append(toast);

@@ -9,14 +9,22 @@ import type { LogLine, Person, Site } from "./site/site";
 const MOST_NAMES = 3;
 
 const STATES: Record<Interaction["state"], string> = {
-  idle: "Not pointing", localizing: "Finding your place", pointing: "Pointing",
+  idle: "Not pointing",
+  localizing: "Finding your place",
+  pointing: "Pointing",
 };
 
 export function stateTitle(state: Interaction["state"]): string {
   return STATES[state] ?? capital(state);
 }
 
-const PRESSES: Record<Interaction["press"], string> = { "": "", start: "Start pointing", cancel: "Stop localizing", stop: "Stop pointing", confirm: "Confirm" };
+const PRESSES: Record<Interaction["press"], string> = {
+  "": "",
+  start: "Start pointing",
+  cancel: "Stop localizing",
+  stop: "Stop pointing",
+  confirm: "Confirm",
+};
 
 /** Effect of the button at the wrist now, or "" if it has none. */
 export function pressTitle(interaction: Pick<Interaction, "press"> | null): string {
@@ -38,7 +46,9 @@ export function nextStepOf(site: Site, { interaction }: Pick<Person, "interactio
 /** Sentence on the elevation bias that earlier localizations told, or "" if `pose` remembers none. */
 export function rememberedSentence(pose: Pick<UserPose, "remembered_bias"> | null): string {
   const count = pose?.remembered_bias?.localizations ?? 0; // none in old recordings
-  return count > 0 ? `The elevation bias of ${count} localization${count > 1 ? "s" : ""} by a robot is remembered.` : "";
+  return count > 0
+    ? `The elevation bias of ${count} localization${count > 1 ? "s" : ""} by a robot is remembered.`
+    : "";
 }
 
 /** A tracked object by its id, of any tracker. */
@@ -62,7 +72,11 @@ export function modeOf(site: Site, id: string): TrackedObject["mode"] {
 
 /** Number of objects that are `user`'s own, of those that are `counted`: buttons and switches are nobody's. */
 export function ownCount(site: Site, user: string, counted: (id: string) => boolean = () => true): number {
-  return site.selection?.objects.filter((each) => each.user === user && modeOf(site, each.id) === "claim" && counted(each.id)).length ?? 0;
+  return (
+    site.selection?.objects.filter(
+      (each) => each.user === user && modeOf(site, each.id) === "claim" && counted(each.id),
+    ).length ?? 0
+  );
 }
 
 /** Whether the object is one of the map's things, which have names of their own. */
@@ -84,11 +98,19 @@ export function friendly({ map }: Pick<Site, "map">, sentence: string): string {
 }
 
 /** A sentence with the names of `places` instead of their ids: `lamp led_2` is `lamp 2`, too. Numbers stay: they may mean anything. */
-export function withNames(sentence: string, places: readonly string[], noun: "lamp" | "strip" = "lamp"): string {
+export function withNames(
+  sentence: string,
+  places: readonly string[],
+  noun: "lamp" | "strip" = "lamp",
+): string {
   return places.reduce((text, id) => {
-    const shown = placeName(id, noun), before = shown.startsWith(`${noun} `) ? `(?:${noun} )?` : "";
+    const shown = placeName(id, noun);
+    const before = shown.startsWith(`${noun} `) ? `(?:${noun} )?` : "";
     if (shown === id || /^\d+$/.test(id) || !text.includes(id)) return text;
-    return text.replace(new RegExp(`(?<![\\w-])${before}${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "gi"), shown);
+    return text.replace(
+      new RegExp(`(?<![\\w-])${before}${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "gi"),
+      shown,
+    );
   }, sentence);
 }
 
@@ -106,7 +128,14 @@ export function movingOf(site: Site): "segments" | "belts" {
 export function thing(site: Site, id: string, kind = ""): string {
   const object = objectOf(site, id);
   if (object && isBox(object)) return object.kind || id;
-  const noun = object?.surface === "strip" ? "segment" : object?.surface === "belt" ? "package" : site.conveyor ? nounOf(site) : "object";
+  const noun =
+    object?.surface === "strip"
+      ? "segment"
+      : object?.surface === "belt"
+        ? "package"
+        : site.conveyor
+          ? nounOf(site)
+          : "object";
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
 
@@ -127,7 +156,11 @@ export function listed(names: readonly string[]): string {
   return more > 1 ? `${names.slice(0, MOST_NAMES).join(", ")} and ${more} more` : names.join(", ");
 }
 
-export const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], switch: ["Switched on", "Switched off"] } as const;
+export const OUTCOMES = {
+  claim: ["Selected", "Taken back"],
+  button: ["Fired", ""],
+  switch: ["Switched on", "Switched off"],
+} as const;
 
 /** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
 export function outcome(site: Site, { object_id: id, event }: SelectionEvent): string {
@@ -135,18 +168,30 @@ export function outcome(site: Site, { object_id: id, event }: SelectionEvent): s
 }
 
 /** Text of a selection event in the log. */
-export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
+export function eventLine(
+  site: Site,
+  event: SelectionEvent,
+): { severity: LogLine["severity"]; text: string } {
   const what = called(site, event.object_id, event.kind);
   const why = event.reason ? `: ${event.reason}` : "";
   if (isNamed(site, event.object_id) && (event.event === "selected" || event.event === "deselected")) {
-    return { severity: "info", text: `${what}: ${outcome(site, event).toLowerCase() || "ready again"}${why}` };
+    return {
+      severity: "info",
+      text: `${what}: ${outcome(site, event).toLowerCase() || "ready again"}${why}`,
+    };
   }
   switch (event.event) {
-    case "selected": return { severity: "info", text: `selected ${what}` };
-    case "deselected": return { severity: "info", text: `took back ${what}${why}` };
-    case "refused": return { severity: "warning", text: `could not change ${what}${why}` };
-    case "dispatched": return { severity: "info", text: `${what} left at bay ${event.bay}` };
-    case "left": return { severity: "info", text: `${what} left` };
-    default: return { severity: "info", text: `${String(event.event)} ${what}` };
+    case "selected":
+      return { severity: "info", text: `selected ${what}` };
+    case "deselected":
+      return { severity: "info", text: `took back ${what}${why}` };
+    case "refused":
+      return { severity: "warning", text: `could not change ${what}${why}` };
+    case "dispatched":
+      return { severity: "info", text: `${what} left at bay ${event.bay}` };
+    case "left":
+      return { severity: "info", text: `${what} left` };
+    default:
+      return { severity: "info", text: `${String(event.event)} ${what}` };
   }
 }

@@ -21,13 +21,29 @@ export function foundDevices(reply: Record<string, unknown>): FoundDevice[] {
   if (!Array.isArray(listed)) return [];
   return listed.flatMap((each: unknown) => {
     const { kind, plugin, address, label, pixels, use } = (each ?? {}) as Partial<Record<string, unknown>>;
-    if ((kind !== "wrist" && kind !== "light") || ![plugin, address, label, use].every((text) => typeof text === "string")) return [];
-    return [{ kind, plugin: String(plugin), address: String(address), label: String(label), use: String(use), pixels: Number(pixels) || 0 }];
+    if (
+      (kind !== "wrist" && kind !== "light") ||
+      ![plugin, address, label, use].every((text) => typeof text === "string")
+    )
+      return [];
+    return [
+      {
+        kind,
+        plugin: String(plugin),
+        address: String(address),
+        label: String(label),
+        use: String(use),
+        pixels: Number(pixels) || 0,
+      },
+    ];
   });
 }
 
 /** A Home Assistant, and the command that imports its lamps and switches. */
-export interface FoundHome { label: string; command: string }
+export interface FoundHome {
+  label: string;
+  command: string;
+}
 
 /** The Home Assistants in a reply, whatever it holds. */
 export function foundHomes(reply: Record<string, unknown>): FoundHome[] {
@@ -41,12 +57,16 @@ export function foundHomes(reply: Record<string, unknown>): FoundHome[] {
 
 /** The command that connects a device from a terminal. */
 export function command({ kind, use }: FoundDevice): string {
-  return kind === "wrist" ? `pointit person add NAME ${use}` : `pointit output add ${use.replace(/^--output /, "")}`;
+  return kind === "wrist"
+    ? `pointit person add NAME ${use}`
+    : `pointit output add ${use.replace(/^--output /, "")}`;
 }
 
 /** Whether a device that was found is connected, by `lines`. */
 export function isConnected(found: FoundDevice, lines: readonly DeviceLine[]): boolean {
-  return lines.some((line) => line.kind === found.kind && line.plugin === found.plugin && line.address === found.address);
+  return lines.some(
+    (line) => line.kind === found.kind && line.plugin === found.plugin && line.address === found.address,
+  );
 }
 
 /** A name that nobody has yet, such as `user2`. */
@@ -55,14 +75,24 @@ export function freeName(taken: readonly string[]): string {
 }
 
 /** Strips of the map, given their ids and pixels, that no connected light shows. */
-export function freeStrips<S extends { id: string }>(strips: readonly S[], lines: readonly DeviceLine[]): S[] {
+export function freeStrips<S extends { id: string }>(
+  strips: readonly S[],
+  lines: readonly DeviceLine[],
+): S[] {
   const taken = lines.filter(({ kind }) => kind === "light").map(({ name }) => name);
   return strips.filter(({ id }) => !taken.includes(id)).sort((a, b) => byName(a.id, b.id));
 }
 
 /** Rate and battery of a wrist, as far as it tells them. */
 export function wristFigures(health: Health | undefined): string {
-  const value = (name: string): number | undefined => health?.figures.find((figure) => figure.name === name)?.value;
-  const rate = value("rate"), battery = value("battery");
-  return [rate === undefined ? "" : `${Math.round(rate)} Hz`, battery === undefined ? "" : `battery ${Math.round(battery)} %`].filter(Boolean).join(" · ");
+  const value = (name: string): number | undefined =>
+    health?.figures.find((figure) => figure.name === name)?.value;
+  const rate = value("rate");
+  const battery = value("battery");
+  return [
+    rate === undefined ? "" : `${Math.round(rate)} Hz`,
+    battery === undefined ? "" : `battery ${Math.round(battery)} %`,
+  ]
+    .filter(Boolean)
+    .join(" · ");
 }

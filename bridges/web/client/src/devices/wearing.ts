@@ -23,7 +23,8 @@ export interface Wearing {
 
 /** What the check of the mounting has found, in a sentence. */
 export function fitSentence(reply: Record<string, unknown>): string {
-  const about = Number(reply["about_arm_deg"]), off = Number(reply["off_axis_deg"]);
+  const about = Number(reply["about_arm_deg"]);
+  const off = Number(reply["off_axis_deg"]);
   if (!Number.isFinite(about) || !Number.isFinite(off)) return "It is measured, and used from now on.";
   return Math.abs(about) < 10 && off < 10
     ? "It sits as assumed."
@@ -33,11 +34,20 @@ export function fitSentence(reply: Record<string, unknown>): string {
 export function wearingDialog(controls: Controls): Wearing {
   const title = el("h2");
   const text = el("p", {});
-  const poses = el("ol", {},
-    el("li", { text: "Point level straight ahead, with the arm stretched and the palm down. Rest for two seconds." }),
-    el("li", { text: "Point straight up. Rest for two seconds." }));
+  const poses = el(
+    "ol",
+    {},
+    el("li", {
+      text: "Point level straight ahead, with the arm stretched and the palm down. Rest for two seconds.",
+    }),
+    el("li", { text: "Point straight up. Rest for two seconds." }),
+  );
   const said = el("p", { role: "status" });
-  const next = el("button", { type: "button", className: "primary", onclick: () => void go() }, el("span", {}));
+  const next = el(
+    "button",
+    { type: "button", className: "primary", onclick: () => void go() },
+    el("span", {}),
+  );
   const skip = el("button", { type: "button", onclick: () => enter(step + 1) }, el("span", { text: "Skip" }));
   const dialog = sheet(title, text, poses, said, el("div", { className: "pairs" }, next, skip));
   let device: DeviceLine | null = null;
@@ -50,14 +60,23 @@ export function wearingDialog(controls: Controls): Wearing {
       dialog.close();
       return;
     }
-    const user = device?.name ?? "", { localizes } = controls;
+    const user = device?.name ?? "";
+    const { localizes } = controls;
     write(title, [`${user}: wear it like this`, `${user}: point twice`, `${user}: point at the room`][step]!);
-    write(text, [
-      `On the wrist or forearm of the arm that points, tight, ${WORN[device?.plugin ?? ""] ?? "its x axis towards the fingers and its flat side on the arm"}. If it sits differently, the next step measures that.`,
-      "Press Begin, and take each pose when you are ready. It goes on by itself.",
-      localizes ? "Where you stand is not known yet: lamps light up one after the other, point at each." : "Stretch the arm and point at the middle of the room, as if a laser had to hit it.",
-    ][step]!);
-    write(next.firstElementChild!, ["Next", "Begin", localizes ? "Find where I stand" : "I point there now"][step]!);
+    write(
+      text,
+      [
+        `On the wrist or forearm of the arm that points, tight, ${WORN[device?.plugin ?? ""] ?? "its x axis towards the fingers and its flat side on the arm"}. If it sits differently, the next step measures that.`,
+        "Press Begin, and take each pose when you are ready. It goes on by itself.",
+        localizes
+          ? "Where you stand is not known yet: lamps light up one after the other, point at each."
+          : "Stretch the arm and point at the middle of the room, as if a laser had to hit it.",
+      ][step]!,
+    );
+    write(
+      next.firstElementChild!,
+      ["Next", "Begin", localizes ? "Find where I stand" : "I point there now"][step]!,
+    );
     show(poses, step === 1);
     show(skip, step > 0);
     write(said, "");

@@ -53,17 +53,35 @@ export class Canvas {
   private isFitted = true;
   private pressed = [0, 0] as [number, number];
 
-  constructor(host: HTMLElement, private readonly events: CanvasEvents, isDark: boolean) {
+  constructor(
+    host: HTMLElement,
+    private readonly events: CanvasEvents,
+    isDark: boolean,
+  ) {
     this.box = document.createElement("div");
     this.box.className = `plan edit-plan${isDark ? " plan-dark" : ""}`;
-    this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "group", "aria-label": "Plan of the map from above. Tab goes to the next thing; plus, minus and 0 zoom, arrows move the plan." });
+    this.svg = draw(this.box, "svg", {
+      class: "plan-map",
+      tabindex: 0,
+      role: "group",
+      "aria-label":
+        "Plan of the map from above. Tab goes to the next thing; plus, minus and 0 zoom, arrows move the plan.",
+    });
     this.world = draw(this.svg, "g");
-    this.layers = Object.fromEntries(LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })])) as typeof this.layers;
-    this.sections = Object.fromEntries(ORDER.map((section) => [section, draw(this.layers.items, "g")])) as typeof this.sections;
+    this.layers = Object.fromEntries(
+      LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })]),
+    ) as typeof this.layers;
+    this.sections = Object.fromEntries(
+      ORDER.map((section) => [section, draw(this.layers.items, "g")]),
+    ) as typeof this.sections;
     const bar = draw(this.svg, "g", { class: "plan-scale", "aria-hidden": "true" });
     this.bar = { line: draw(bar, "path", {}), text: draw(bar, "text", { x: 14 }) };
     host.append(this.box);
-    this.gestures = new Gestures(this.svg, this.frame, { moved: () => this.apply(false), points: () => undefined, fit: () => this.fit() });
+    this.gestures = new Gestures(this.svg, this.frame, {
+      moved: () => this.apply(false),
+      points: () => undefined,
+      fit: () => this.fit(),
+    });
     this.svg.addEventListener("pointerdown", ({ clientX, clientY }) => (this.pressed = [clientX, clientY]));
     this.svg.addEventListener("click", (event) => {
       const [x, y] = this.pressed;
@@ -94,7 +112,15 @@ export class Canvas {
     this.layers.picture.replaceChildren();
     if (picture) {
       const { source, left, top, width, height } = picture;
-      draw(this.layers.picture, "image", { href: source, x: cm(left), y: cm(-top), width: cm(width), height: cm(height), opacity: 0.55, preserveAspectRatio: "none" });
+      draw(this.layers.picture, "image", {
+        href: source,
+        x: cm(left),
+        y: cm(-top),
+        width: cm(width),
+        height: cm(height),
+        opacity: 0.55,
+        preserveAspectRatio: "none",
+      });
     }
   }
 
@@ -104,8 +130,16 @@ export class Canvas {
       if (!middleOf(item)) continue;
       gone.delete(item.id);
       const group = this.groups.get(item.id) ?? this.begin(item);
-      const worst = [...findings.of(item).values()].flat().map(({ severity }) => severity).sort()[0] ?? "";
-      mark(group, "class", `edit-item edit-${item.section} ${worst && `edit-${worst}`}${item === chosen ? " edit-chosen" : ""}`);
+      const worst =
+        [...findings.of(item).values()]
+          .flat()
+          .map(({ severity }) => severity)
+          .sort()[0] ?? "";
+      mark(
+        group,
+        "class",
+        `edit-item edit-${item.section} ${worst && `edit-${worst}`}${item === chosen ? " edit-chosen" : ""}`,
+      );
       mark(group, "aria-label", `${titleOf(item)}${worst && `, ${worst}`}`);
       mark(group, "aria-pressed", String(item === chosen));
       this.shape(group, item);
@@ -152,10 +186,12 @@ export class Canvas {
     element.addEventListener("pointermove", (event) => {
       if (from) this.events.drag(part, from, this.at(event), event.altKey);
     });
-    for (const name of ["pointerup", "pointercancel"] as const) element.addEventListener(name, () => {
-      if (from) this.events.dropped();
-      from = null;
-    });
+    for (const name of ["pointerup", "pointercancel"] as const) {
+      element.addEventListener(name, () => {
+        if (from) this.events.dropped();
+        from = null;
+      });
+    }
     element.addEventListener("click", (event) => event.stopPropagation());
   }
 
@@ -164,25 +200,38 @@ export class Canvas {
     if (group.dataset["shape"] === signature) return;
     group.dataset["shape"] = signature;
     group.replaceChildren();
-    const vertices = verticesOf(item), middle = middleOf(item)!, corners = outlineOf(item);
+    const vertices = verticesOf(item);
+    const middle = middleOf(item)!;
+    const corners = outlineOf(item);
     if (item.section === "strips") {
       const first = item.value["direction"] === -1 ? vertices.at(-1)! : vertices[0]!;
-      for (const name of ["edit-reach", "edit-halo", "edit-line"]) draw(group, "path", { class: name, d: path(vertices) });
-      draw(draw(group, "g", { transform: `translate(${xy(first)})` }), "circle", { class: "edit-first plan-upright", r: 5 });
+      for (const name of ["edit-reach", "edit-halo", "edit-line"])
+        draw(group, "path", { class: name, d: path(vertices) });
+      draw(draw(group, "g", { transform: `translate(${xy(first)})` }), "circle", {
+        class: "edit-first plan-upright",
+        r: 5,
+      });
     } else if (corners) {
-      for (const name of ["edit-reach", "edit-area"]) draw(group, "path", { class: name, d: path(corners, true) });
+      for (const name of ["edit-reach", "edit-area"])
+        draw(group, "path", { class: name, d: path(corners, true) });
     } else {
-      const upright = draw(draw(group, "g", { transform: `translate(${xy(middle)})` }), "g", { class: "plan-upright" });
+      const upright = draw(draw(group, "g", { transform: `translate(${xy(middle)})` }), "g", {
+        class: "plan-upright",
+      });
       draw(upright, "circle", { class: "edit-reach", r: 14 });
       draw(upright, "circle", { class: "edit-lamp", r: 7 });
     }
-    const label = draw(draw(group, "g", { transform: `translate(${xy(middle)})` }), "g", { class: "plan-upright" });
+    const label = draw(draw(group, "g", { transform: `translate(${xy(middle)})` }), "g", {
+      class: "plan-upright",
+    });
     draw(label, "text", { class: "plan-name", y: -14, "text-anchor": "middle" }, item.name);
   }
 
   private handles(chosen: Item | null): void {
-    const layer = this.layers.handles, middle = chosen && middleOf(chosen);
-    const vertices = chosen?.section === "strips" ? verticesOf(chosen) : [], yaw = chosen && yawOf(chosen);
+    const layer = this.layers.handles;
+    const middle = chosen && middleOf(chosen);
+    const vertices = chosen?.section === "strips" ? verticesOf(chosen) : [];
+    const yaw = chosen && yawOf(chosen);
     const parts = vertices.length <= MOST_HANDLES ? vertices.map((_, i) => String(i)) : [];
     if (middle && yaw !== null) parts.push("turn");
     const signature = middle ? `${chosen.id} ${parts.join(" ")}` : "";
@@ -200,7 +249,11 @@ export class Canvas {
     }
     parts.forEach((part, i) => {
       const turn = part === "turn" ? ` rotate(${((-(yaw ?? 0) * 180) / Math.PI).toFixed(2)})` : "";
-      mark(layer.children[i]!, "transform", `translate(${xy(part === "turn" ? middle! : vertices[i]!)})${turn}`);
+      mark(
+        layer.children[i]!,
+        "transform",
+        `translate(${xy(part === "turn" ? middle! : vertices[i]!)})${turn}`,
+      );
     });
     show(layer, parts.length > 0);
   }
@@ -223,7 +276,8 @@ export class Canvas {
     this.isFitted = isFitted;
     mark(this.world, "transform", frame.transform);
     this.svg.style.setProperty("--plan-px", String(100 / frame.scale));
-    const metres = scaleBar(frame.scale), y = frame.height - 16;
+    const metres = scaleBar(frame.scale);
+    const y = frame.height - 16;
     mark(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
     mark(this.bar.text, "y", y - 9);
     write(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);

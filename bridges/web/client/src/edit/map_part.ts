@@ -6,7 +6,12 @@ import { el, icon, section, show } from "../dom";
 import type { PanelPart } from "../panel/panel_part";
 
 export function mapPart(controls: Controls): PanelPart {
-  const button = el("button", { type: "button", onclick: () => void open() }, icon("map"), el("span", { text: "Edit the map" }));
+  const button = el(
+    "button",
+    { type: "button", onclick: () => void open() },
+    icon("map"),
+    el("span", { text: "Edit the map" }),
+  );
   const element = section("Map", button);
 
   async function open(): Promise<void> {
@@ -18,5 +23,12 @@ export function mapPart(controls: Controls): PanelPart {
     }
   }
 
-  return { element, update: () => show(element, controls.mayDo("read_map") && controls.site.timeline === null && controls.isPresent("pui")) };
+  return {
+    element,
+    update: () =>
+      show(
+        element,
+        controls.mayDo("read_map") && controls.site.timeline === null && controls.isPresent("pui"),
+      ),
+  };
 }

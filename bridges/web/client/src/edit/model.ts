@@ -25,8 +25,14 @@ export type Edit =
 
 export function itemsOf(sections: Readonly<Record<string, unknown>>): Items {
   let id = 0;
-  return SECTIONS.flatMap((section) => Object.entries((sections[section] ?? {}) as Record<string, Value>)
-    .map(([name, value]) => ({ id: id++, section, name, value })));
+  return SECTIONS.flatMap((section) =>
+    Object.entries((sections[section] ?? {}) as Record<string, Value>).map(([name, value]) => ({
+      id: id++,
+      section,
+      name,
+      value,
+    })),
+  );
 }
 
 /** What makes `now` of `base`. */
@@ -34,7 +40,8 @@ export function editsBetween(base: Items, now: Items): Edit[] {
   const edits: Edit[] = [];
   const left = new Map(now.map((item) => [item.id, item]));
   for (const old of base) {
-    const { section, name } = old, item = left.get(old.id);
+    const { section, name } = old;
+    const item = left.get(old.id);
     left.delete(old.id);
     if (!item) {
       edits.push({ op: "remove", section, name });
@@ -42,7 +49,8 @@ export function editsBetween(base: Items, now: Items): Edit[] {
     }
     if (item.name !== name) edits.push({ op: "rename", section, name, to: item.name });
     for (const key of new Set([...Object.keys(old.value), ...Object.keys(item.value)])) {
-      if (JSON.stringify(old.value[key]) !== JSON.stringify(item.value[key])) edits.push({ op: "set", section, name, key, value: item.value[key] ?? null });
+      if (JSON.stringify(old.value[key]) !== JSON.stringify(item.value[key]))
+        edits.push({ op: "set", section, name, key, value: item.value[key] ?? null });
     }
   }
   for (const { section, name, value } of left.values()) edits.push({ op: "add", section, name, value });
@@ -96,14 +104,18 @@ export class History {
 
 /** Why `item` cannot have that name, or "". */
 export function nameProblem(items: Items, item: Pick<Item, "id" | "section">, name: string): string {
-  if (!/^\w[\w.-]{0,63}$/.test(name)) return "A name has 1 to 64 letters, digits, _, - or ., and begins with a letter, digit or _.";
-  const isTaken = items.some((other) => other.id !== item.id && other.section === item.section && other.name === name);
+  if (!/^\w[\w.-]{0,63}$/.test(name))
+    return "A name has 1 to 64 letters, digits, _, - or ., and begins with a letter, digit or _.";
+  const isTaken = items.some(
+    (other) => other.id !== item.id && other.section === item.section && other.name === name,
+  );
   return isTaken ? `There is another one of the name ${name}.` : "";
 }
 
 /** A name that no other of the section has. */
 export function freeName(items: Items, section: Section, stem: string): string {
-  for (let n = 1; ; n++) if (!items.some((item) => item.section === section && item.name === `${stem}${n}`)) return `${stem}${n}`;
+  for (let n = 1; ; n++)
+    if (!items.some((item) => item.section === section && item.name === `${stem}${n}`)) return `${stem}${n}`;
 }
 
 export interface Limits {
@@ -138,7 +150,9 @@ export function sorted(findings: readonly Finding[], items: Items): Sorted {
   const found = new Map<number, Map<string, Finding[]>>();
   const rest: Finding[] = [];
   for (const finding of findings) {
-    const owner = items.filter(({ section, name }) => `${finding.where}.`.startsWith(`${section}.${name}.`)).sort((a, b) => b.name.length - a.name.length)[0];
+    const owner = items
+      .filter(({ section, name }) => `${finding.where}.`.startsWith(`${section}.${name}.`))
+      .sort((a, b) => b.name.length - a.name.length)[0];
     if (!owner) {
       rest.push(finding);
       continue;

@@ -14,7 +14,13 @@ export type Place = readonly [number, number];
 /** The picture so that `a` and `b`, places under which it has two things, are `metres` apart; `a` stays. */
 export function scaled(picture: Picture, a: Place, b: Place, metres: number): Picture {
   const by = metres / Math.hypot(b[0] - a[0], b[1] - a[1]);
-  return { ...picture, left: a[0] + (picture.left - a[0]) * by, top: a[1] + (picture.top - a[1]) * by, width: picture.width * by, height: picture.height * by };
+  return {
+    ...picture,
+    left: a[0] + (picture.left - a[0]) * by,
+    top: a[1] + (picture.top - a[1]) * by,
+    width: picture.width * by,
+    height: picture.height * by,
+  };
 }
 
 /** The picture with another width, its upper left corner where it is. */
@@ -30,7 +36,11 @@ const nameOf = (path: string): string => `pointit.picture.${path}`;
 export function keptPicture(path: string): Picture | null {
   try {
     const found = JSON.parse(localStorage.getItem(nameOf(path)) ?? "null") as Picture | null;
-    return found && /^data:image\//.test(found.source) && [found.left, found.top, found.width, found.height].every(Number.isFinite) ? found : null;
+    return found &&
+      /^data:image\//.test(found.source) &&
+      [found.left, found.top, found.width, found.height].every(Number.isFinite)
+      ? found
+      : null;
   } catch {
     return null; // storage may be forbidden, or hold what is not ours
   }
@@ -49,11 +59,22 @@ export function keepPicture(path: string, picture: Picture | null): boolean {
 
 /** The picture in a file, as wide as `width` m with its upper left corner at (left, top); rejects what is none. */
 export async function pictureOf(file: File, left: number, top: number, width: number): Promise<Picture> {
-  const bitmap = await createImageBitmap(file), by = Math.min(1, MOST_PX / Math.max(bitmap.width, bitmap.height));
-  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d")!;
-  [canvas.width, canvas.height] = [Math.max(1, Math.round(bitmap.width * by)), Math.max(1, Math.round(bitmap.height * by))];
+  const bitmap = await createImageBitmap(file);
+  const by = Math.min(1, MOST_PX / Math.max(bitmap.width, bitmap.height));
+  const canvas = document.createElement("canvas");
+  const pen = canvas.getContext("2d")!;
+  [canvas.width, canvas.height] = [
+    Math.max(1, Math.round(bitmap.width * by)),
+    Math.max(1, Math.round(bitmap.height * by)),
+  ];
   pen.fillStyle = "#ffffff"; // what is transparent would be black
   pen.fillRect(0, 0, canvas.width, canvas.height);
   pen.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-  return { source: canvas.toDataURL("image/jpeg", 0.8), left, top, width, height: (width * canvas.height) / canvas.width };
+  return {
+    source: canvas.toDataURL("image/jpeg", 0.8),
+    left,
+    top,
+    width,
+    height: (width * canvas.height) / canvas.width,
+  };
 }

@@ -14,13 +14,19 @@ interface Edge {
 
 /** Edges that others lie along: of walls (their middle line), boxes and things. */
 function edgesOf(items: Items, but: Item): Edge[] {
-  return items.filter((item) => item.id !== but.id && item.section !== "lamps" && item.section !== "strips").flatMap((item) => {
-    const corners = outlineOf(item);
-    if (!corners) return [];
-    if (item.section !== "planes") return corners.map((from, i) => ({ from, to: corners[(i + 1) % 4]!, of: item.name }));
-    const between = (i: number, j: number): [number, number] => [(corners[i]![0] + corners[j]![0]) / 2, (corners[i]![1] + corners[j]![1]) / 2];
-    return [{ from: between(0, 3), to: between(1, 2), of: item.name }];
-  });
+  return items
+    .filter((item) => item.id !== but.id && item.section !== "lamps" && item.section !== "strips")
+    .flatMap((item) => {
+      const corners = outlineOf(item);
+      if (!corners) return [];
+      if (item.section !== "planes")
+        return corners.map((from, i) => ({ from, to: corners[(i + 1) % 4]!, of: item.name }));
+      const between = (i: number, j: number): [number, number] => [
+        (corners[i]![0] + corners[j]![0]) / 2,
+        (corners[i]![1] + corners[j]![1]) / 2,
+      ];
+      return [{ from: between(0, 3), to: between(1, 2), of: item.name }];
+    });
 }
 
 export interface Snapped {
@@ -42,12 +48,14 @@ export function snapMove(item: Item, items: Items, dx: number, dy: number, reach
   if (item.section === "strips") {
     for (const other of items) {
       if (other.section !== "strips" || other.id === item.id) continue;
-      for (const [x, y] of [verticesOf(other)[0]!, verticesOf(other).at(-1)!]) for (const [ex, ey] of ends) take(x - ex, y - ey, `the end of ${other.name}`);
+      for (const [x, y] of [verticesOf(other)[0]!, verticesOf(other).at(-1)!])
+        for (const [ex, ey] of ends) take(x - ex, y - ey, `the end of ${other.name}`);
     }
   }
   if (best.onto || item.section === "planes") return best;
   for (const { from, to, of } of edgesOf(items, item)) {
-    const length = Math.hypot(to[0] - from[0], to[1] - from[1]), [nx, ny] = [-(to[1] - from[1]) / length, (to[0] - from[0]) / length];
+    const length = Math.hypot(to[0] - from[0], to[1] - from[1]);
+    const [nx, ny] = [-(to[1] - from[1]) / length, (to[0] - from[0]) / length];
     for (const [ex, ey] of ends) {
       const along = ((ex - from[0]) * (to[0] - from[0]) + (ey - from[1]) * (to[1] - from[1])) / length;
       const off = (ex - from[0]) * nx + (ey - from[1]) * ny;
@@ -69,7 +77,8 @@ function directions(items: Items, but: Item): [number, string][] {
 
 /** The difference of two lines' directions, a right angle being none, -45° to 45°. */
 function between(a: number, b: number): number {
-  const quarter = Math.PI / 2, off = (a - b) % quarter;
+  const quarter = Math.PI / 2;
+  const off = (a - b) % quarter;
   return off > quarter / 2 ? off - quarter : off < -quarter / 2 ? off + quarter : off;
 }
 
@@ -87,9 +96,12 @@ export function snapTurn(item: Item, items: Items, by: number): { by: number; on
 
 /** The item parallel or square to the nearest wall, box or strip, and to which; null if there is none, or it has no direction. */
 export function parallel(item: Item, items: Items): { item: Item; to: string } | null {
-  const yaw = yawOf(item), at = middleOf(item);
+  const yaw = yawOf(item);
+  const at = middleOf(item);
   if (yaw === null || !at) return null;
-  const others = items.filter((other) => other.id !== item.id && yawOf(other) !== null && verticesOf(other).length > 0);
+  const others = items.filter(
+    (other) => other.id !== item.id && yawOf(other) !== null && verticesOf(other).length > 0,
+  );
   const near = others.sort((a, b) => distanceTo(a, at[0], at[1]) - distanceTo(b, at[0], at[1]))[0];
   return near ? { item: turned(item, -between(yaw, yawOf(near)!)), to: near.name } : null;
 }
@@ -98,7 +110,11 @@ export function parallel(item: Item, items: Items): { item: Item; to: string } |
 export function level(item: Item, items: Items): { vertices: Vec[]; to: string } | null {
   const at = middleOf(item);
   if (!at) return null;
-  const others = items.filter((other) => other.id !== item.id && other.section === item.section && middleOf(other));
+  const others = items.filter(
+    (other) => other.id !== item.id && other.section === item.section && middleOf(other),
+  );
   const near = others.sort((a, b) => distanceTo(a, at[0], at[1]) - distanceTo(b, at[0], at[1]))[0];
-  return near ? { vertices: verticesOf(item).map(([x, y]) => [x, y, middleOf(near)![2]]), to: near.name } : null;
+  return near
+    ? { vertices: verticesOf(item).map(([x, y]) => [x, y, middleOf(near)![2]]), to: near.name }
+    : null;
 }

@@ -47,7 +47,8 @@ export interface Assessment {
 export const leveled = ({ x, y, z }: Pick<DOMPointReadOnly, "x" | "y" | "z">): Vec3 => [x, -z, y];
 
 /** Azimuth of a WebXR orientation's x axis in the levelled space, rad. */
-export const headingOf = ({ x, y, z, w }: Pick<DOMPointReadOnly, "x" | "y" | "z" | "w">): number => Math.atan2(2 * (w * y - x * z), 1 - 2 * (y * y + z * z));
+export const headingOf = ({ x, y, z, w }: Pick<DOMPointReadOnly, "x" | "y" | "z" | "w">): number =>
+  Math.atan2(2 * (w * y - x * z), 1 - 2 * (y * y + z * z));
 
 /** A levelled position in {W}. */
 export const mapped = ({ yaw, origin }: Alignment, touched: Read3): Vec3 => add(turn(touched, yaw), origin);
@@ -59,20 +60,35 @@ export function alignmentFrom(at: Read3, yaw: number, touched: Read3, heading: n
 }
 
 /** `alignment` of a space whose new origin is at `at` with the azimuth `heading`, in the former levelled space. */
-export const reoriented = (alignment: Alignment, at: Read3, heading: number): Alignment => ({ yaw: alignment.yaw + heading, origin: mapped(alignment, at) });
+export const reoriented = (alignment: Alignment, at: Read3, heading: number): Alignment => ({
+  yaw: alignment.yaw + heading,
+  origin: mapped(alignment, at),
+});
 
 /** Lamps and things that can be touched. Each is farther from those before it than those after it. */
 export function landmarksOf(map: Environment): Landmark[] {
   const rest: Landmark[] = [
-    ...map.lamps.filter(({ id }) => !isOfThing(map, id)).map(({ id, position_m }) => ({ name: placeName(id, "lamp"), at: position_m })),
-    ...map.things.filter((thing) => !thing.is_tracked).map(({ id, label, center_m, size_m }) => ({
-      name: `the middle of the top of ${label || placeName(id, "thing")}`, at: add(center_m, [0, 0, size_m[2] / 2]),
-    })),
+    ...map.lamps
+      .filter(({ id }) => !isOfThing(map, id))
+      .map(({ id, position_m }) => ({ name: placeName(id, "lamp"), at: position_m })),
+    ...map.things
+      .filter((thing) => !thing.is_tracked)
+      .map(({ id, label, center_m, size_m }) => ({
+        name: `the middle of the top of ${label || placeName(id, "thing")}`,
+        at: add(center_m, [0, 0, size_m[2] / 2]),
+      })),
   ];
   const order = [...outermost(rest)[0]];
-  for (let left = rest.filter((each) => !order.includes(each)); left.length && order.length < MAX_LANDMARKS; left = left.filter((each) => !order.includes(each))) {
-    const nearest = (each: Landmark): number => order.reduce((least, other) => Math.min(least, norm(subtract(each.at, other.at))), Infinity);
-    const [first] = left.map((each) => [each, nearest(each)] as const).reduce((best, each) => (each[1] > best[1] ? each : best));
+  for (
+    let left = rest.filter((each) => !order.includes(each));
+    left.length && order.length < MAX_LANDMARKS;
+    left = left.filter((each) => !order.includes(each))
+  ) {
+    const nearest = (each: Landmark): number =>
+      order.reduce((least, other) => Math.min(least, norm(subtract(each.at, other.at))), Infinity);
+    const [first] = left
+      .map((each) => [each, nearest(each)] as const)
+      .reduce((best, each) => (each[1] > best[1] ? each : best));
     order.push(first);
   }
   return order;
@@ -84,10 +100,16 @@ export const canAlign = (landmarks: readonly Landmark[]): boolean => apart(landm
 /** Least squares alignment of two or more touches, and its errors. */
 export function assess(touches: readonly Touch[]): Assessment {
   const [alignment, residual_m] = fitted(touches, touches);
-  const others = permutations(touches).slice(1).map((order) => ({ order, residual: fitted(touches, order)[1] }));
+  const others = permutations(touches)
+    .slice(1)
+    .map((order) => ({ order, residual: fitted(touches, order)[1] }));
   const other = others.reduce((best, each) => (each.residual < best.residual ? each : best));
-  const swapped = touches.filter(({ name }, i) => other.order[i]!.name !== name).map(({ name }) => name).join(" and ");
-  let fault = "", caution = "";
+  const swapped = touches
+    .filter(({ name }, i) => other.order[i]!.name !== name)
+    .map(({ name }) => name)
+    .join(" and ");
+  let fault = "";
+  let caution = "";
   if (Math.min(apart(touches), apart(touches.map(({ touched }) => ({ at: touched })))) < MIN_APART_M) {
     fault = `The positions that you touched are less than ${MIN_APART_M} m apart: touch others.`;
   } else if (residual_m - other.residual > SWAP_M && other.residual < residual_m / 2) {
@@ -95,7 +117,8 @@ export function assess(touches: readonly Touch[]): Assessment {
   } else if (!(residual_m <= MAX_RESIDUAL_M)) {
     const [a, b] = worstPair(touches);
     fault = `${a.name} and ${b.name}: ${meters(norm(subtract(a.touched, b.touched)))} between your touches, ${meters(norm(subtract(a.at, b.at)))} in the map. Touch them again, or correct the map.`;
-  } else if (other.residual < residual_m + SWAP_M) caution = `If you swapped ${swapped}, the distances do not show it.`;
+  } else if (other.residual < residual_m + SWAP_M)
+    caution = `If you swapped ${swapped}, the distances do not show it.`;
   return { alignment, residual_m, fault, caution };
 }
 
@@ -118,27 +141,40 @@ function outermost<P extends { readonly at: Read3 }>(points: readonly P[]): [rea
 
 function worstPair(touches: readonly Touch[]): [Touch, Touch] {
   const pairs = touches.flatMap((a, i) => touches.slice(i + 1).map((b): [Touch, Touch] => [a, b]));
-  const error = ([a, b]: [Touch, Touch]): number => Math.abs(norm(subtract(a.touched, b.touched)) - norm(subtract(a.at, b.at)));
+  const error = ([a, b]: [Touch, Touch]): number =>
+    Math.abs(norm(subtract(a.touched, b.touched)) - norm(subtract(a.at, b.at)));
   return pairs.reduce((worst, pair) => (error(pair) > error(worst) ? pair : worst));
 }
 
 /** The alignment of what was touched with the positions of `marks`, and its residual, m. */
 function fitted(touches: readonly Touch[], marks: readonly Landmark[]): [Alignment, number] {
-  const mean = (points: readonly Read3[]): Vec3 => scale(points.reduce<Vec3>((sum, each) => add(sum, each), [0, 0, 0]), 1 / points.length);
-  const from = mean(touches.map(({ touched }) => touched)), to = mean(marks.map(({ at }) => at));
-  let cosine = 0, sine = 0;
+  const mean = (points: readonly Read3[]): Vec3 =>
+    scale(
+      points.reduce<Vec3>((sum, each) => add(sum, each), [0, 0, 0]),
+      1 / points.length,
+    );
+  const from = mean(touches.map(({ touched }) => touched));
+  const to = mean(marks.map(({ at }) => at));
+  let cosine = 0;
+  let sine = 0;
   touches.forEach(({ touched }, i) => {
-    const a = subtract(touched, from), b = subtract(marks[i]!.at, to);
+    const a = subtract(touched, from);
+    const b = subtract(marks[i]!.at, to);
     cosine += a[0] * b[0] + a[1] * b[1];
     sine += a[0] * b[1] - a[1] * b[0];
   });
   const alignment = alignmentFrom(to, Math.atan2(sine, cosine), from, 0);
-  const squares = touches.reduce((sum, { touched }, i) => sum + norm(subtract(mapped(alignment, touched), marks[i]!.at)) ** 2, 0);
+  const squares = touches.reduce(
+    (sum, { touched }, i) => sum + norm(subtract(mapped(alignment, touched), marks[i]!.at)) ** 2,
+    0,
+  );
   return [alignment, Math.sqrt((3 * squares) / (3 * touches.length - 4))];
 }
 
 /** All orders of `items`; the first is that of `items`. */
 function permutations<T>(items: readonly T[]): T[][] {
   if (items.length < 2) return [[...items]];
-  return items.flatMap((first, i) => permutations([...items.slice(0, i), ...items.slice(i + 1)]).map((rest) => [first, ...rest]));
+  return items.flatMap((first, i) =>
+    permutations([...items.slice(0, i), ...items.slice(i + 1)]).map((rest) => [first, ...rest]),
+  );
 }

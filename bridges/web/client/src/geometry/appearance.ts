@@ -11,14 +11,21 @@ export type Pattern = UserProfile["pattern"];
 
 /** Red, green, blue (0-255) by kind of object: `KIND_COLORS` of `schemas/environment.py`, as on the strips. */
 export const KIND_COLORS: Readonly<Record<string, Rgb>> = {
-  red: [255, 30, 0], green: [0, 158, 80], blue: [0, 80, 220],
-  yellow: [240, 200, 20], orange: [230, 120, 0], purple: [190, 80, 170],
+  red: [255, 30, 0],
+  green: [0, 158, 80],
+  blue: [0, 80, 220],
+  yellow: [240, 200, 20],
+  orange: [230, 120, 0],
+  purple: [190, 80, 170],
 };
 export const OTHER_COLOR: Rgb = [200, 200, 200];
 
 /** Fences by their kind: where robots must stay, and where they may not go. As in Foxglove (`room.py`). */
-export const FENCE_COLORS: Readonly<Record<"keep_in" | "keep_out", { readonly dark: string; readonly light: string }>> = {
-  keep_in: { dark: "#47d1a8", light: "#00664a" }, keep_out: { dark: "#ff9088", light: "#b0211b" },
+export const FENCE_COLORS: Readonly<
+  Record<"keep_in" | "keep_out", { readonly dark: string; readonly light: string }>
+> = {
+  keep_in: { dark: "#47d1a8", light: "#00664a" },
+  keep_out: { dark: "#ff9088", light: "#b0211b" },
 };
 
 /** Floor from where things are not told apart: with its opacity it differs from the floor in lightness, too. */
@@ -46,10 +53,16 @@ export function isBox({ surface, size_m }: Pick<Sized, "surface" | "size_m">): b
 export function sizeOf(object: Sized): Vec3 {
   const { surface, length_m, size_m } = object;
   if (size_m && isBox(object)) return [...size_m];
-  if (surface !== "belt" && surface !== "strip") return [length_m || ROBOT_M, length_m || ROBOT_M, length_m || ROBOT_M];
+  if (surface !== "belt" && surface !== "strip")
+    return [length_m || ROBOT_M, length_m || ROBOT_M, length_m || ROBOT_M];
   const long = length_m || USUAL_LENGTH_M;
   if (surface === "strip") return [long, ...SEGMENT];
-  return [long, ...([PACKAGE_WIDE, PACKAGE_HIGH] as const).map(([share, least, most]) => Math.min(Math.max(share * long, least), most)) as [number, number]];
+  return [
+    long,
+    ...(([PACKAGE_WIDE, PACKAGE_HIGH] as const).map(([share, least, most]) =>
+      Math.min(Math.max(share * long, least), most),
+    ) as [number, number]),
+  ];
 }
 
 export function kindColor(kind: string): Rgb {
@@ -57,12 +70,18 @@ export function kindColor(kind: string): Rgb {
 }
 
 /** Brightness of an idle box, and the share of a person's colour when they begin to point at it, as on its light. */
-const IDLE = 0.45, HOVERED = 0.3;
+const IDLE = 0.45;
+const HOVERED = 0.3;
 
 /** Colour of a box: its kind's, dim; the more that of who points at it, the nearer they are to selecting it; its owner's. */
-export function boxColor(kind: string, owner: Rgb | null, hover: { readonly color: Rgb; readonly progress: number } | null): Rgb {
+export function boxColor(
+  kind: string,
+  owner: Rgb | null,
+  hover: { readonly color: Rgb; readonly progress: number } | null,
+): Rgb {
   if (owner) return owner;
-  const idle = kindColor(kind).map((part) => IDLE * part), share = hover ? HOVERED + (1 - HOVERED) * hover.progress : 0;
+  const idle = kindColor(kind).map((part) => IDLE * part);
+  const share = hover ? HOVERED + (1 - HOVERED) * hover.progress : 0;
   return idle.map((part, i) => part + share * ((hover?.color[i] ?? 0) - part)) as [number, number, number];
 }
 
@@ -72,14 +91,18 @@ export function kindLetter(kind: string): string {
 }
 
 /** What is behind rays and rings: of the scene's floor and background the one that is nearer to their colours. */
-export const GROUNDS: Readonly<Record<"dark" | "light", Rgb>> = { dark: [23, 29, 38], light: [228, 234, 241] };
+export const GROUNDS: Readonly<Record<"dark" | "light", Rgb>> = {
+  dark: [23, 29, 38],
+  light: [228, 234, 241],
+};
 /** Of a person's colour and the ground. WCAG asks 3 of graphics; a ray is not quite opaque. */
 const LEAST_CONTRAST = 4.5;
 const STEP = 0.05;
 
 /** `color` as it can be seen before the ground: brighter on a dark page, darker on a light one, where it must be. */
 export function visibleColor(color: Rgb, dark: boolean): Rgb {
-  const ground = GROUNDS[dark ? "dark" : "light"], end = dark ? 255 : 0;
+  const ground = GROUNDS[dark ? "dark" : "light"];
+  const end = dark ? 255 : 0;
   let made = color;
   for (let share = STEP; share <= 1 && contrast(made, ground) < LEAST_CONTRAST; share += STEP) {
     made = color.map((part) => part + (end - part) * share) as [number, number, number];
@@ -99,7 +122,9 @@ export function cssColor(color: Rgb): string {
 
 /** WCAG's relative luminance, 0 to 1. */
 function luminance(color: Rgb): number {
-  const [r, g, b] = color.map((part) => (part <= 10.31475 ? part / 3294.6 : ((part / 255 + 0.055) / 1.055) ** 2.4)) as [number, number, number];
+  const [r, g, b] = color.map((part) =>
+    part <= 10.31475 ? part / 3294.6 : ((part / 255 + 0.055) / 1.055) ** 2.4,
+  ) as [number, number, number];
   return 0.2126 * r + 0.7152 * g + 0.0722 * b;
 }
 
@@ -118,5 +143,9 @@ export function inkOn(color: Rgb): "#000000" | "#ffffff" {
 export function rayEnd(origin: Readonly<Vec3>, direction: Readonly<Vec3>): Vec3 {
   const down = direction[2] < -1e-6 ? -origin[2] / direction[2] : Infinity;
   const reach = Math.min(Math.max(down, 0), FREE_RAY_M);
-  return [origin[0] + reach * direction[0], origin[1] + reach * direction[1], origin[2] + reach * direction[2]];
+  return [
+    origin[0] + reach * direction[0],
+    origin[1] + reach * direction[1],
+    origin[2] + reach * direction[2],
+  ];
 }

@@ -5,8 +5,11 @@ import { add, dot, norm, scale, subtract, turn, unit, type Read3, type Vec3 } fr
 
 /** Default body measures (as in `schemas`): eyes at 1.64 m. */
 export const DEFAULT_BODY: BodyMeasures = {
-  footprint_to_neck_m: 1.43, neck_to_eyes_m: 0.21, neck_to_shoulder_m: 0,
-  shoulder_to_wrist_m: 0.55, wrist_to_finger_m: 0.18,
+  footprint_to_neck_m: 1.43,
+  neck_to_eyes_m: 0.21,
+  neck_to_shoulder_m: 0,
+  shoulder_to_wrist_m: 0.55,
+  wrist_to_finger_m: 0.18,
 };
 export type Hand = "left" | "right";
 
@@ -40,7 +43,8 @@ export function shoulderOf(body: BodyMeasures, side: Hand, feet: Read3, facing: 
 
 /** The place on the ray (`origin`, unit `direction`) that is `reach` m from `center`; nearest where none is. */
 export function onRay(origin: Read3, direction: Read3, center: Read3, reach: number): Vec3 {
-  const to = subtract(center, origin), half = dot(direction, to);
+  const to = subtract(center, origin);
+  const half = dot(direction, to);
   const rest = half * half - dot(to, to) + reach * reach;
   return add(origin, scale(direction, Math.max(half + Math.sqrt(Math.max(rest, 0)), 0)));
 }
@@ -50,7 +54,14 @@ export function onRay(origin: Read3, direction: Read3, center: Read3, reach: num
  *
  * @param origin where the ray begins, {W}: eyes, shoulder or elbow, as the person's model has it
  */
-export function pointingArm(body: BodyMeasures, hand: Hand, feet: Read3, facing: number, origin: Read3, direction: Read3): Arm {
+export function pointingArm(
+  body: BodyMeasures,
+  hand: Hand,
+  feet: Read3,
+  facing: number,
+  origin: Read3,
+  direction: Read3,
+): Arm {
   const shoulder = shoulderOf(body, hand, feet, facing);
   const length = body.shoulder_to_wrist_m + body.wrist_to_finger_m;
   const finger = onRay(origin, direction, shoulder, length * STRETCHED);
@@ -70,12 +81,18 @@ export function hangingArm(body: BodyMeasures, hand: Hand, feet: Read3, facing: 
 function bent(body: BodyMeasures, shoulder: Vec3, finger: Vec3, hint: Read3): Arm {
   const upper = UPPER_ARM_SHARE * body.shoulder_to_wrist_m;
   const fore = body.shoulder_to_wrist_m - upper + body.wrist_to_finger_m;
-  const reach = subtract(finger, shoulder), apart = Math.max(norm(reach), 1e-6), along = unit(reach);
+  const reach = subtract(finger, shoulder);
+  const apart = Math.max(norm(reach), 1e-6);
+  const along = unit(reach);
   const stretch = Math.max(apart / (upper + fore), 1);
-  const a = upper * stretch, b = fore * stretch;
+  const a = upper * stretch;
+  const b = fore * stretch;
   const at = Math.min(Math.max((apart * apart + a * a - b * b) / (2 * apart), -a), a);
   const aside = unit(subtract(hint, scale(along, dot(hint, along))), [0, 0, -1]);
   const elbow = add(add(shoulder, scale(along, at)), scale(aside, Math.sqrt(Math.max(a * a - at * at, 0))));
-  const wrist = add(elbow, scale(subtract(finger, elbow), 1 - (body.wrist_to_finger_m * stretch) / Math.max(b, 1e-6)));
+  const wrist = add(
+    elbow,
+    scale(subtract(finger, elbow), 1 - (body.wrist_to_finger_m * stretch) / Math.max(b, 1e-6)),
+  );
   return { shoulder, elbow, wrist, finger };
 }

@@ -19,7 +19,14 @@ type Take = (at: readonly [number, number, number], aside?: number, up?: number,
 /** Adds to `points` the corners about a place, and those below it: on the floor, unless `down` says how far. */
 function taking(points: Vec3[]): Take {
   return ([x, y, z], aside = 0, up = 0, down = z) => {
-    for (const [sx, sy] of aside ? [[-aside, -aside], [aside, -aside], [-aside, aside], [aside, aside]] : [[0, 0]]) {
+    for (const [sx, sy] of aside
+      ? [
+          [-aside, -aside],
+          [aside, -aside],
+          [-aside, aside],
+          [aside, aside],
+        ]
+      : [[0, 0]]) {
       points.push([x + sx!, y + sy!, z + up], [x + sx!, y + sy!, z - down]);
     }
   };
@@ -27,11 +34,13 @@ function taking(points: Vec3[]): Take {
 
 /** Corners of what people point at, in {W}, with the floor below it: lamps, strips, belts, boxes, things, other solids. */
 export function aimsOf(map: Environment): Vec3[] {
-  const points: Vec3[] = [], take = taking(points);
+  const points: Vec3[] = [];
+  const take = taking(points);
   for (const lamp of map.lamps) take(lamp.position_m);
   for (const strip of map.strips) strip.line_m.forEach((vertex) => take(vertex));
   for (const belt of map.belts) belt.line_m.forEach((vertex) => take(vertex, belt.width_m / 2, ABOVE_M));
-  for (const box of [...map.boxes, ...map.things.filter((thing) => !thing.is_tracked)]) take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
+  for (const box of [...map.boxes, ...map.things.filter((thing) => !thing.is_tracked)])
+    take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
   for (const ball of map.spheres) take(ball.center_m, ball.radius_m, ball.radius_m);
   for (const tank of map.cylinders) take(tank.center_m, tank.radius_m, tank.height_m);
   return points;
@@ -39,9 +48,11 @@ export function aimsOf(map: Environment): Vec3[] {
 
 /** Corners of everything in the map that has an end, in {W}: what people point at, and walls, fences, clouds. */
 export function pointsOf(map: Environment): Vec3[] {
-  const points = aimsOf(map), take = taking(points);
+  const points = aimsOf(map);
+  const take = taking(points);
   for (const { center_m, normal, size_m } of map.planes) {
-    const half = size_m ? Math.max(...size_m) / 2 : null, rise = Math.hypot(normal[0], normal[1]);
+    const half = size_m ? Math.max(...size_m) / 2 : null;
+    const rise = Math.hypot(normal[0], normal[1]);
     if (half !== null) take(center_m, half, half * rise, half * rise);
   }
   for (const fence of map.fences) for (const [x, y] of fence.outline_m) points.push([x, y, 0]);
@@ -51,7 +62,9 @@ export function pointsOf(map: Environment): Vec3[] {
 
 /** What the map's things take up in {W}, with the floor (z 0); 4 m about the origin where there is nothing. */
 export function boundsOf(map: Environment): Bounds {
-  const points = pointsOf(map), low: Vec3 = [Infinity, Infinity, 0], high: Vec3 = [-Infinity, -Infinity, 0.5];
+  const points = pointsOf(map);
+  const low: Vec3 = [Infinity, Infinity, 0];
+  const high: Vec3 = [-Infinity, -Infinity, 0.5];
   if (!points.length) return { low: [-4, -4, 0], high: [4, 4, 2] };
   for (const point of points) {
     for (let axis = 0; axis < 3; axis++) {
@@ -64,5 +77,9 @@ export function boundsOf(map: Environment): Bounds {
 
 /** The eight corners of `bounds`. */
 export function cornersOf({ low, high }: Bounds): Vec3[] {
-  return Array.from({ length: 8 }, (_, i): Vec3 => [(i & 1 ? high : low)[0], (i & 2 ? high : low)[1], (i & 4 ? high : low)[2]]);
+  return Array.from({ length: 8 }, (_, i): Vec3 => [
+    (i & 1 ? high : low)[0],
+    (i & 2 ? high : low)[1],
+    (i & 4 ? high : low)[2],
+  ]);
 }

@@ -9,8 +9,11 @@ export interface Ellipse {
 
 /** The `sigmas`-sigma ellipse of a pose's covariance (row by row, of x, y, yaw). */
 export function ellipseOf(covariance: readonly number[], sigmas = 2): Ellipse {
-  const xx = covariance[0] ?? 0, yy = covariance[4] ?? 0, xy = ((covariance[1] ?? 0) + (covariance[3] ?? 0)) / 2;
-  const middle = (xx + yy) / 2, spread = Math.hypot((xx - yy) / 2, xy);
+  const xx = covariance[0] ?? 0;
+  const yy = covariance[4] ?? 0;
+  const xy = ((covariance[1] ?? 0) + (covariance[3] ?? 0)) / 2;
+  const middle = (xx + yy) / 2;
+  const spread = Math.hypot((xx - yy) / 2, xy);
   return {
     major: sigmas * Math.sqrt(Math.max(middle + spread, 0)),
     minor: sigmas * Math.sqrt(Math.max(middle - spread, 0)),

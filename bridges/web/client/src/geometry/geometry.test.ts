@@ -18,11 +18,32 @@ function close(found: ArrayLike<number>, expected: readonly number[], within = 1
   assert.equal(found.length, expected.length);
   expected.forEach((x, i) => assert.ok(Math.abs(found[i]! - x) <= within, `${i}: ${found[i]} is not ${x}`));
 }
-const BENT: Vec3[] = [[0, 0, 1], [1, 0, 1], [1, 2, 1.5]];
+const BENT: Vec3[] = [
+  [0, 0, 1],
+  [1, 0, 1],
+  [1, 2, 1.5],
+];
 const STRIPS = [
   { id: "fwd", line_m: BENT, pixels: 7, direction: 1 as const },
-  { id: "rev", line_m: [[4.85, -1.425, 0.9], [4.85, 3.575, 0.9]] as Vec3[], pixels: 150, direction: -1 as const },
-  { id: "rep", line_m: [[0, 0, 0], [0, 0, 0], [0, 0.3, 0]] as Vec3[], pixels: 3, direction: -1 as const },
+  {
+    id: "rev",
+    line_m: [
+      [4.85, -1.425, 0.9],
+      [4.85, 3.575, 0.9],
+    ] as Vec3[],
+    pixels: 150,
+    direction: -1 as const,
+  },
+  {
+    id: "rep",
+    line_m: [
+      [0, 0, 0],
+      [0, 0, 0],
+      [0, 0.3, 0],
+    ] as Vec3[],
+    pixels: 3,
+    direction: -1 as const,
+  },
 ];
 
 test("a polyline is addressed by arc length and clamped, or goes on (led-driver)", () => {
@@ -35,12 +56,26 @@ test("a polyline is addressed by arc length and clamped, or goes on (led-driver)
   close(line.pointAt(-0.5, true), [-0.5, 0, 1]);
   const near = line.nearestTo([1.2, 0.7, 1]);
   close([near.at, near.apart], [1.6790997, 0.26234239], 1e-7);
-  assert.throws(() => new Polyline([[1, 1, 1], [1, 1, 1]]), /different/);
+  assert.throws(
+    () =>
+      new Polyline([
+        [1, 1, 1],
+        [1, 1, 1],
+      ]),
+    /different/,
+  );
 });
 
 test("a thing lies along the chord of a curve", () => {
-  const line = new Polyline([[0, 0, 0], [1, 0, 0], [1, 1, 0]]);
-  close([line.headingAt(0.5, 0.4), line.headingAt(1, 0.4), line.headingAt(1.5, 0.4)], [0, Math.PI / 4, Math.PI / 2]);
+  const line = new Polyline([
+    [0, 0, 0],
+    [1, 0, 0],
+    [1, 1, 0],
+  ]);
+  close(
+    [line.headingAt(0.5, 0.4), line.headingAt(1, 0.4), line.headingAt(1.5, 0.4)],
+    [0, Math.PI / 4, Math.PI / 2],
+  );
 });
 
 test("pixels sit where led-driver draws them", () => {
@@ -60,10 +95,23 @@ test("pixels sit where led-driver draws them", () => {
 
 test("pixels of a curved strip of the conveyor sit where led-driver draws them", () => {
   const line: Vec3[] = [
-    [2.563, 0.614, 1.066], [2.223, 0.614, 1.066], [2.113, 0.611, 1.066], [2.073, 0.607, 1.066], [1.944, 0.588, 1.066],
-    [1.8, 0.547, 1.066], [1.654, 0.482, 1.066], [1.527, 0.403, 1.066], [1.411, 0.307, 1.066], [1.303, 0.189, 1.066],
-    [1.218, 0.065, 1.066], [1.147, -0.078, 1.066], [1.119, -0.164, 1.066], [1.099, -0.22, 1.066], [1.07, -0.378, 1.066],
-    [1.062, -0.558, 1.066], [1.061, -1.452, 1.066],
+    [2.563, 0.614, 1.066],
+    [2.223, 0.614, 1.066],
+    [2.113, 0.611, 1.066],
+    [2.073, 0.607, 1.066],
+    [1.944, 0.588, 1.066],
+    [1.8, 0.547, 1.066],
+    [1.654, 0.482, 1.066],
+    [1.527, 0.403, 1.066],
+    [1.411, 0.307, 1.066],
+    [1.303, 0.189, 1.066],
+    [1.218, 0.065, 1.066],
+    [1.147, -0.078, 1.066],
+    [1.119, -0.164, 1.066],
+    [1.099, -0.22, 1.066],
+    [1.07, -0.378, 1.066],
+    [1.062, -0.558, 1.066],
+    [1.061, -1.452, 1.066],
   ];
   const { places } = layOut([{ id: "17", line_m: line, pixels: 152, direction: 1 }]);
   close(places.subarray(0, 3), [2.55285201, 0.614, 1.066], 1e-6);
@@ -72,21 +120,46 @@ test("pixels of a curved strip of the conveyor sit where led-driver draws them",
 });
 
 test("strips without a length have no pixels and push nobody aside", () => {
-  const laid = layOut([{ id: "no", line_m: [[0, 0, 0], [0, 0, 0]], pixels: 5, direction: 1 }, STRIPS[2]!]);
+  const laid = layOut([
+    {
+      id: "no",
+      line_m: [
+        [0, 0, 0],
+        [0, 0, 0],
+      ],
+      pixels: 5,
+      direction: 1,
+    },
+    STRIPS[2]!,
+  ]);
   assert.equal(laid.count, 3);
   assert.equal(laid.strips.has("no"), false);
   close(laid.places.subarray(0, 3), [0, 0.25, 0], 1e-6);
 });
 
 test("a ribbon's edges run parallel to the line, mitred at corners, cut off at sharp ones", () => {
-  const cuts = ribbon(new Polyline([[0, 0, 1], [2, 0, 1], [2, 2, 1]]), 0.5);
+  const cuts = ribbon(
+    new Polyline([
+      [0, 0, 1],
+      [2, 0, 1],
+      [2, 2, 1],
+    ]),
+    0.5,
+  );
   close(cuts[0]!.left, [0, 0.25, 1]);
   close(cuts[1]!.left, [1.75, 0.25, 1]);
   close(cuts[1]!.right, [2.25, -0.25, 1]);
   close(cuts[2]!.right, [2.25, 2, 1]);
   assert.equal(outline(cuts).length, 6);
   close(outline(cuts)[5]!, [0, -0.25, 1]);
-  const sharp = ribbon(new Polyline([[0, 0, 0], [1, 0, 0], [0, 0.01, 0]]), 1)[1]!;
+  const sharp = ribbon(
+    new Polyline([
+      [0, 0, 0],
+      [1, 0, 0],
+      [0, 0.01, 0],
+    ]),
+    1,
+  )[1]!;
   assert.ok(norm(subtract(sharp.left, sharp.center)) <= 1 + 1e-9);
 });
 
@@ -98,7 +171,8 @@ test("the ellipse of a covariance", () => {
 });
 
 test("the finger is where the server's stance has it when the shoulder is the model's own (sim.aim)", () => {
-  const eyes: Vec3 = [1, 2, 1.64], shoulder: Vec3 = [1.0591040413322679, 1.8089327021748787, 1.43];
+  const eyes: Vec3 = [1, 2, 1.64];
+  const shoulder: Vec3 = [1.0591040413322679, 1.8089327021748787, 1.43];
   close(eyesOf(DEFAULT_BODY, [1, 2, 0]), eyes);
   const found = onRay(eyes, unit(subtract([4, 1, 0.9], eyes)), shoulder, 0.73);
   close(found, [1.7854847403659244, 1.7381717532113585, 1.4462470973764052]);
@@ -106,10 +180,17 @@ test("the finger is where the server's stance has it when the shoulder is the mo
 
 test("a pointing arm has its finger on the ray, whatever hand and direction; limbs keep their length", () => {
   for (const hand of ["left", "right"] as const) {
-    for (const to of [[3, 0, 1], [0, 3, 0], [-2, 1, 3], [0.6, -0.1, 0.2]] as Vec3[]) {
-      const eyes = eyesOf(DEFAULT_BODY, [0, 0, 0]), along = unit(subtract(to, eyes));
+    for (const to of [
+      [3, 0, 1],
+      [0, 3, 0],
+      [-2, 1, 3],
+      [0.6, -0.1, 0.2],
+    ] as Vec3[]) {
+      const eyes = eyesOf(DEFAULT_BODY, [0, 0, 0]);
+      const along = unit(subtract(to, eyes));
       const arm = pointingArm(DEFAULT_BODY, hand, [0, 0, 0], Math.atan2(to[1], to[0]), eyes, along);
-      const reach = subtract(arm.finger, eyes), off = norm(subtract(reach, along.map((x) => x * dot(reach, along)) as Vec3));
+      const reach = subtract(arm.finger, eyes);
+      const off = norm(subtract(reach, along.map((x) => x * dot(reach, along)) as Vec3));
       assert.ok(off < 1e-9, `${off}`);
       close([norm(subtract(arm.elbow, arm.shoulder))], [0.56 * 0.55], 1e-9);
       close([norm(subtract(arm.finger, arm.elbow))], [0.44 * 0.55 + 0.18], 1e-9);
@@ -120,13 +201,32 @@ test("a pointing arm has its finger on the ray, whatever hand and direction; lim
 });
 
 const OBJECT: TrackedObject = {
-  id: "a", kind: "red", bay: "", length_m: 0.2, position_m: [9, 9, 9], velocity_mps: [1, 2, 0],
-  surface: "belt", surface_id: "b", surface_position_m: 0.9, surface_speed_mps: 0.5, bay_until_ns: null, yaw_rad: null, position_sigma_m: null,
-  size_m: null, mode: "claim", press: false, dwell_s: null, lit: false,
+  id: "a",
+  kind: "red",
+  bay: "",
+  length_m: 0.2,
+  position_m: [9, 9, 9],
+  velocity_mps: [1, 2, 0],
+  surface: "belt",
+  surface_id: "b",
+  surface_position_m: 0.9,
+  surface_speed_mps: 0.5,
+  bay_until_ns: null,
+  yaw_rad: null,
+  position_sigma_m: null,
+  size_m: null,
+  mode: "claim",
+  press: false,
+  dwell_s: null,
+  lit: false,
 };
 
 test("objects are carried on along their surface, around corners and past its end; others straight", () => {
-  const line = new Polyline([[0, 0, 1], [1, 0, 1], [1, 1, 1]]);
+  const line = new Polyline([
+    [0, 0, 1],
+    [1, 0, 1],
+    [1, 1, 1],
+  ]);
   const out: Placed = { at: [0, 0, 0], heading: 0, along: 0 };
   close(carriedOn(OBJECT, 0.4, line, out).at, [1, 0.1, 1]);
   close([out.along, out.heading], [1.1, Math.PI / 2]);
@@ -139,13 +239,30 @@ test("objects are carried on along their surface, around corners and past its en
 });
 
 const EMPTY: Environment = {
-  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], fences: [], frames: [], cylinders: [], lamps: [], links: [],
-  paced_from: [], planes: [], spheres: [], strips: [], things: [],
+  name: "",
+  seq: 0,
+  stamp_ns: 0,
+  bays: [],
+  belts: [],
+  boxes: [],
+  clouds: [],
+  fences: [],
+  frames: [],
+  cylinders: [],
+  lamps: [],
+  links: [],
+  paced_from: [],
+  planes: [],
+  spheres: [],
+  strips: [],
+  things: [],
 };
 
 test("bounds take in everything with an end, and the floor", () => {
   const found = boundsOf({
-    ...EMPTY, lamps: [{ id: "l", position_m: [-3, 0, 2] }], strips: [STRIPS[1]!],
+    ...EMPTY,
+    lamps: [{ id: "l", position_m: [-3, 0, 2] }],
+    strips: [STRIPS[1]!],
     planes: [{ id: "p", center_m: [99, 0, 0], normal: [0, 0, 1], size_m: null }],
     cylinders: [{ id: "c", center_m: [0, 7, 0], radius_m: 1, height_m: 3 }],
   });
@@ -154,27 +271,46 @@ test("bounds take in everything with an end, and the floor", () => {
 });
 
 test("a camera shows everything, and touches the picture's edges on two sides", () => {
-  const along = unit([0.3, 0.8, -0.5]), fov = 0.7;
+  const along = unit([0.3, 0.8, -0.5]);
+  const fov = 0.7;
   for (const aspect of [0.5, 1.8]) {
-    const points: Vec3[] = [[-4, -3, 0], [4.6, 2, 1], [0, 0, 2.5], [1, 1, 0], [-2, 3, 1]];
+    const points: Vec3[] = [
+      [-4, -3, 0],
+      [4.6, 2, 1],
+      [0, 0, 2.5],
+      [1, 1, 0],
+      [-2, 3, 1],
+    ];
     const { position, target } = framed(points, along, fov, aspect, NO_EDGES, 0.1);
     close(unit(subtract(target, position)), along, 1e-9);
-    const right = unit(cross(along, [0, 0, 1])), up = cross(right, along), tall = Math.tan(fov / 2) * 0.9;
+    const right = unit(cross(along, [0, 0, 1]));
+    const up = cross(right, along);
+    const tall = Math.tan(fov / 2) * 0.9;
     const seen = points.map((point) => {
-      const from = subtract(point, position), depth = dot(from, along);
+      const from = subtract(point, position);
+      const depth = dot(from, along);
       return { x: dot(from, right) / (depth * tall * aspect), y: dot(from, up) / (depth * tall) };
     });
     for (const { x, y } of seen) assert.ok(Math.abs(x) <= 1 + 1e-9 && Math.abs(y) <= 1 + 1e-9, `${x} ${y}`);
-    const spans = [seen.map(({ x }) => x), seen.map(({ y }) => y)].map((all) => Math.max(...all) - Math.min(...all));
+    const spans = [seen.map(({ x }) => x), seen.map(({ y }) => y)].map(
+      (all) => Math.max(...all) - Math.min(...all),
+    );
     close([Math.max(...spans)], [2], 1e-9);
   }
 });
 
 test("a camera shows everything between what lies over the picture's top and bottom", () => {
-  const points: Vec3[] = [[0, 0, 0.4], [0.5, 0.1, 0.6], [0.2, -1, 0], [0.2, -1, 2.1]], along = unit([0.34, 0.8, -0.62]);
+  const points: Vec3[] = [
+    [0, 0, 0.4],
+    [0.5, 0.1, 0.6],
+    [0.2, -1, 0],
+    [0.2, -1, 2.1],
+  ];
+  const along = unit([0.34, 0.8, -0.62]);
   for (const aspect of [0.6, 1, 3]) {
     const { position } = framed(points, along, 0.7, aspect, { top: 0.25, bottom: 0.1 }, 0);
-    const up = cross(unit(cross(along, [0, 0, 1])), along), tall = Math.tan(0.35);
+    const up = cross(unit(cross(along, [0, 0, 1])), along);
+    const tall = Math.tan(0.35);
     const heights = points.map((point) => {
       const from = subtract(point, position);
       return dot(from, up) / (dot(from, along) * tall);
@@ -186,10 +322,14 @@ test("a camera shows everything between what lies over the picture's top and bot
 
 test("what people point at counts for the camera, walls and fences do not", () => {
   const hall: Environment = {
-    ...EMPTY, lamps: [{ id: "a", position_m: [1, 2, 1.5] }],
+    ...EMPTY,
+    lamps: [{ id: "a", position_m: [1, 2, 1.5] }],
     planes: [{ id: "wall", center_m: [0, 40, 3], normal: [0, -1, 0], size_m: [80, 6] }],
   };
-  assert.deepEqual(aimsOf(hall), [[1, 2, 1.5], [1, 2, 0]]);
+  assert.deepEqual(aimsOf(hall), [
+    [1, 2, 1.5],
+    [1, 2, 0],
+  ]);
   assert.ok(pointsOf(hall).length > 2);
 });
 
@@ -197,7 +337,7 @@ test("kinds have a colour and a letter, patterns go round evenly", () => {
   assert.equal(cssColor(kindColor("red")), "#ff1e00");
   assert.equal(kindColor("no such")[0], 200);
   assert.deepEqual([kindLetter("red"), kindLetter(""), kindLetter("  über")], ["R", "", "Ü"]);
-  close([wrapped(3 * Math.PI / 2), wrapped(-7)], [-Math.PI / 2, -7 + 2 * Math.PI], 1e-9);
+  close([wrapped((3 * Math.PI) / 2), wrapped(-7)], [-Math.PI / 2, -7 + 2 * Math.PI], 1e-9);
   const frozen: Read3 = [1, 2, 3];
   assert.equal(dot(frozen, [1, 1, 1]), 6);
 });
@@ -211,8 +351,12 @@ test("what stands on any colour is read: its contrast is 4.5 at least", () => {
   assert.ok(Math.abs(contrast([0, 0, 0], [255, 255, 255]) - 21) < 1e-9);
   assert.ok(Math.abs(contrast([118, 118, 118], [255, 255, 255]) - 4.54) < 0.01); // the lightest grey that white allows
   const inks = { "#000000": [0, 0, 0], "#ffffff": [255, 255, 255] } as const;
-  for (let r = 0; r <= 255; r += 17) for (let g = 0; g <= 255; g += 17) for (let b = 0; b <= 255; b += 17) {
-    assert.ok(contrast([r, g, b], inks[inkOn([r, g, b])]) >= 4.5, `${r} ${g} ${b}`);
+  for (let r = 0; r <= 255; r += 17) {
+    for (let g = 0; g <= 255; g += 17) {
+      for (let b = 0; b <= 255; b += 17) {
+        assert.ok(contrast([r, g, b], inks[inkOn([r, g, b])]) >= 4.5, `${r} ${g} ${b}`);
+      }
+    }
   }
   assert.equal(inkOn(kindColor("blue")), "#ffffff");
   assert.equal(inkOn(kindColor("yellow")), "#000000");
@@ -227,7 +371,8 @@ test("a package is as long as it says, and neither a needle nor a wardrobe", () 
 });
 
 test("labels lie on nothing that is taken, the greater rank first", () => {
-  const card = { x: 100, y: 0, width: 400, height: 60 }, picture = { width: 1000, height: 1000 };
+  const card = { x: 100, y: 0, width: 400, height: 60 };
+  const picture = { width: 1000, height: 1000 };
   const wish = (x: number, y: number, rank = 1) => ({ x, y, width: 60, height: 20, rank });
   const free = placed([wish(50, 200)], [card], picture);
   assert.deepEqual(free, [{ x: 20, y: 180 }]);
@@ -235,11 +380,18 @@ test("labels lie on nothing that is taken, the greater rank first", () => {
   const found = placed(wishes, [card], picture);
   assert.deepEqual(found[2], { x: 270, y: 185 });
   const all = [card, ...found.map((at) => ({ ...at!, width: 60, height: 20 }))];
-  for (const [i, a] of all.entries()) for (const b of all.slice(0, i)) {
-    assert.ok(a.x >= b.x + b.width || b.x >= a.x + a.width || a.y >= b.y + b.height || b.y >= a.y + a.height);
+  for (const [i, a] of all.entries()) {
+    for (const b of all.slice(0, i)) {
+      assert.ok(
+        a.x >= b.x + b.width || b.x >= a.x + a.width || a.y >= b.y + b.height || b.y >= a.y + a.height,
+      );
+    }
   }
   assert.ok(found[0]!.y >= 60);
   assert.deepEqual(placed([wish(300, 300)], [{ x: 0, y: 0, width: 1000, height: 1000 }], picture), [null]);
   assert.deepEqual(placed([wish(300, 30, 0)], [card], picture), [null]); // it would be too far from its thing
-  assert.deepEqual(placed([wish(5, 205), wish(995, 5)], [], picture), [{ x: 0, y: 185 }, { x: 940, y: 0 }]);
+  assert.deepEqual(placed([wish(5, 205), wish(995, 5)], [], picture), [
+    { x: 0, y: 185 },
+    { x: 940, y: 0 },
+  ]);
 });

@@ -31,7 +31,12 @@ export function elapsed(stamp_ns: number, now_ns: number): number {
  * @param line of its strip or belt; null where it has none
  * @param out changed and returned, so that a frame allocates nothing
  */
-export function carriedOn(object: TrackedObject, seconds: number, line: Polyline | null, out: Placed): Placed {
+export function carriedOn(
+  object: TrackedObject,
+  seconds: number,
+  line: Polyline | null,
+  out: Placed,
+): Placed {
   const asBox = isBox(object);
   if (line && !asBox && (object.surface === "belt" || object.surface === "strip")) {
     out.along = object.surface_position_m + object.surface_speed_mps * seconds;
@@ -39,7 +44,8 @@ export function carriedOn(object: TrackedObject, seconds: number, line: Polyline
     out.heading = line.headingAt(out.along, object.length_m);
     return out;
   }
-  for (let axis = 0; axis < 3; axis++) out.at[axis] = object.position_m[axis]! + object.velocity_mps[axis]! * seconds;
+  for (let axis = 0; axis < 3; axis++)
+    out.at[axis] = object.position_m[axis]! + object.velocity_mps[axis]! * seconds;
   const [vx, vy] = object.velocity_mps;
   if (asBox) out.heading = object.yaw_rad ?? 0;
   else if (vx !== 0 || vy !== 0) out.heading = Math.atan2(vy, vx);

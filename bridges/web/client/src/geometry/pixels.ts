@@ -24,7 +24,8 @@ export interface Pixels {
 /** Lay `strips` out; strips without a length get no pixels. */
 export function layOut(strips: readonly Strip[]): Pixels {
   const count = strips.reduce((sum, strip) => sum + strip.pixels, 0);
-  const places = new Float32Array(3 * count), headings = new Float32Array(count);
+  const places = new Float32Array(3 * count);
+  const headings = new Float32Array(count);
   const found = new Map<string, { first: number; pixels: number; pitch: number }>();
   const at: Vec3 = [0, 0, 0];
   let first = 0;
@@ -43,5 +44,10 @@ export function layOut(strips: readonly Strip[]): Pixels {
     found.set(strip.id, { first, pixels: strip.pixels, pitch: line.length / strip.pixels });
     first += strip.pixels;
   }
-  return { count: first, places: places.subarray(0, 3 * first), headings: headings.subarray(0, first), strips: found };
+  return {
+    count: first,
+    places: places.subarray(0, 3 * first),
+    headings: headings.subarray(0, first),
+    strips: found,
+  };
 }

@@ -24,7 +24,7 @@ export interface Wish {
 /** Between labels, px. */
 const GAP = 3;
 /** Maximum distance of a label from its object, px, by rank; less for small objects. */
-const reachOf = (rank: number): number => rank > 0 ? (rank < 1 ? 70 : 120) : 30;
+const reachOf = (rank: number): number => (rank > 0 ? (rank < 1 ? 70 : 120) : 30);
 
 /**
  * Where the upper left corner of each label is; null: there is no room near what it names.
@@ -35,27 +35,48 @@ const reachOf = (rank: number): number => rank > 0 ? (rank < 1 ? 70 : 120) : 30;
  * @param taken areas without labels
  * @param picture how wide and high it is; labels are within it
  */
-export function placed(wishes: readonly Wish[], taken: readonly Rect[], picture: Size): ({ x: number; y: number } | null)[] {
-  const found = new Array<{ x: number; y: number } | null>(wishes.length).fill(null), full = [...taken];
+export function placed(
+  wishes: readonly Wish[],
+  taken: readonly Rect[],
+  picture: Size,
+): ({ x: number; y: number } | null)[] {
+  const found = new Array<{ x: number; y: number } | null>(wishes.length).fill(null);
+  const full = [...taken];
   const turns = wishes.map((_, i) => i).sort((a, b) => wishes[b]!.rank - wishes[a]!.rank || a - b);
   for (const i of turns) {
-    const wish = wishes[i]!, { width, height } = wish;
-    const x = held(wish.x - width / 2, picture.width - width), y = held(wish.y - height, picture.height - height);
+    const wish = wishes[i]!;
+    const { width, height } = wish;
+    const x = held(wish.x - width / 2, picture.width - width);
+    const y = held(wish.y - height, picture.height - height);
     const kept = wish.kept && { ...wish.kept, width, height };
-    const canStay = kept && isWithin(kept, picture) && Math.hypot(kept.x - x, kept.y - y) < reachOf(wish.rank) && !full.some((each) => meet(kept, each));
-    const at = canStay ? { x: kept.x, y: kept.y } : nearest({ x, y, width, height }, full, picture, reachOf(wish.rank));
+    const canStay =
+      kept &&
+      isWithin(kept, picture) &&
+      Math.hypot(kept.x - x, kept.y - y) < reachOf(wish.rank) &&
+      !full.some((each) => meet(kept, each));
+    const at = canStay
+      ? { x: kept.x, y: kept.y }
+      : nearest({ x, y, width, height }, full, picture, reachOf(wish.rank));
     found[i] = at;
     if (at) full.push({ ...at, width, height });
   }
   return found;
 }
 
-function nearest(wanted: Rect, all: readonly Rect[], picture: Size, reach: number): { x: number; y: number } | null {
+function nearest(
+  wanted: Rect,
+  all: readonly Rect[],
+  picture: Size,
+  reach: number,
+): { x: number; y: number } | null {
   if (!all.some((each) => meet(wanted, each))) return { x: wanted.x, y: wanted.y };
-  let best: { x: number; y: number } | null = null, least: number = reach;
+  let best: { x: number; y: number } | null = null;
+  let least: number = reach;
   const { x: left, y: top, width: wide, height: tall } = wanted;
   const around = { x: left - reach, y: top - reach, width: wide + 2 * reach, height: tall + 2 * reach };
-  const full = all.filter((each) => meet(around, each)), columns = [left], rows = [top];
+  const full = all.filter((each) => meet(around, each));
+  const columns = [left];
+  const rows = [top];
   for (const { x, y, width, height } of full) {
     columns.push(x - wanted.width - GAP, x + width + GAP);
     rows.push(y - wanted.height - GAP, y + height + GAP);

@@ -31,7 +31,8 @@ export class Polyline {
 
   /** Index of the segment at arc length `at`, clamped to the ends. */
   segmentAt(at: number): number {
-    let low = 0, high = this.tangents.length - 1;
+    let low = 0;
+    let high = this.tangents.length - 1;
     while (low < high) {
       const middle = (low + high + 1) >> 1;
       if (this.starts[middle]! <= at) low = middle;
@@ -44,7 +45,9 @@ export class Polyline {
   pointAt(at: number, beyond = false, out: Vec3 = [0, 0, 0]): Vec3 {
     const held = beyond ? at : Math.min(Math.max(at, 0), this.length);
     const segment = this.segmentAt(held);
-    const from = this.vertices[segment]!, along = this.tangents[segment]!, rest = held - this.starts[segment]!;
+    const from = this.vertices[segment]!;
+    const along = this.tangents[segment]!;
+    const rest = held - this.starts[segment]!;
     out[0] = from[0] + rest * along[0];
     out[1] = from[1] + rest * along[1];
     out[2] = from[2] + rest * along[2];
@@ -66,7 +69,8 @@ export class Polyline {
 
   /** Where, in the arc length, the place nearest to `point` lies, and how far `point` is from it, m. */
   nearestTo(point: Read3): { at: number; apart: number } {
-    let at = 0, apart = Infinity;
+    let at = 0;
+    let apart = Infinity;
     this.tangents.forEach((along, i) => {
       const reach = subtract(point, this.vertices[i]!);
       const span = this.starts[i + 1]! - this.starts[i]!;
@@ -78,7 +82,8 @@ export class Polyline {
   }
 }
 
-const FROM: Vec3 = [0, 0, 0], TO: Vec3 = [0, 0, 0];
+const FROM: Vec3 = [0, 0, 0];
+const TO: Vec3 = [0, 0, 0];
 
 /** To the left of `along` (unit), level; towards +y where `along` is upright. */
 export function leftOf(along: Read3): Vec3 {

@@ -19,15 +19,22 @@ const LONGEST_MITRE = 2;
 export function ribbon(line: Polyline, width: number): Cut[] {
   const last = line.tangents.length - 1;
   return line.vertices.map((center, i) => {
-    const before = leftOf(line.tangents[Math.max(i - 1, 0)]!), after = leftOf(line.tangents[Math.min(i, last)]!);
+    const before = leftOf(line.tangents[Math.max(i - 1, 0)]!);
+    const after = leftOf(line.tangents[Math.min(i, last)]!);
     const across = unit(add(before, after), before);
     const half = (width / 2) * Math.min(1 / Math.max(dot(across, before), 1e-6), LONGEST_MITRE);
-    return { at: line.starts[i]!, center, left: add(center, scale(across, half)), right: add(center, scale(across, -half)) };
+    return {
+      at: line.starts[i]!,
+      center,
+      left: add(center, scale(across, half)),
+      right: add(center, scale(across, -half)),
+    };
   });
 }
 
 /** The outline of the ribbon as a closed polygon seen from above: along the left edge, back along the right. */
 export function outline(cuts: readonly Cut[]): Vec3[] {
-  const there = cuts.map((cut): Vec3 => [...cut.left]), back = cuts.map((cut): Vec3 => [...cut.right]);
+  const there = cuts.map((cut): Vec3 => [...cut.left]);
+  const back = cuts.map((cut): Vec3 => [...cut.right]);
   return [...there, ...back.reverse()];
 }

@@ -22,12 +22,20 @@ export function confusion(separability: Separability, told: number): number {
 }
 
 /** What is told apart from (x, y), in words; "" outside the squares. */
-export function separabilityText({ x_m, y_m, things, told_apart, confused, uncovered }: Separability, x: number, y: number): string {
-  const column = between(x_m, x), row = between(y_m, y), told = told_apart[row]?.[column];
+export function separabilityText(
+  { x_m, y_m, things, told_apart, confused, uncovered }: Separability,
+  x: number,
+  y: number,
+): string {
+  const column = between(x_m, x);
+  const row = between(y_m, y);
+  const told = told_apart[row]?.[column];
   if (told === undefined) return "";
-  const pairs = confused[row]?.[column] ?? [], count = things.length;
+  const pairs = confused[row]?.[column] ?? [];
+  const count = things.length;
   const far = uncovered?.[row]?.[column] ?? [];
-  if (far.length) return `${told} of ${count} told apart: this map was paced elsewhere and knows no direction to ${far.map((index) => things[index]).join(", ")} from there`;
+  if (far.length)
+    return `${told} of ${count} told apart: this map was paced elsewhere and knows no direction to ${far.map((index) => things[index]).join(", ")} from there`;
   if (told === count) return `${count} of ${count} told apart`;
   const named = pairs.map(([one, other]) => `${things[one]} and ${things[other]}`);
   if (new Set(pairs.flat()).size < count - told) named.push("…");

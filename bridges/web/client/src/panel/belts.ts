@@ -39,7 +39,10 @@ export function beltsPart(controls: Controls): Belts {
 
   async function addOne(): Promise<void> {
     const reply = await controls.ask({ key: "conveyor/add_package", query: { kind } });
-    if (reply) controls.toasts.show("done", `Added: ${called(site, String(reply["object_id"] ?? ""), kind)}.`, { topic: "added" });
+    if (reply)
+      controls.toasts.show("done", `Added: ${called(site, String(reply["object_id"] ?? ""), kind)}.`, {
+        topic: "added",
+      });
   }
 
   /** After the last package, feeding starts again. */
@@ -49,16 +52,37 @@ export function beltsPart(controls: Controls): Belts {
     if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !isFed() } });
   }
 
-  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, unit: "m/s", initial: () => initialOf(site, "conveyor-sim", "speed"), send: setSpeed, onInvalid: (problem) => controls.toasts.show("error", problem) });
+  const speed = slider({
+    label: "Speed",
+    min: 0,
+    max: 1.5,
+    step: 0.05,
+    unit: "m/s",
+    initial: () => initialOf(site, "conveyor-sim", "speed"),
+    send: setSpeed,
+    onInvalid: (problem) => controls.toasts.show("error", problem),
+  });
   const haltName = el("span", { text: "Stop the belts" });
   const haltIcon = icon("stop");
-  const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));
+  const halt = el(
+    "button",
+    { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() },
+    haltIcon,
+    haltName,
+    key("S"),
+  );
   const feedName = el("span", {});
   const feedIcon = icon("pause");
   const feed = el("button", { type: "button", onclick: feedOrRest }, feedIcon, feedName);
   const kinds = choice("Kind to add", (value) => void (kind = value));
   const addName = el("span", {});
-  const add = el("button", { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() }, icon("plus"), addName, key("P"));
+  const add = el(
+    "button",
+    { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() },
+    icon("plus"),
+    addName,
+    key("P"),
+  );
   const bays = el("table", { className: "bays" });
   const element = section("Belts", speed.element, halt, feed, kinds.element, add, bays);
   const title = element.querySelector("h2")!;
@@ -75,7 +99,8 @@ export function beltsPart(controls: Controls): Belts {
       void setSpeed(now === 0 ? before : 0);
     },
     faster(by) {
-      if (controls.may("conveyor/set_speed") && site.conveyor) void setSpeed(Math.max(0, Math.min(1.5, site.conveyor.speed_mps + by)));
+      if (controls.may("conveyor/set_speed") && site.conveyor)
+        void setSpeed(Math.max(0, Math.min(1.5, site.conveyor.speed_mps + by)));
     },
     update() {
       const state = site.conveyor;
@@ -99,7 +124,9 @@ export function beltsPart(controls: Controls): Belts {
       mark(feedIcon.firstElementChild!, "href", isFed() ? "#icon-pause" : "#icon-play");
       const offered = kindsHere();
       if (!offered.includes(kind)) kind = offered[0]!;
-      kinds.offer(offered.map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));
+      kinds.offer(
+        offered.map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })),
+      );
       kinds.set(kind);
       showBays(state.bays.filter(({ bay }) => bay));
     },
@@ -109,7 +136,8 @@ export function beltsPart(controls: Controls): Belts {
   function kindsHere(): readonly string[] {
     const here = `${controls.scenario} ${site.map?.name ?? ""}`;
     if (here !== seenIn) [seen, seenIn] = [new Set(), here];
-    for (const { objects } of site.objects.values()) for (const object of objects) if (object.kind) seen.add(object.kind);
+    for (const { objects } of site.objects.values())
+      for (const object of objects) if (object.kind) seen.add(object.kind);
     for (const each of site.conveyor?.bays ?? []) if (each.kind) seen.add(each.kind);
     if (!seen.size) return USUAL_KINDS;
     const place = (name: string) => (ORDER.includes(name) ? ORDER.indexOf(name) : ORDER.length);
@@ -127,8 +155,28 @@ export function beltsPart(controls: Controls): Belts {
       };
       return [
         el("caption", { text: "Came out" }),
-        el("thead", {}, el("tr", {}, el("th", { scope: "col", text: "Bay" }), ...names.map((name) => el("th", { scope: "col", text: capital(name) })))),
-        el("tbody", {}, ...ids.map((bay) => el("tr", {}, el("th", { scope: "row", text: bay }), ...names.map((name) => el("td", { text: cell(bay, name) }))))),
+        el(
+          "thead",
+          {},
+          el(
+            "tr",
+            {},
+            el("th", { scope: "col", text: "Bay" }),
+            ...names.map((name) => el("th", { scope: "col", text: capital(name) })),
+          ),
+        ),
+        el(
+          "tbody",
+          {},
+          ...ids.map((bay) =>
+            el(
+              "tr",
+              {},
+              el("th", { scope: "row", text: bay }),
+              ...names.map((name) => el("td", { text: cell(bay, name) })),
+            ),
+          ),
+        ),
       ];
     });
   }

@@ -24,7 +24,8 @@ function drawing(markup: string): Element | null {
   const root = new DOMParser().parseFromString(markup, "image/svg+xml").documentElement;
   if (root.localName !== "svg") return null;
   const [width, height] = ["width", "height"].map((name) => root.getAttribute(name) ?? "");
-  if (width && height && !root.hasAttribute("viewBox")) root.setAttribute("viewBox", `0 0 ${parseFloat(width)} ${parseFloat(height)}`);
+  if (width && height && !root.hasAttribute("viewBox"))
+    root.setAttribute("viewBox", `0 0 ${parseFloat(width)} ${parseFloat(height)}`);
   for (const name of ["width", "height"]) root.removeAttribute(name);
   return root;
 }
@@ -32,22 +33,58 @@ function drawing(markup: string): Element | null {
 /** `deed`: `pair` for a wrist, `map_room` for a camera that maps the room. */
 export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "pair"): Pairing {
   const isWrist = deed === "pair";
-  const code = el("div", { className: "qr", role: "img", "aria-label": "QR code that opens the phone's page" });
+  const code = el("div", {
+    className: "qr",
+    role: "img",
+    "aria-label": "QR code that opens the phone's page",
+  });
   const link = el("a", { target: "_blank", rel: "noreferrer" });
   const print = el("code", {});
-  const offer = el("div", { className: "offer", hidden: true }, code, el("ol", {},
-    el("li", { text: "Join the same Wi-Fi with your phone and scan the code." }),
-    el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
-    el("li", { text: isWrist ? "Allow the motion sensors, hold the phone like a remote control, and point." : "Allow the camera, and follow the phone's page from view to view." })),
-    el("details", {}, el("summary", {}, "Address and fingerprint", icon("chevron")), el("p", {}, link), el("p", {}, print)));
-  const openLan = el("button", { className: "primary", type: "button", onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
-  const closed = el("div", { hidden: true },
-    el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
+  const offer = el(
+    "div",
+    { className: "offer", hidden: true },
+    code,
+    el(
+      "ol",
+      {},
+      el("li", { text: "Join the same Wi-Fi with your phone and scan the code." }),
+      el("li", {
+        text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint.",
+      }),
+      el("li", {
+        text: isWrist
+          ? "Allow the motion sensors, hold the phone like a remote control, and point."
+          : "Allow the camera, and follow the phone's page from view to view.",
+      }),
+    ),
+    el(
+      "details",
+      {},
+      el("summary", {}, "Address and fingerprint", icon("chevron")),
+      el("p", {}, link),
+      el("p", {}, print),
+    ),
+  );
+  const openLan = el(
+    "button",
+    { className: "primary", type: "button", onclick: () => void lan() },
+    icon("wifi"),
+    el("span", { text: "Open to the local network" }),
+  );
+  const closed = el(
+    "div",
+    { hidden: true },
+    el("p", {
+      text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only.",
+    }),
+    openLan,
+  );
   const wait = el("p", { role: "status" });
   const title = el("h2", { text: isWrist ? "Point with your phone" : "Map this room with a phone" });
   const dialog = sheet(title, closed, wait, offer);
   dialog.addEventListener("close", () => void forget());
-  let user = "", hadPhone = false;
+  let user = "";
+  let hadPhone = false;
   let isAsking = false;
   let offeredTo = "";
 
@@ -72,7 +109,8 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
 
   /** Withdraw the code that no phone has used: it is not to be seen again. A phone that was paired before stays known. */
   async function forget(): Promise<void> {
-    const unused = offeredTo && !hadPhone && controls.site.people.get(offeredTo)?.line?.phone === WAITING ? offeredTo : "";
+    const unused =
+      offeredTo && !hadPhone && controls.site.people.get(offeredTo)?.line?.phone === WAITING ? offeredTo : "";
     offeredTo = "";
     if (isWrist && unused) await controls.ask({ deed, name: unused, query: { off: true } });
     controls.changed();
@@ -93,7 +131,11 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
     open() {
       user = controls.user;
       hadPhone = ![undefined, "", WAITING].includes(controls.person?.line?.phone);
-      if (isWrist) write(title, controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
+      if (isWrist)
+        write(
+          title,
+          controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone",
+        );
       show(offer, false);
       offeredTo = "";
       const isClosed = !controls.site.status?.lan_url;

@@ -23,18 +23,50 @@ export interface Panel {
 export function makePanel(host: HTMLElement, controls: Controls, tabs: readonly Tab[]): Panel {
   let current = 0;
   const badges = tabs.map(() => el("span", { className: "count", hidden: true }));
-  const heads = tabs.map((tab, index) => el("button", {
-    type: "button", role: "tab", id: `tab-${index}`, "aria-controls": `page-${index}`, onclick: () => open(index),
-    onkeydown: (event) => travel(event as KeyboardEvent),
-  }, icon(tab.icon), el("span", { text: tab.name }), badges[index]!));
-  const pages = tabs.map((tab, index) => el("div", {
-    role: "tabpanel", id: `page-${index}`, "aria-labelledby": `tab-${index}`, className: "page", tabindex: 0,
-  }, ...tab.parts.map((part) => part.element)));
-  const handle = el("button", { type: "button", className: "handle", "aria-expanded": "true", "aria-label": "Controls", onclick: () => {
-    const isLow = host.classList.toggle("low");
-    mark(handle, "aria-expanded", String(!isLow));
-  } });
-  host.append(handle, el("div", { role: "tablist", "aria-label": "Panel", className: "tabs" }, ...heads), ...pages);
+  const heads = tabs.map((tab, index) =>
+    el(
+      "button",
+      {
+        type: "button",
+        role: "tab",
+        id: `tab-${index}`,
+        "aria-controls": `page-${index}`,
+        onclick: () => open(index),
+        onkeydown: (event) => travel(event as KeyboardEvent),
+      },
+      icon(tab.icon),
+      el("span", { text: tab.name }),
+      badges[index]!,
+    ),
+  );
+  const pages = tabs.map((tab, index) =>
+    el(
+      "div",
+      {
+        role: "tabpanel",
+        id: `page-${index}`,
+        "aria-labelledby": `tab-${index}`,
+        className: "page",
+        tabindex: 0,
+      },
+      ...tab.parts.map((part) => part.element),
+    ),
+  );
+  const handle = el("button", {
+    type: "button",
+    className: "handle",
+    "aria-expanded": "true",
+    "aria-label": "Controls",
+    onclick: () => {
+      const isLow = host.classList.toggle("low");
+      mark(handle, "aria-expanded", String(!isLow));
+    },
+  });
+  host.append(
+    handle,
+    el("div", { role: "tablist", "aria-label": "Panel", className: "tabs" }, ...heads),
+    ...pages,
+  );
 
   function open(index: number): void {
     current = index;
@@ -71,7 +103,10 @@ export function makePanel(host: HTMLElement, controls: Controls, tabs: readonly 
     update() {
       tabs.forEach(({ parts }, index) => {
         for (const part of parts) part.update();
-        show(heads[index]!, parts.some(({ element }) => !element.hidden));
+        show(
+          heads[index]!,
+          parts.some(({ element }) => !element.hidden),
+        );
       });
       if (heads[current]!.hidden) open(0);
     },

@@ -20,12 +20,33 @@ export function robotsPart(controls: Controls): PanelPart {
   const { site } = controls;
   const lines = new Map<string, Line>();
   const list = el("ul", { className: "cards robots" });
-  const none = el("p", { className: "muted", text: "No robot is in this room. What you choose is sent as a goal, for a robot that joins; the quadrotor and the ground robot have scenarios of their own." });
-  const element = el("section", { className: "part", "aria-labelledby": "s-robots" }, el("h2", { id: "s-robots", text: "Robots" }), none, list);
+  const none = el("p", {
+    className: "muted",
+    text: "No robot is in this room. What you choose is sent as a goal, for a robot that joins; the quadrotor and the ground robot have scenarios of their own.",
+  });
+  const element = el(
+    "section",
+    { className: "part", "aria-labelledby": "s-robots" },
+    el("h2", { id: "s-robots", text: "Robots" }),
+    none,
+    list,
+  );
 
   function make(name: string): Line {
-    const swatch = el("span", { className: "swatch", hidden: true }), text = el("p", { className: "muted" }), reason = el("p", { className: "reason", hidden: true });
-    const stop = el("button", { type: "button", className: "halt", "aria-label": `Stop ${name}`, onclick: () => void controls.stopRobots([name]) }, icon("stop"), el("span", { text: "Stop" }));
+    const swatch = el("span", { className: "swatch", hidden: true });
+    const text = el("p", { className: "muted" });
+    const reason = el("p", { className: "reason", hidden: true });
+    const stop = el(
+      "button",
+      {
+        type: "button",
+        className: "halt",
+        "aria-label": `Stop ${name}`,
+        onclick: () => void controls.stopRobots([name]),
+      },
+      icon("stop"),
+      el("span", { text: "Stop" }),
+    );
     const item = el("li", {}, el("div", {}, el("strong", {}, swatch, name), text, reason), stop);
     list.append(item);
     return { item, swatch, text, reason, stop };
@@ -44,7 +65,8 @@ export function robotsPart(controls: Controls): PanelPart {
         lines.delete(name);
       }
       for (const { name, state } of robots) {
-        const line = lines.get(name) ?? make(name), color = site.people.get(state.user)?.profile?.cursor_color;
+        const line = lines.get(name) ?? make(name);
+        const color = site.people.get(state.user)?.profile?.cursor_color;
         lines.set(name, line);
         mark(line.item, "data-phase", state.phase);
         show(line.swatch, color !== undefined);
@@ -61,13 +83,27 @@ export function robotsPart(controls: Controls): PanelPart {
 /** The button over the scene; `host` keeps its place. */
 export function stopAll(host: HTMLElement, controls: Controls): { update(): void } {
   const which = el("span", { className: "which" });
-  host.append(el("button", { type: "button", className: "halt", "aria-keyshortcuts": "R", onclick: () => void controls.stopRobots() },
-    icon("stop"), el("span", { text: "Stop" }), " ", which, key("R")));
+  host.append(
+    el(
+      "button",
+      {
+        type: "button",
+        className: "halt",
+        "aria-keyshortcuts": "R",
+        onclick: () => void controls.stopRobots(),
+      },
+      icon("stop"),
+      el("span", { text: "Stop" }),
+      " ",
+      which,
+      key("R"),
+    ),
+  );
   return {
     update() {
       const { stoppable } = controls;
       show(host, stoppable.length > 0);
-      write(which, stoppable.length > 1 ? "all robots" : stoppable[0] ?? "");
+      write(which, stoppable.length > 1 ? "all robots" : (stoppable[0] ?? ""));
     },
   };
 }

@@ -12,7 +12,9 @@ const NOBODY = "No command in that, or nobody follows: pointit listen";
 
 export function speechPart(controls: Controls): PanelPart {
   const { site } = controls;
-  let waiting = "", waitsUntil = 0, before: unknown = null;
+  let waiting = "";
+  let waitsUntil = 0;
+  let before: unknown = null;
   const heard = el("p", { className: "muted", role: "status" });
   const result = el("p", { role: "status", className: "understood" });
   const voice = new Voice({
@@ -20,15 +22,38 @@ export function speechPart(controls: Controls): PanelPart {
     said: (words) => void say(words),
     turned: (isOn, problem) => {
       mark(button, "aria-pressed", String(isOn));
-      write(heard, problem || (isOn ? `Say what ${controls.user} means: take that, put that there, stop.` : ""));
+      write(
+        heard,
+        problem || (isOn ? `Say what ${controls.user} means: take that, put that there, stop.` : ""),
+      );
     },
   });
-  const button = el("button", { type: "button", "aria-pressed": "false", title: "The browser recognises the words; some send the voice to their maker",
-    onclick: () => voice.toggle() }, icon("microphone"), el("span", { text: "Listen" }));
-  const answer = (text: string): HTMLButtonElement => el("button", { type: "button", text: capital(text),
-    onclick: () => void say([{ text, start_s: 0.3, end_s: 0, confidence: 1 }]) });
+  const button = el(
+    "button",
+    {
+      type: "button",
+      "aria-pressed": "false",
+      title: "The browser recognises the words; some send the voice to their maker",
+      onclick: () => voice.toggle(),
+    },
+    icon("microphone"),
+    el("span", { text: "Listen" }),
+  );
+  const answer = (text: string): HTMLButtonElement =>
+    el("button", {
+      type: "button",
+      text: capital(text),
+      onclick: () => void say([{ text, start_s: 0.3, end_s: 0, confidence: 1 }]),
+    });
   const answers = el("div", { className: "pairs", hidden: true }, answer("yes"), answer("no"));
-  const element = el("section", { className: "part", "aria-label": "Speech" }, button, heard, result, answers);
+  const element = el(
+    "section",
+    { className: "part", "aria-label": "Speech" },
+    button,
+    heard,
+    result,
+    answers,
+  );
 
   async function say(words: SaidWord[]): Promise<void> {
     waiting = words.map(({ text }) => text).join(" ");

@@ -12,19 +12,34 @@ const ICONS: Record<ThingTile["mode"], string> = { button: "button", switch: "po
 
 export function thingsPart(controls: Controls): PanelPart {
   const { site } = controls;
-  const list = el("ul", { className: "cards things" }), problems = el("div", { className: "problems" }), element = section("Things", problems, list);
+  const list = el("ul", { className: "cards things" });
+  const problems = el("div", { className: "problems" });
+  const element = section("Things", problems, list);
   let updates: ((tile: ThingTile) => void)[] = [];
 
   function card({ id, name, mode }: ThingTile): HTMLLIElement {
-    const state = el("p"), does = el("p", { className: "muted" }), last = el("p", { className: "muted" });
+    const state = el("p");
+    const does = el("p", { className: "muted" });
+    const last = el("p", { className: "muted" });
     const gauge = el("progress", { max: 1, value: 0, "aria-label": `How far ${name} is selected` });
-    const button = el("button", { type: "button", "aria-label": `Try ${name}`, onclick: () => void tryIt() }, el("span", { text: "Try" }));
-    const item = el("li", {}, el("span", { className: "badge" }, icon(ICONS[mode])), el("div", {}, el("div", { className: "head" }, el("strong", { text: name }), state), last, does, gauge), button);
+    const button = el(
+      "button",
+      { type: "button", "aria-label": `Try ${name}`, onclick: () => void tryIt() },
+      el("span", { text: "Try" }),
+    );
+    const item = el(
+      "li",
+      {},
+      el("span", { className: "badge" }, icon(ICONS[mode])),
+      el("div", {}, el("div", { className: "head" }, el("strong", { text: name }), state), last, does, gauge),
+      button,
+    );
     let isOn = false;
 
     async function tryIt(): Promise<void> {
       const does = OUTCOMES[mode][isOn ? 1 : 0];
-      if (await controls.ask({ key: "selector/{user}/set_thing", name: OPERATOR, query: { thing: id } })) controls.toasts.show("done", `${does}: ${name}.`);
+      if (await controls.ask({ key: "selector/{user}/set_thing", name: OPERATOR, query: { thing: id } }))
+        controls.toasts.show("done", `${does}: ${name}.`);
     }
 
     updates.push((now) => {
@@ -48,7 +63,16 @@ export function thingsPart(controls: Controls): PanelPart {
       const tiles = thingTiles(site);
       show(element, tiles.length > 0);
       const causes = problemsOfThings(tiles);
-      renew(problems, JSON.stringify(causes), () => causes.map(({ text, isStarting }) => el("p", isStarting ? { className: "muted" } : {}, icon(isStarting ? "pause" : "warning"), el("span", { text }))));
+      renew(problems, JSON.stringify(causes), () =>
+        causes.map(({ text, isStarting }) =>
+          el(
+            "p",
+            isStarting ? { className: "muted" } : {},
+            icon(isStarting ? "pause" : "warning"),
+            el("span", { text }),
+          ),
+        ),
+      );
       renew(list, JSON.stringify(tiles.map(({ id, name, mode }) => [id, name, mode])), () => {
         updates = [];
         return tiles.map(card);

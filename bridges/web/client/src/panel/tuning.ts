@@ -56,10 +56,42 @@ export function tuningPart(controls: Controls): Tuning {
   }
 
   const onInvalid = (problem: string): void => controls.toasts.show("error", problem);
-  const method = choice("Method", (value) => void askMethod(METHODS.includes(value) ? { method: value } : { name: value }).then(controls.changed), methodOptions([]));
-  const time = slider({ label: "Time on an object", min: 0.2, max: 3, step: 0.05, unit: "s", initial: () => ownDwell ?? initialOf(site, "selector", "dwell"), send: (value) => askMethod({ dwell_s: value }), onInvalid });
-  const near = slider({ label: "Tolerance", min: 0.5, max: 15, step: 0.5, unit: "°", initial: () => initialOf(site, "pui", "tolerance"), send: (value) => askTolerance({ tolerance_rad: value * DEG }), onInvalid });
-  const light = slider({ label: "Brightness of the strips", min: 0, max: 100, step: 5, unit: "%", initial: () => percent(initialOf(site, "led-driver", "brightness")), send: dim, onInvalid });
+  const method = choice(
+    "Method",
+    (value) =>
+      void askMethod(METHODS.includes(value) ? { method: value } : { name: value }).then(controls.changed),
+    methodOptions([]),
+  );
+  const time = slider({
+    label: "Time on an object",
+    min: 0.2,
+    max: 3,
+    step: 0.05,
+    unit: "s",
+    initial: () => ownDwell ?? initialOf(site, "selector", "dwell"),
+    send: (value) => askMethod({ dwell_s: value }),
+    onInvalid,
+  });
+  const near = slider({
+    label: "Tolerance",
+    min: 0.5,
+    max: 15,
+    step: 0.5,
+    unit: "°",
+    initial: () => initialOf(site, "pui", "tolerance"),
+    send: (value) => askTolerance({ tolerance_rad: value * DEG }),
+    onInvalid,
+  });
+  const light = slider({
+    label: "Brightness of the strips",
+    min: 0,
+    max: 100,
+    step: 5,
+    unit: "%",
+    initial: () => percent(initialOf(site, "led-driver", "brightness")),
+    send: dim,
+    onInvalid,
+  });
   const element = section("Selecting and light", method.element, time.element, near.element, light.element);
 
   /** Query the values in use once, as soon as the server is present. */

@@ -13,7 +13,9 @@ export type Frame = [atS: number, states: News[], events: News[], status: string
 const MOST_S = 1;
 
 /** Return the parts of the recording in the page. */
-export async function unpacked(base64: string): Promise<[hello: string, timeline: string, ...frames: Frame[]]> {
+export async function unpacked(
+  base64: string,
+): Promise<[hello: string, timeline: string, ...frames: Frame[]]> {
   const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return [...decodeMulti(await new Response(stream).arrayBuffer())] as [string, string, ...Frame[]];
@@ -37,7 +39,13 @@ export class RecordedSocket implements Socket {
   private speed = 1;
 
   /** @param isPlaying from `start` on, s from the beginning. */
-  constructor(private readonly hello: string, private readonly timeline: string, private readonly frames: readonly Frame[], private isPlaying: boolean, private readonly start = 0) {
+  constructor(
+    private readonly hello: string,
+    private readonly timeline: string,
+    private readonly frames: readonly Frame[],
+    private isPlaying: boolean,
+    private readonly start = 0,
+  ) {
     this.began = (JSON.parse(timeline) as { began_ns: number }).began_ns;
     this.end = frames.at(-1)?.[0] ?? 0;
   }
@@ -57,7 +65,7 @@ export class RecordedSocket implements Socket {
     const wish = JSON.parse(text) as Partial<Play>;
     if (wish.kind !== "play") return;
     this.speed = wish.speed ?? this.speed;
-    this.isPlaying = wish.step ? false : wish.is_playing ?? this.isPlaying;
+    this.isPlaying = wish.step ? false : (wish.is_playing ?? this.isPlaying);
     const to = wish.step ? this.frames[this.count - 1 + wish.step]?.[0] : wish.at_s;
     if (typeof to === "number") this.jump(to);
     else this.tell(false);
@@ -105,11 +113,26 @@ export class RecordedSocket implements Socket {
   private show(at: number, states: News[], events: News[], status: string): void {
     if (status) this.hear(status);
     this.batches += 1;
-    this.hear(encode([this.batches, this.began + at * 1e9, this.isPlaying ? this.speed : 0, states, events, 0]).slice().buffer);
+    this.hear(
+      encode([
+        this.batches,
+        this.began + at * 1e9,
+        this.isPlaying ? this.speed : 0,
+        states,
+        events,
+        0,
+      ]).slice().buffer,
+    );
   }
 
   private tell(hasJumped: boolean): void {
-    const playing: Playing = { kind: "playing", at_s: this.at, is_playing: this.isPlaying, speed: this.speed, has_jumped: hasJumped };
+    const playing: Playing = {
+      kind: "playing",
+      at_s: this.at,
+      is_playing: this.isPlaying,
+      speed: this.speed,
+      has_jumped: hasJumped,
+    };
     this.hear(JSON.stringify(playing));
   }
 
@@ -130,7 +153,13 @@ export async function play(element: Element): Promise<() => RecordedSocket> {
   const [hello, timeline, ...frames] = await unpacked(element.textContent);
   element.remove();
   return () => {
-    const socket = new RecordedSocket(hello, timeline, frames, !matchMedia("(prefers-reduced-motion: reduce)").matches, start);
+    const socket = new RecordedSocket(
+      hello,
+      timeline,
+      frames,
+      !matchMedia("(prefers-reduced-motion: reduce)").matches,
+      start,
+    );
     let before = 0;
     requestAnimationFrame(function begin(now: number): void {
       if (before) socket.advance((now - before) / 1000);

@@ -35,21 +35,59 @@ export interface Timeline {
 export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: string) => void): Timeline {
   const { site, connection } = controls;
   const button = (symbol: string, name: string, shortcut: string, run: () => void): HTMLButtonElement =>
-    el("button", { type: "button", "aria-label": name, title: `${name} (${shortcut})`, "aria-keyshortcuts": shortcut, onclick: run }, icon(symbol));
+    el(
+      "button",
+      {
+        type: "button",
+        "aria-label": name,
+        title: `${name} (${shortcut})`,
+        "aria-keyshortcuts": shortcut,
+        onclick: run,
+      },
+      icon(symbol),
+    );
   const playPause = button("play", "Play", "Space", () => self.toggle());
-  const at = el("output", { className: "at" }), ofDay = el("span", { className: "muted of-day" });
-  const speed = el("select", { "aria-label": "Speed", onchange: () => connection.play({ speed: Number(speed.value) }) },
-    ...SPEEDS.map((value) => el("option", { value, text: `${value}×` })));
+  const at = el("output", { className: "at" });
+  const ofDay = el("span", { className: "muted of-day" });
+  const speed = el(
+    "select",
+    { "aria-label": "Speed", onchange: () => connection.play({ speed: Number(speed.value) }) },
+    ...SPEEDS.map((value) => el("option", { value, text: `${value}×` })),
+  );
   const problem = el("p", { className: "fault" });
   const slide = el("input", { type: "range", min: 0, max: 1, step: "any", "aria-label": "Position" });
-  const rows = el("div", { className: "lanes", role: "group", tabindex: 0, "aria-label": "What each person did" });
+  const rows = el("div", {
+    className: "lanes",
+    role: "group",
+    tabindex: 0,
+    "aria-label": "What each person did",
+  });
   const axis = el("div", { className: "axis", "aria-hidden": "true" });
   const tip = el("p", { className: "tip", "aria-hidden": "true", hidden: true });
-  const tracks = el("div", { className: "tracks" }, el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide), axis, rows, tip);
+  const tracks = el(
+    "div",
+    { className: "tracks" },
+    el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide),
+    axis,
+    rows,
+    tip,
+  );
   host.append(
-    el("div", { className: "transport" }, button("before", "Event before", "Shift+E", () => self.event(-1)), button("back", "Message before", ",", () => self.step(-1)), playPause,
-      button("forth", "Next message", ".", () => self.step(1)), button("next", "Next event", "E", () => self.event(1)), at, ofDay, speed),
-    problem, tracks);
+    el(
+      "div",
+      { className: "transport" },
+      button("before", "Event before", "Shift+E", () => self.event(-1)),
+      button("back", "Message before", ",", () => self.step(-1)),
+      playPause,
+      button("forth", "Next message", ".", () => self.step(1)),
+      button("next", "Next event", "E", () => self.event(1)),
+      at,
+      ofDay,
+      speed,
+    ),
+    problem,
+    tracks,
+  );
 
   /** Where a hand holds the position, s; null: it is let go. */
   let held: number | null = null;
@@ -106,8 +144,16 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
     const lane = site.timeline?.lanes[Number(track?.dataset["lane"] ?? -1)];
     show(tip, track !== null && lane !== undefined);
     if (!track || !lane) return;
-    const at = under(event), text = textAt(lane, at, (REACH_PX / Math.max(track.clientWidth, 1)) * (site.timeline?.length_s ?? 0));
-    write(tip, [clock(Math.min(Math.max(at, 0), site.timeline?.length_s ?? 0)), text].filter(Boolean).join(" · "));
+    const at = under(event);
+    const text = textAt(
+      lane,
+      at,
+      (REACH_PX / Math.max(track.clientWidth, 1)) * (site.timeline?.length_s ?? 0),
+    );
+    write(
+      tip,
+      [clock(Math.min(Math.max(at, 0), site.timeline?.length_s ?? 0)), text].filter(Boolean).join(" · "),
+    );
     const { left, top, width } = tracks.getBoundingClientRect();
     tip.style.left = `${Math.min(Math.max(event.clientX - left - tip.offsetWidth / 2, 0), width - tip.offsetWidth)}px`;
     tip.style.top = `${track.getBoundingClientRect().top - top - tip.offsetHeight - 5}px`;
@@ -115,19 +161,34 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
 
   function row(lane: Lane, index: number, before: Lane | undefined, length: number): HTMLElement {
     const drawing = document.createElementNS(SVG, "svg");
-    for (const [attribute, value] of Object.entries({ viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": `${lane.user || "Site"}, ${LANE_NAMES[lane.kind]}: ${lane.items.length}` })) {
+    for (const [attribute, value] of Object.entries({
+      viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+      preserveAspectRatio: "none",
+      role: "img",
+      "aria-label": `${lane.user || "Site"}, ${LANE_NAMES[lane.kind]}: ${lane.items.length}`,
+    })) {
       drawing.setAttribute(attribute, value);
     }
     const kinds = lane.kind === "interaction" ? [...new Set(lane.items.map(([, , text]) => text))] : [""];
     for (const kind of kinds) {
       const path = document.createElementNS(SVG, "path");
       path.setAttribute("class", [lane.kind, kind].filter(Boolean).join(" "));
-      path.setAttribute("d", outline(lane.items.filter(([, , text]) => !kind || text === kind), length));
+      path.setAttribute(
+        "d",
+        outline(
+          lane.items.filter(([, , text]) => !kind || text === kind),
+          length,
+        ),
+      );
       drawing.append(path);
     }
-    return el("div", { className: lane.user === before?.user ? "lane" : "lane first" },
-      el("span", { className: "who", text: lane.user === before?.user ? "" : lane.user || "Site" }), el("span", { className: "what", text: LANE_NAMES[lane.kind] }),
-      el("div", { className: "track", "data-lane": index }, drawing));
+    return el(
+      "div",
+      { className: lane.user === before?.user ? "lane" : "lane first" },
+      el("span", { className: "who", text: lane.user === before?.user ? "" : lane.user || "Site" }),
+      el("span", { className: "what", text: LANE_NAMES[lane.kind] }),
+      el("div", { className: "track", "data-lane": index }, drawing),
+    );
   }
 
   const self: Timeline = {
@@ -137,15 +198,22 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
       document.body.classList.toggle("past", timeline !== null);
       if (!timeline) return;
       const lanes = timeline.lanes;
-      renew(rows, JSON.stringify([timeline.length_s, timeline.read_s, lanes.map(({ items }) => items.length)]), () => lanes.map((lane, index) => row(lane, index, lanes[index - 1], timeline.length_s)));
+      renew(
+        rows,
+        JSON.stringify([timeline.length_s, timeline.read_s, lanes.map(({ items }) => items.length)]),
+        () => lanes.map((lane, index) => row(lane, index, lanes[index - 1], timeline.length_s)),
+      );
       mark(slide, "max", String(timeline.length_s));
       const places = ticks(timeline.length_s, Math.max(2, axis.clientWidth / LABEL_PX));
-      renew(axis, JSON.stringify([timeline.length_s, places]), () => places.map((place) => {
-        const share = place / Math.max(timeline.length_s, 1e-3), isLast = share > 0.9; // its label is on the other side
-        const label = el("span", { className: isLast ? "last" : "", text: clock(place).slice(0, -2) });
-        label.style[isLast ? "right" : "left"] = `${100 * (isLast ? 1 - share : share)}%`;
-        return label;
-      }));
+      renew(axis, JSON.stringify([timeline.length_s, places]), () =>
+        places.map((place) => {
+          const share = place / Math.max(timeline.length_s, 1e-3);
+          const isLast = share > 0.9; // its label is on the other side
+          const label = el("span", { className: isLast ? "last" : "", text: clock(place).slice(0, -2) });
+          label.style[isLast ? "right" : "left"] = `${100 * (isLast ? 1 - share : share)}%`;
+          return label;
+        }),
+      );
       const isPlaying = playing?.is_playing ?? false;
       const does = isPlaying ? "Pause" : "Play";
       mark(playPause.querySelector("use")!, "href", `#icon-${does.toLowerCase()}`);

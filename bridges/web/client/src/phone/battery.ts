@@ -10,7 +10,9 @@ export async function watchBattery(changed: (charge: number) => void): Promise<v
   if (!ask) return;
   try {
     const battery = await ask.call(navigator);
-    const tell = () => { if (battery.level >= 0 && battery.level <= 1) changed(battery.level); };
+    const tell = () => {
+      if (battery.level >= 0 && battery.level <= 1) changed(battery.level);
+    };
     battery.addEventListener("levelchange", tell);
     tell();
   } catch {

@@ -124,7 +124,10 @@ export class Link {
     let parts: unknown = null;
     try {
       answer = await fetch("/wrist", {
-        method: "POST", body: JSON.stringify(items), headers: { "Content-Type": "application/json" }, signal: stop.signal,
+        method: "POST",
+        body: JSON.stringify(items),
+        headers: { "Content-Type": "application/json" },
+        signal: stop.signal,
       });
       if (answer.ok) parts = await answer.json();
     } catch {

@@ -10,9 +10,12 @@ export type Quaternion = [number, number, number, number];
  */
 export function fromAngles(alpha: number, beta: number, gamma: number): Quaternion {
   const half = Math.PI / 360;
-  const cz = Math.cos(alpha * half), sz = Math.sin(alpha * half);
-  const cx = Math.cos(beta * half), sx = Math.sin(beta * half);
-  const cy = Math.cos(gamma * half), sy = Math.sin(gamma * half);
+  const cz = Math.cos(alpha * half);
+  const sz = Math.sin(alpha * half);
+  const cx = Math.cos(beta * half);
+  const sx = Math.sin(beta * half);
+  const cy = Math.cos(gamma * half);
+  const sy = Math.sin(gamma * half);
   return [
     cz * sx * cy - sz * cx * sy,
     cz * cx * sy + sz * sx * cy,

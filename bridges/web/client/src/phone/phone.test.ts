@@ -9,15 +9,35 @@ import { figures, pressWords } from "./words";
 import { withNames } from "../words";
 
 type Matrix = number[][];
-const times = (a: Matrix, b: Matrix): Matrix => a.map((row) => b[0]!.map((_, j) => row.reduce((sum, x, k) => sum + x * b[k]![j]!, 0)));
+const times = (a: Matrix, b: Matrix): Matrix =>
+  a.map((row) => b[0]!.map((_, j) => row.reduce((sum, x, k) => sum + x * b[k]![j]!, 0)));
 
 /** The rotation matrix of the W3C's own formulation, Z X' Y''. */
 function matrix(alpha: number, beta: number, gamma: number): Matrix {
   const rad = (degrees: number) => (degrees * Math.PI) / 180;
-  const [cz, sz, cx, sx, cy, sy] = [Math.cos(rad(alpha)), Math.sin(rad(alpha)), Math.cos(rad(beta)), Math.sin(rad(beta)), Math.cos(rad(gamma)), Math.sin(rad(gamma))];
-  const z = [[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]];
-  const x = [[1, 0, 0], [0, cx, -sx], [0, sx, cx]];
-  const y = [[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]];
+  const [cz, sz, cx, sx, cy, sy] = [
+    Math.cos(rad(alpha)),
+    Math.sin(rad(alpha)),
+    Math.cos(rad(beta)),
+    Math.sin(rad(beta)),
+    Math.cos(rad(gamma)),
+    Math.sin(rad(gamma)),
+  ];
+  const z = [
+    [cz, -sz, 0],
+    [sz, cz, 0],
+    [0, 0, 1],
+  ];
+  const x = [
+    [1, 0, 0],
+    [0, cx, -sx],
+    [0, sx, cx],
+  ];
+  const y = [
+    [cy, 0, sy],
+    [0, 1, 0],
+    [-sy, 0, cy],
+  ];
   return times(times(z, x), y);
 }
 
@@ -31,9 +51,17 @@ function matrixOf([x, y, z, w]: readonly number[]): Matrix {
 
 test("angles of events are the rotation that the W3C's matrices are, within 1e-12", () => {
   let worst = 0;
-  for (let alpha = 0; alpha < 360; alpha += 17) for (let beta = -180; beta <= 180; beta += 13) for (let gamma = -90; gamma <= 90; gamma += 11) {
-    const expected = matrix(alpha, beta, gamma);
-    matrixOf(fromAngles(alpha, beta, gamma)).forEach((row, i) => row.forEach((value, j) => { worst = Math.max(worst, Math.abs(value - expected[i]![j]!)); }));
+  for (let alpha = 0; alpha < 360; alpha += 17) {
+    for (let beta = -180; beta <= 180; beta += 13) {
+      for (let gamma = -90; gamma <= 90; gamma += 11) {
+        const expected = matrix(alpha, beta, gamma);
+        matrixOf(fromAngles(alpha, beta, gamma)).forEach((row, i) =>
+          row.forEach((value, j) => {
+            worst = Math.max(worst, Math.abs(value - expected[i]![j]!));
+          }),
+        );
+      }
+    }
   }
   assert.ok(worst < 1e-12, `${worst}`);
 });
@@ -115,7 +143,8 @@ test("a socket that was open and broke is tried again as such", () => {
 
 test("as long as nothing works both ways are tried in turn, ever more rarely", () => {
   const retries = new RetryPolicy();
-  const tried: string[] = [], waits: number[] = [];
+  const tried: string[] = [];
+  const waits: number[] = [];
   for (let i = 0; i < 9; i++) {
     tried.push(retries.nextTransport());
     waits.push(retries.noteFailure(false));
@@ -159,11 +188,23 @@ test("sentences of the server are understood as far as the page needs it", () =>
 
 test("lamps have names instead of ids in sentences", () => {
   const lamps = ["led_1", "led_10", "behind_left", "door"];
-  assert.equal(withNames("You point 60° to the left of lamp led_10: turn right.", lamps), "You point 60° to the left of lamp 10: turn right.");
-  assert.equal(withNames("Lamp led_1 left, lamp behind_left and door stay, xled_1 is none.", lamps), "lamp 1 left, lamp behind left and door stay, xled_1 is none.");
+  assert.equal(
+    withNames("You point 60° to the left of lamp led_10: turn right.", lamps),
+    "You point 60° to the left of lamp 10: turn right.",
+  );
+  assert.equal(
+    withNames("Lamp led_1 left, lamp behind_left and door stay, xled_1 is none.", lamps),
+    "lamp 1 left, lamp behind left and door stay, xled_1 is none.",
+  );
   assert.equal(withNames("Point at led_1.", []), "Point at led_1.");
 });
 
 test("the big button says what a press does now, not what the state might allow", () => {
-  assert.deepEqual(["start", "cancel", "stop", "confirm", ""].map(pressWords), ["starts pointing", "calls it off", "stops", "confirms; hold it to stop", "hold it to stop"]);
+  assert.deepEqual(["start", "cancel", "stop", "confirm", ""].map(pressWords), [
+    "starts pointing",
+    "calls it off",
+    "stops",
+    "confirms; hold it to stop",
+    "hold it to stop",
+  ]);
 });

@@ -4,8 +4,25 @@
 export type Stage = "before" | "centre" | "button" | "over";
 
 const IDS = [
-  "who", "link", "figures", "before", "start", "trouble", "running", "state", "next", "progress", "said", "big",
-  "big-name", "big-note", "skip", "centre", "place", "listen", "let-go",
+  "who",
+  "link",
+  "figures",
+  "before",
+  "start",
+  "trouble",
+  "running",
+  "state",
+  "next",
+  "progress",
+  "said",
+  "big",
+  "big-name",
+  "big-note",
+  "skip",
+  "centre",
+  "place",
+  "listen",
+  "let-go",
 ] as const;
 type Id = (typeof IDS)[number];
 
@@ -15,11 +32,13 @@ export class Screen {
   private saidUntil: ReturnType<typeof setTimeout> | undefined;
 
   constructor() {
-    this.parts = Object.fromEntries(IDS.map((id) => {
-      const found = document.getElementById(id);
-      if (!found) throw new Error(`phone.html lacks #${id}`);
-      return [id, found];
-    })) as Record<Id, HTMLElement>;
+    this.parts = Object.fromEntries(
+      IDS.map((id) => {
+        const found = document.getElementById(id);
+        if (!found) throw new Error(`phone.html lacks #${id}`);
+        return [id, found];
+      }),
+    ) as Record<Id, HTMLElement>;
   }
 
   /** Call `done` when a button is tapped. */

@@ -8,7 +8,10 @@ interface OrientationSensor extends EventTarget {
   start(): void;
   stop(): void;
 }
-type SensorClass = new (options: { frequency: number; referenceFrame: "device" | "screen" }) => OrientationSensor;
+type SensorClass = new (options: {
+  frequency: number;
+  referenceFrame: "device" | "screen";
+}) => OrientationSensor;
 interface Asking {
   requestPermission?: () => Promise<"granted" | "denied" | "default">;
 }
@@ -33,10 +36,14 @@ export class NoOrientation extends Error {}
 const FREQUENCY_HZ = 60;
 const PATIENCE_MS = 2500;
 
-const INSECURE = "Browsers show a page how the phone moves only over https: scan the QR code again and open the address as it is.";
-const NONE = "This browser does not report the phone's orientation; try Chrome on Android or Safari on iPhone.";
-const SILENT = "No movement is heard: this device has no orientation sensor, or its settings keep it from web pages.";
-const REFUSED = "Motion was refused: allow “Motion & Orientation Access” for this page in the browser's settings, load the page again and tap Start.";
+const INSECURE =
+  "Browsers show a page how the phone moves only over https: scan the QR code again and open the address as it is.";
+const NONE =
+  "This browser does not report the phone's orientation; try Chrome on Android or Safari on iPhone.";
+const SILENT =
+  "No movement is heard: this device has no orientation sensor, or its settings keep it from web pages.";
+const REFUSED =
+  "Motion was refused: allow “Motion & Orientation Access” for this page in the browser's settings, load the page again and tap Start.";
 
 /** Whether orientation can be had here at all; else why not, for the person. */
 export function objection(): string {
@@ -79,7 +86,13 @@ function bySensor(Sensor: SensorClass, events: SensingEvents): Promise<Sensing> 
       if (!isActive) {
         isActive = true;
         clearTimeout(patience);
-        resolve({ source: "sensor", stop: () => { sensor.removeEventListener("error", fail); sensor.stop(); } });
+        resolve({
+          source: "sensor",
+          stop: () => {
+            sensor.removeEventListener("error", fail);
+            sensor.stop();
+          },
+        });
       }
       events.turned(q, sensor.timestamp ?? performance.now());
     });

@@ -5,7 +5,9 @@ export class Wake {
   private isWanted = false;
 
   constructor() {
-    document.addEventListener("visibilitychange", () => { if (this.isWanted) void this.take(); });
+    document.addEventListener("visibilitychange", () => {
+      if (this.isWanted) void this.take();
+    });
   }
 
   /** Keep the screen on, or no longer. Never throws: a screen that goes dark is a nuisance, not a fault. */
@@ -20,7 +22,12 @@ export class Wake {
   }
 
   private async take(): Promise<void> {
-    if (document.visibilityState !== "visible" || !("wakeLock" in navigator) || (this.lock && !this.lock.released)) return;
+    if (
+      document.visibilityState !== "visible" ||
+      !("wakeLock" in navigator) ||
+      (this.lock && !this.lock.released)
+    )
+      return;
     try {
       const lock = await navigator.wakeLock.request("screen");
       if (this.isWanted) this.lock = lock;

@@ -5,7 +5,11 @@ import type { Bounds } from "../geometry/bounds";
 /** `bounds` with `points` in them, seen from above. */
 export function grown({ low, high }: Bounds, points: readonly (readonly [number, number, number])[]): Bounds {
   const side = (of: (...values: number[]) => number, from: readonly number[]) =>
-    [0, 1, 2].map((axis) => of(from[axis]!, ...points.map((point) => point[axis]!))) as [number, number, number];
+    [0, 1, 2].map((axis) => of(from[axis]!, ...points.map((point) => point[axis]!))) as [
+      number,
+      number,
+      number,
+    ];
   return { low: side(Math.min, low), high: side(Math.max, high) };
 }
 
@@ -64,7 +68,8 @@ export class Frame {
 
 /** A round length, m, that is between 60 and 150 px. */
 export function scaleBar(scale: number): number {
-  for (const metres of [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20]) if (metres * scale >= 60) return metres;
+  for (const metres of [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20])
+    if (metres * scale >= 60) return metres;
   return 50;
 }
 

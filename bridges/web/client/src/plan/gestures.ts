@@ -20,14 +20,25 @@ export class Gestures {
   private readonly down = new Map<number, { x: number; y: number }>();
   private readonly stop = new AbortController();
 
-  constructor(private readonly svg: SVGSVGElement, private readonly frame: Frame, private readonly events: GestureEvents) {
+  constructor(
+    private readonly svg: SVGSVGElement,
+    private readonly frame: Frame,
+    private readonly events: GestureEvents,
+  ) {
     const options = { signal: this.stop.signal };
     svg.addEventListener("pointerdown", (event) => this.press(event), options);
     svg.addEventListener("pointermove", (event) => this.move(event), options);
-    for (const name of ["pointerup", "pointercancel"] as const) svg.addEventListener(name, (event) => this.down.delete(event.pointerId), options);
+    for (const name of ["pointerup", "pointercancel"] as const)
+      svg.addEventListener(name, (event) => this.down.delete(event.pointerId), options);
     svg.addEventListener("wheel", (event) => this.wheel(event), { ...options, passive: false });
     svg.addEventListener("keydown", (event) => this.key(event), options);
-    svg.addEventListener("dblclick", () => { if (!this.pointing) this.events.fit(); }, options);
+    svg.addEventListener(
+      "dblclick",
+      () => {
+        if (!this.pointing) this.events.fit();
+      },
+      options,
+    );
   }
 
   /** Listen no more. */
@@ -44,11 +55,13 @@ export class Gestures {
     const at = this.at(event);
     this.down.set(event.pointerId, at);
     this.svg.setPointerCapture(event.pointerId);
-    if (this.pointing && event.pointerType !== "mouse" && this.down.size === 1) this.events.points(at.x, at.y);
+    if (this.pointing && event.pointerType !== "mouse" && this.down.size === 1)
+      this.events.points(at.x, at.y);
   }
 
   private move(event: PointerEvent): void {
-    const at = this.at(event), before = this.down.get(event.pointerId);
+    const at = this.at(event);
+    const before = this.down.get(event.pointerId);
     if (!before) {
       if (this.pointing && event.pointerType !== "touch") this.events.points(at.x, at.y);
       return;
@@ -66,7 +79,10 @@ export class Gestures {
   private pinch(id: number, before: { x: number; y: number }, at: { x: number; y: number }): void {
     const other = [...this.down].find(([each]) => each !== id)?.[1];
     if (!other) return;
-    const [was, is] = [Math.hypot(before.x - other.x, before.y - other.y), Math.hypot(at.x - other.x, at.y - other.y)];
+    const [was, is] = [
+      Math.hypot(before.x - other.x, before.y - other.y),
+      Math.hypot(at.x - other.x, at.y - other.y),
+    ];
     if (was > 10 && is > 10) this.frame.zoom(is / was, (at.x + other.x) / 2, (at.y + other.y) / 2);
     this.frame.pan((at.x - before.x) / 2, (at.y - before.y) / 2);
   }
@@ -82,7 +98,12 @@ export class Gestures {
   private key(event: KeyboardEvent): void {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const middle: [number, number] = [this.frame.width / 2, this.frame.height / 2];
-    const pans: Record<string, [number, number]> = { ArrowLeft: [STEP, 0], ArrowRight: [-STEP, 0], ArrowUp: [0, STEP], ArrowDown: [0, -STEP] };
+    const pans: Record<string, [number, number]> = {
+      ArrowLeft: [STEP, 0],
+      ArrowRight: [-STEP, 0],
+      ArrowUp: [0, STEP],
+      ArrowDown: [0, -STEP],
+    };
     const pan = pans[event.key];
     if (event.key === "+" || event.key === "=") this.frame.zoom(1.25, ...middle);
     else if (event.key === "-") this.frame.zoom(0.8, ...middle);

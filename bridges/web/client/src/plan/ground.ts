@@ -23,12 +23,23 @@ export function drawFloor(layer: Element, bounds: Bounds): void {
 
 /** Squares of the floor from where things are not told apart, and a line around all squares. */
 export function drawSeparability(layer: Element, separability: Separability): void {
-  const { x_m, y_m, told_apart } = separability, box = (x: number, y: number, right: number, high: number) =>
-    ({ x: cm(x), y: cm(-high), width: cm(right - x), height: cm(high - y) });
-  told_apart.forEach((row, j) => row.forEach((told, i) => {
-    if (told === separability.things.length) return;
-    draw(layer, "rect", { class: "plan-apart", "fill-opacity": confusion(separability, told).toFixed(2), ...box(x_m[i]!, y_m[j]!, x_m[i + 1]!, y_m[j + 1]!) });
-  }));
+  const { x_m, y_m, told_apart } = separability;
+  const box = (x: number, y: number, right: number, high: number) => ({
+    x: cm(x),
+    y: cm(-high),
+    width: cm(right - x),
+    height: cm(high - y),
+  });
+  told_apart.forEach((row, j) =>
+    row.forEach((told, i) => {
+      if (told === separability.things.length) return;
+      draw(layer, "rect", {
+        class: "plan-apart",
+        "fill-opacity": confusion(separability, told).toFixed(2),
+        ...box(x_m[i]!, y_m[j]!, x_m[i + 1]!, y_m[j + 1]!),
+      });
+    }),
+  );
   draw(layer, "rect", { class: "plan-apart-edge", ...box(x_m[0]!, y_m[0]!, x_m.at(-1)!, y_m.at(-1)!) });
 }
 
@@ -42,8 +53,13 @@ export function drawBelts(layer: Element, map: Environment, lanes: Lanes): void 
     const count = Math.max(1, Math.floor(line.length / 0.9));
     for (let i = 0; i < count; i++) {
       const at = ((i + 0.5) * line.length) / count;
-      const [x, y] = line.pointAt(at), heading = line.headingAt(at), size = 0.07;
-      const wing = (side: number) => [x - size * Math.cos(heading + side), y - size * Math.sin(heading + side)];
+      const [x, y] = line.pointAt(at);
+      const heading = line.headingAt(at);
+      const size = 0.07;
+      const wing = (side: number) => [
+        x - size * Math.cos(heading + side),
+        y - size * Math.sin(heading + side),
+      ];
       arrows.push(path([wing(0.8), [x, y], wing(-0.8)]));
     }
     draw(layer, "path", { class: "plan-arrows", d: arrows.join("") });
@@ -54,23 +70,49 @@ export function drawBelts(layer: Element, map: Environment, lanes: Lanes): void 
 export function drawSolids(layer: Element, map: Environment): void {
   for (const plane of map.planes) {
     if (!plane.size_m) continue;
-    const [u, v] = plane.size_m, [nx, ny, nz] = plane.normal;
+    const [u, v] = plane.size_m;
+    const [nx, ny, nz] = plane.normal;
     const yaw = Math.hypot(nx, ny) > 1e-6 ? Math.atan2(ny, nx) - Math.PI / 2 : 0;
     const group = draw(layer, "g", { transform: `translate(${xy(plane.center_m)}) rotate(${turned(yaw)})` });
     const deep = Math.max(v * Math.abs(nz), 0.02);
-    draw(group, "rect", { class: Math.abs(nz) > 0.5 ? "plan-level" : "plan-wall", x: cm(-u / 2), y: cm(-deep / 2), width: cm(u), height: cm(deep) });
+    draw(group, "rect", {
+      class: Math.abs(nz) > 0.5 ? "plan-level" : "plan-wall",
+      x: cm(-u / 2),
+      y: cm(-deep / 2),
+      width: cm(u),
+      height: cm(deep),
+    });
   }
   for (const box of map.boxes) {
-    const group = draw(layer, "g", { transform: `translate(${xy(box.center_m)}) rotate(${turned(box.yaw_rad)})` });
+    const group = draw(layer, "g", {
+      transform: `translate(${xy(box.center_m)}) rotate(${turned(box.yaw_rad)})`,
+    });
     const [wide, deep] = box.size_m;
-    draw(group, "rect", { class: "plan-solid", x: cm(-wide / 2), y: cm(-deep / 2), width: cm(wide), height: cm(deep) });
+    draw(group, "rect", {
+      class: "plan-solid",
+      x: cm(-wide / 2),
+      y: cm(-deep / 2),
+      width: cm(wide),
+      height: cm(deep),
+    });
   }
   for (const round of [...map.cylinders, ...map.spheres]) {
-    draw(layer, "circle", { class: "plan-solid", cx: cm(round.center_m[0]), cy: cm(-round.center_m[1]), r: cm(round.radius_m) });
+    draw(layer, "circle", {
+      class: "plan-solid",
+      cx: cm(round.center_m[0]),
+      cy: cm(-round.center_m[1]),
+      r: cm(round.radius_m),
+    });
   }
   for (const cloud of map.clouds) {
     const [wide, deep] = [cloud.high_m[0] - cloud.low_m[0], cloud.high_m[1] - cloud.low_m[1]];
-    draw(layer, "rect", { class: "plan-cloud", x: cm(cloud.low_m[0]), y: cm(-cloud.high_m[1]), width: cm(wide), height: cm(deep) });
+    draw(layer, "rect", {
+      class: "plan-cloud",
+      x: cm(cloud.low_m[0]),
+      y: cm(-cloud.high_m[1]),
+      width: cm(wide),
+      height: cm(deep),
+    });
   }
 }
 
@@ -80,10 +122,13 @@ export function drawBays(layer: Element, map: Environment, lanes: Lanes): Map<st
   for (const bay of map.bays) {
     const line = lanes.line("belt", bay.belt);
     if (!line) continue;
-    const heading = line.headingAt(line.length), [x, y] = line.pointAt(line.length + 0.12, true);
+    const heading = line.headingAt(line.length);
+    const [x, y] = line.pointAt(line.length + 0.12, true);
     const anchor = Math.cos(heading) > 0.4 ? "start" : Math.cos(heading) < -0.4 ? "end" : "middle";
     const lift = -Math.sin(heading) * 22;
-    const group = draw(draw(layer, "g", { transform: `translate(${xy([x, y])})` }), "g", { class: "plan-upright" });
+    const group = draw(draw(layer, "g", { transform: `translate(${xy([x, y])})` }), "g", {
+      class: "plan-upright",
+    });
     draw(group, "text", { class: "plan-bay", "text-anchor": anchor, y: lift - 3 }, `Bay ${bay.id}`);
     counts.set(bay.id, draw(group, "text", { class: "plan-note", "text-anchor": anchor, y: lift + 13 }));
   }

@@ -20,7 +20,10 @@ interface Row {
 
 export class Lights {
   private readonly rows = new Map<string, Row>();
-  private readonly lamps = new Map<string, { bulb: SVGElement; halo: SVGElement; target: SVGElement; note: SVGTextElement }>();
+  private readonly lamps = new Map<
+    string,
+    { bulb: SVGElement; halo: SVGElement; target: SVGElement; note: SVGTextElement }
+  >();
   private frame: StripsFrame | null = null;
 
   /** `strips` and `lamps` are layers of the plan, emptied by who calls. */
@@ -28,18 +31,27 @@ export class Lights {
     for (const strip of map.strips) {
       const line = lanes.line("strip", strip.id);
       if (!line) continue;
-      const at = edges(strip, line), d = `M${at.join("L")}`;
+      const at = edges(strip, line);
+      const d = `M${at.join("L")}`;
       const group = draw(strips, "g", { "aria-hidden": "true" });
       draw(strips, "path", { class: "plan-gaps", d, pathLength: strip.pixels });
       draw(group, "path", { class: "plan-strip", d });
       this.rows.set(strip.id, { at, group, pens: [], shown: null });
     }
     for (const lamp of map.lamps) {
-      const group = draw(draw(lamps, "g", { transform: `translate(${xy(lamp.position_m)})` }), "g", { class: "plan-upright" });
+      const group = draw(draw(lamps, "g", { transform: `translate(${xy(lamp.position_m)})` }), "g", {
+        class: "plan-upright",
+      });
       const halo = draw(group, "circle", { class: "plan-halo", r: 16 });
       const target = draw(group, "circle", { class: "plan-target", r: 15 });
       const bulb = draw(group, "circle", { class: "plan-lamp", r: 7 });
-      if (!isOfThing(map, lamp.id)) draw(group, "text", { class: "plan-name", y: -21, "text-anchor": "middle" }, placeName(lamp.id, "lamp"));
+      if (!isOfThing(map, lamp.id))
+        draw(
+          group,
+          "text",
+          { class: "plan-name", y: -21, "text-anchor": "middle" },
+          placeName(lamp.id, "lamp"),
+        );
       const note = draw(group, "text", { class: "plan-note", y: 32, "text-anchor": "middle" });
       this.lamps.set(lamp.id, { bulb, halo, target, note });
     }
@@ -50,10 +62,12 @@ export class Lights {
       this.frame = site.strips;
       for (const strip of site.strips.strips) this.colour(strip.id, strip.rgb);
     }
-    const wanted = new Map<string, string>(), dark = darkLamps(site);
+    const wanted = new Map<string, string>();
+    const dark = darkLamps(site);
     for (const person of site.people.values()) {
       const search = person.localization;
-      if (search?.phase === "sampling" && search.target_id) wanted.set(search.target_id, `${person.user}: ${Math.round(search.progress * 100)} %`);
+      if (search?.phase === "sampling" && search.target_id)
+        wanted.set(search.target_id, `${person.user}: ${Math.round(search.progress * 100)} %`);
     }
     for (const [id, { bulb, halo, target, note }] of this.lamps) {
       const color = dark.has(id) ? undefined : site.lamps.get(id)?.color;

@@ -25,7 +25,10 @@ export class PlanList {
   private readonly summary = document.createElement("summary");
   private readonly count = document.createElement("span");
   private readonly hint = document.createElement("p");
-  private readonly lists = new Map<string, { list: HTMLUListElement; head: HTMLElement; lines: Map<string, Line> }>();
+  private readonly lists = new Map<
+    string,
+    { list: HTMLUListElement; head: HTMLElement; lines: Map<string, Line> }
+  >();
   private told = -Infinity;
   private canPoint = false;
   private followed = "";
@@ -39,7 +42,9 @@ export class PlanList {
     columns.className = "plan-columns";
     this.element.append(columns);
     for (const title of ["People", "Robots", "Objects", "Lamps"]) {
-      const section = document.createElement("section"), head = document.createElement("h3"), list = document.createElement("ul");
+      const section = document.createElement("section");
+      const head = document.createElement("h3");
+      const list = document.createElement("ul");
       head.textContent = title;
       head.id = `plan-list-${title.toLowerCase()}`;
       list.setAttribute("aria-labelledby", head.id);
@@ -62,9 +67,17 @@ export class PlanList {
   update(site: Site, now = performance.now()): void {
     if (now - this.told < EVERY_MS) return;
     this.told = now;
-    const people = peopleRows(site), robots = robotRows(site), objects = objectRows(site), lamps = lampRows(site);
+    const people = peopleRows(site);
+    const robots = robotRows(site);
+    const objects = objectRows(site);
+    const lamps = lampRows(site);
     const count = (many: number, one: string) => `${many} ${one}${many === 1 ? "" : "s"}`;
-    const listed = [`${people.length} ${people.length === 1 ? "person" : "people"}`, ...(robots.length ? [count(robots.length, "robot")] : []), count(objects.length, "object"), count(lamps.length, "lamp")];
+    const listed = [
+      `${people.length} ${people.length === 1 ? "person" : "people"}`,
+      ...(robots.length ? [count(robots.length, "robot")] : []),
+      count(objects.length, "object"),
+      count(lamps.length, "lamp"),
+    ];
     write(this.count, `As a list: ${listed.join(", ")}`);
     if (!this.element.open) return;
     this.fill("People", people, false);
@@ -86,14 +99,17 @@ export class PlanList {
     rows.forEach((row, i) => {
       const line = lines.get(row.key) ?? this.line(row, canBeAimedAt);
       lines.set(row.key, line);
-      if (list.children[i] !== line.item && !line.item.contains(document.activeElement)) list.insertBefore(line.item, list.children[i] ?? null);
+      if (list.children[i] !== line.item && !line.item.contains(document.activeElement))
+        list.insertBefore(line.item, list.children[i] ?? null);
       write(line.name, row.name);
       write(line.text, row.text);
     });
   }
 
   private line(row: Row, canBeAimedAt: boolean): Line {
-    const item = document.createElement("li"), name = document.createElement("strong"), text = document.createElement("span");
+    const item = document.createElement("li");
+    const name = document.createElement("strong");
+    const text = document.createElement("span");
     item.append(name, " ", text);
     let button: HTMLButtonElement | null = null;
     if (canBeAimedAt) {
@@ -117,13 +133,20 @@ export class PlanList {
   }
 
   private say(): void {
-    write(this.hint, this.canPoint
-      ? "Choose what to point at; the arm stays on it until you choose again or move the mouse over the room."
-      : "To point from here, take a person's arm first: choose the mouse as who points.");
+    write(
+      this.hint,
+      this.canPoint
+        ? "Choose what to point at; the arm stays on it until you choose again or move the mouse over the room."
+        : "To point from here, take a person's arm first: choose the mouse as who points.",
+    );
   }
 }
 
 function neighbour(item: Element): HTMLElement | null {
   const other = item.nextElementSibling ?? item.previousElementSibling;
-  return other?.querySelector<HTMLElement>("button:not([hidden])") ?? item.closest("details")?.querySelector("summary") ?? null;
+  return (
+    other?.querySelector<HTMLElement>("button:not([hidden])") ??
+    item.closest("details")?.querySelector("summary") ??
+    null
+  );
 }

@@ -42,7 +42,10 @@ export class Packages {
   private readonly figures = new Map<string, Figure>();
 
   /** `boxes` lie below strips and people, `letters` above them. */
-  constructor(private readonly boxes: Element, private readonly letters: Element) {}
+  constructor(
+    private readonly boxes: Element,
+    private readonly letters: Element,
+  ) {}
 
   update(site: Site, lanes: Lanes): void {
     const now = siteNow(site);
@@ -52,7 +55,13 @@ export class Packages {
     for (const { object, stamp_ns } of thingsOf(site)) {
       const { at, heading } = lanes.placed(object, stamp_ns, now);
       const [long, wide] = sizeOf(object);
-      const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (isSegment(object) ? SEGMENT_M : wide) / 2 };
+      const drawn: Drawn = {
+        object,
+        at,
+        heading,
+        halfLength: long / 2,
+        halfBreadth: (isSegment(object) ? SEGMENT_M : wide) / 2,
+      };
       this.drawn.set(object.id, drawn);
       const figure = this.figures.get(object.id) ?? this.make(object);
       this.place(figure, drawn);
@@ -68,7 +77,8 @@ export class Packages {
 
   /** Remove all; the next update redraws. */
   clear(): void {
-    for (const { turning, place } of this.figures.values()) for (const element of [turning, place]) element.remove();
+    for (const { turning, place } of this.figures.values())
+      for (const element of [turning, place]) element.remove();
     this.figures.clear();
     this.drawn.clear();
   }
@@ -77,7 +87,12 @@ export class Packages {
     const turning = draw(this.boxes, "g");
     const isRound = !isBox(object) && (object.surface === "none" || object.surface === "points");
     const shape = (name: string) => draw(turning, isRound ? "circle" : "rect", { class: name });
-    const [hold, edge, ring, box] = [shape("plan-held"), shape("plan-owned-edge"), shape("plan-owned"), shape("plan-box")];
+    const [hold, edge, ring, box] = [
+      shape("plan-held"),
+      shape("plan-owned-edge"),
+      shape("plan-owned"),
+      shape("plan-box"),
+    ];
     const color = kindColor(object.kind);
     mark(box, "fill", cssColor(color));
     if (isSegment(object)) mark(box, "fill-opacity", 0.4);
@@ -85,9 +100,18 @@ export class Packages {
     const upright = draw(place, "g", { class: "plan-upright" });
     const below = draw(place, "g");
     const isThin = isSegment(object);
-    const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
+    const letter = draw(
+      upright,
+      "text",
+      { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 },
+      kindLetter(object.kind),
+    );
     if (!isThin) letter.style.fill = inkOn(color); // an attribute counts less than the style sheet
-    const text = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
+    const text = draw(draw(below, "g", { class: "plan-upright" }), "text", {
+      class: "plan-owner",
+      "text-anchor": "middle",
+      y: 15,
+    });
     if (isBox(object)) draw(text, "tspan", { class: "plan-thing" }, `${object.kind || object.id} `);
     const owner = draw(text, "tspan");
     const figure = { turning, box, edge, ring, hold, place, below, letter, owner };
@@ -99,13 +123,24 @@ export class Packages {
     mark(figure.turning, "transform", `translate(${xy(at)}) rotate(${turned(heading)})`);
     const isThin = isSegment(object);
     const aside = isThin ? halfBreadth + 0.1 : 0;
-    mark(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
-    const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
+    mark(
+      figure.place,
+      "transform",
+      `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`,
+    );
+    const tall = isThin
+      ? 0.05
+      : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
     const isBeside = isThin && Math.abs(Math.sin(heading)) > 0.5;
     mark(figure.owner.parentElement!, "text-anchor", isBeside ? "end" : "middle");
     mark(figure.owner.parentElement!, "x", isBeside ? 8 : 0);
     mark(figure.below, "transform", `translate(0 ${cm(tall)})`);
-    for (const [shape, by] of [[figure.box, 0], [figure.edge, RING_M], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
+    for (const [shape, by] of [
+      [figure.box, 0],
+      [figure.edge, RING_M],
+      [figure.ring, RING_M],
+      [figure.hold, 2 * RING_M],
+    ] as const) {
       if (shape.tagName === "circle") {
         mark(shape, "r", cm(halfLength + by));
         continue;
@@ -122,7 +157,10 @@ export class Packages {
   private mark(figure: Figure, site: Site, object: TrackedObject, owner: string, holder: string): void {
     for (const element of [figure.edge, figure.ring]) show(element, owner !== "");
     show(figure.hold, holder !== "" && holder !== owner);
-    for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
+    for (const [element, user] of [
+      [figure.ring, owner],
+      [figure.hold, holder],
+    ] as const) {
       if (!user) continue;
       const style = styleOf(site.people.get(user)?.profile);
       mark(element, "stroke", style.color);

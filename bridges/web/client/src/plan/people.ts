@@ -42,7 +42,11 @@ export class People {
   private readonly figures = new Map<string, Figure>();
 
   /** Layers of the plan: on the floor, bodies, and above everything. */
-  constructor(private readonly floor: Element, private readonly bodies: Element, private readonly top: Element) {}
+  constructor(
+    private readonly floor: Element,
+    private readonly bodies: Element,
+    private readonly top: Element,
+  ) {}
 
   update(site: Site, packages: Packages, chosen: string): void {
     const gauges = new Map<string, number>();
@@ -62,9 +66,12 @@ export class People {
   }
 
   private make(user: string): Figure {
-    const below = draw(this.floor, "g"), middle = draw(this.bodies, "g"), above = draw(this.top, "g");
+    const below = draw(this.floor, "g");
+    const middle = draw(this.bodies, "g");
+    const above = draw(this.top, "g");
     const unsure = draw(below, "ellipse", { class: "plan-unsure" });
-    const proposal = draw(below, "g"), flag = draw(above, "g");
+    const proposal = draw(below, "g");
+    const flag = draw(above, "g");
     const pole = draw(flag, "g", { class: "plan-upright" });
     for (const name of ["plan-goal-edge", ""]) {
       draw(proposal, "circle", { class: name || "plan-proposal", r: 30 });
@@ -76,18 +83,46 @@ export class People {
     draw(body, "path", { class: "plan-nose", d: "M16 0L8 -6L8 6Z" });
     draw(body, "circle", { class: "plan-head", r: 10.5 });
     const nameAt = draw(middle, "g");
-    const name = draw(draw(nameAt, "g", { class: "plan-upright" }), "text", { class: "plan-name plan-person", "text-anchor": "middle" });
+    const name = draw(draw(nameAt, "g", { class: "plan-upright" }), "text", {
+      class: "plan-name plan-person",
+      "text-anchor": "middle",
+    });
     const rayEdge = draw(above, "path", { class: "plan-ray-edge" });
     const ray = draw(above, "path", { class: "plan-ray" });
-    const cursor = draw(above, "g"), upright = draw(cursor, "g", { class: "plan-upright" });
+    const cursor = draw(above, "g");
+    const upright = draw(cursor, "g", { class: "plan-upright" });
     draw(upright, "circle", { class: "plan-cursor-edge", r: 9 });
     const ring = draw(upright, "circle", { class: "plan-cursor", r: 9 });
     const dot = draw(draw(above, "g"), "circle", { class: "plan-dot", r: 2.5 });
-    const gauge = draw(above, "g"), meter = draw(gauge, "g", { class: "plan-upright" });
+    const gauge = draw(above, "g");
+    const meter = draw(gauge, "g", { class: "plan-upright" });
     draw(meter, "circle", { class: "plan-gauge-back", r: 19 });
-    const arc = draw(meter, "circle", { class: "plan-gauge", r: 19, pathLength: 100, transform: "rotate(-90)" });
+    const arc = draw(meter, "circle", {
+      class: "plan-gauge",
+      r: 19,
+      pathLength: 100,
+      transform: "rotate(-90)",
+    });
     const action = draw(meter, "text", { class: "plan-action", "text-anchor": "middle", x: 0, y: -25 });
-    const figure = { layers: [below, middle, above], unsure, body, torso, arm, name, nameAt, rayEdge, ray, cursor, ring, dot, gauge, arc, action, flag, proposal };
+    const figure = {
+      layers: [below, middle, above],
+      unsure,
+      body,
+      torso,
+      arm,
+      name,
+      nameAt,
+      rayEdge,
+      ray,
+      cursor,
+      ring,
+      dot,
+      gauge,
+      arc,
+      action,
+      flag,
+      proposal,
+    };
     this.figures.set(user, figure);
     return figure;
   }
@@ -98,20 +133,28 @@ export class People {
     if (!stands) return;
     const feet = stands.position_m;
     for (const element of [figure.body, figure.arm]) mark(element, "opacity", stands.isAssumed ? 0.5 : 1);
-    const style = styleOf(person.profile), yaw = facing(person, isFresh);
+    const style = styleOf(person.profile);
+    const yaw = facing(person, isFresh);
     mark(figure.body, "transform", `translate(${xy(feet)}) rotate(${turned(yaw)})`);
     mark(figure.nameAt, "transform", `translate(${xy([feet[0], feet[1] - 0.36])})`);
     mark(figure.name, "y", 10);
-    write(figure.name, `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`);
+    write(
+      figure.name,
+      `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`,
+    );
     mark(figure.torso, "fill", style.isHollow ? "none" : style.color);
     mark(figure.torso, "stroke", style.isHollow ? style.color : "");
-    const body = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
+    const body = person.profile?.body ?? DEFAULT_BODY;
+    const hand = person.profile?.hand ?? "right";
     const { origin_m: origin, direction } = (isFresh && person.cursor) || { origin_m: null, direction: null };
-    const arm = origin && direction
-      ? pointingArm(body, hand, feet, yaw, origin, direction)
-      : hangingArm(body, hand, feet, yaw);
+    const arm =
+      origin && direction
+        ? pointingArm(body, hand, feet, yaw, origin, direction)
+        : hangingArm(body, hand, feet, yaw);
     mark(figure.arm, "d", path([arm.shoulder, arm.elbow, arm.finger]));
-    const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
+    const { major, minor, angle } = person.pose
+      ? ellipseOf(person.pose.covariance)
+      : { major: 0, minor: 0, angle: 0 };
     show(figure.unsure, major > 0.005);
     mark(figure.unsure, "rx", cm(major));
     mark(figure.unsure, "ry", cm(minor));
@@ -122,7 +165,8 @@ export class People {
 
   private drawRay(figure: Figure, person: Person, isFresh: boolean): void {
     const cursor = isFresh ? person.cursor : null;
-    const origin = cursor?.origin_m, direction = cursor?.direction;
+    const origin = cursor?.origin_m;
+    const direction = cursor?.direction;
     const point = cursor?.point_m ?? null;
     const end = point ?? (origin && direction ? rayEnd(origin, direction) : null);
     const style = styleOf(person.profile);
@@ -147,14 +191,23 @@ export class People {
 
   private drawGoal({ flag, proposal }: Figure, site: Site, person: Person): void {
     const { color } = styleOf(person.profile);
-    for (const [element, at] of [[flag, goalOf(site, person)?.position_m], [proposal, proposalOf(person)]] as const) {
+    for (const [element, at] of [
+      [flag, goalOf(site, person)?.position_m],
+      [proposal, proposalOf(person)],
+    ] as const) {
       show(element, !!at);
       if (at) mark(element, "transform", `translate(${xy(at)})`);
       mark(element, "stroke", color);
     }
   }
 
-  private drawGauge(figure: Figure, person: Person, isFresh: boolean, packages: Packages, gauges: Map<string, number>): void {
+  private drawGauge(
+    figure: Figure,
+    person: Person,
+    isFresh: boolean,
+    packages: Packages,
+    gauges: Map<string, number>,
+  ): void {
     const hover = isFresh ? person.hover : null;
     const on = hover?.object_id ? packages.drawn.get(hover.object_id) : undefined;
     show(figure.gauge, !!hover && !!on);

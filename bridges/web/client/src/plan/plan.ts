@@ -27,7 +27,21 @@ const CHECK_MS = 1000;
 const EDGE_PX = 6;
 /** The pointer snaps to a lamp or strip within this distance, px. */
 const NEAR_PX = 10;
-const LAYERS = ["apart", "ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
+const LAYERS = [
+  "apart",
+  "ground",
+  "fences",
+  "belts",
+  "bays",
+  "floor",
+  "packages",
+  "strips",
+  "lamps",
+  "bodies",
+  "letters",
+  "top",
+  "aim",
+] as const;
 
 class Plan implements View {
   readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false, lens: [] };
@@ -58,11 +72,22 @@ class Plan implements View {
   private drawnAt: number[] = [];
   private checkedAt = -Infinity;
 
-  constructor(host: HTMLElement, private readonly options: ViewOptions) {
+  constructor(
+    host: HTMLElement,
+    private readonly options: ViewOptions,
+  ) {
     this.box.className = "plan";
-    this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "img", "aria-label": "Plan of the room from above; the list below has the same as text. Plus and minus zoom, 0 shows everything." });
+    this.svg = draw(this.box, "svg", {
+      class: "plan-map",
+      tabindex: 0,
+      role: "img",
+      "aria-label":
+        "Plan of the room from above; the list below has the same as text. Plus and minus zoom, 0 shows everything.",
+    });
     this.world = draw(this.svg, "g");
-    this.layers = Object.fromEntries(LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })])) as typeof this.layers;
+    this.layers = Object.fromEntries(
+      LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })]),
+    ) as typeof this.layers;
     const bar = draw(this.svg, "g", { class: "plan-scale" });
     this.bar = { line: draw(bar, "path", {}), text: draw(bar, "text", { x: 14 }) };
     const cross = draw(this.layers.aim, "g", { class: "plan-upright" });
@@ -74,7 +99,9 @@ class Plan implements View {
     this.robots = new Robots(this.layers.floor, this.layers.bodies, this.layers.top);
     host.append(this.box);
     this.gestures = new Gestures(this.svg, this.frame, {
-      moved: () => this.moved(), points: (x, y) => this.pointAtPixel(x, y), fit: () => this.fit(),
+      moved: () => this.moved(),
+      points: (x, y) => this.pointAtPixel(x, y),
+      fit: () => this.fit(),
     });
     this.sized = new ResizeObserver(() => this.resize());
     this.sized.observe(this.svg);
@@ -84,7 +111,10 @@ class Plan implements View {
   draw(site: Site): void {
     this.site = site;
     if (site.mapVersion !== this.mapVersion) this.rebuild(site);
-    const who = [...[...site.people.values()].filter(standingOf).map(({ user }) => user), ...site.robots.keys()].join(" ");
+    const who = [
+      ...[...site.people.values()].filter(standingOf).map(({ user }) => user),
+      ...site.robots.keys(),
+    ].join(" ");
     if (who !== this.shown) {
       this.shown = who;
       if (this.isFitted) this.fit();
@@ -133,7 +163,16 @@ class Plan implements View {
     if (!this.isPointing) return;
     const cursor = this.site?.people.get(this.user)?.cursor?.point_m;
     const from = this.aim ?? cursor ?? [this.frame.x, this.frame.y, 0];
-    this.aimAt(pointedPosition(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
+    this.aimAt(
+      pointedPosition(
+        this.site?.map ?? null,
+        this.lanes,
+        this.packages.drawn.values(),
+        from[0] + right,
+        from[1] + away,
+        0.02,
+      ),
+    );
   }
 
   pointAt(at: Vec3): void {
@@ -161,7 +200,8 @@ class Plan implements View {
   private rebuild(site: Site): void {
     this.mapVersion = site.mapVersion;
     this.lanes = new Lanes(site.map);
-    for (const name of ["ground", "fences", "belts", "bays", "strips", "lamps"] as const) this.layers[name].replaceChildren();
+    for (const name of ["ground", "fences", "belts", "bays", "strips", "lamps"] as const)
+      this.layers[name].replaceChildren();
     this.packages.clear();
     this.lights = null;
     if (!site.map) return;
@@ -178,13 +218,27 @@ class Plan implements View {
   private count(site: Site): void {
     for (const [bay, text] of this.counts) {
       const kinds = (site.conveyor?.bays ?? []).filter((each) => each.bay === bay && each.count > 0);
-      write(text, kinds.map(({ kind, count, selected }) => `${count} ${kind}${selected ? ` (${selected} selected)` : ""}`).join(", ") || "empty");
+      write(
+        text,
+        kinds
+          .map(({ kind, count, selected }) => `${count} ${kind}${selected ? ` (${selected} selected)` : ""}`)
+          .join(", ") || "empty",
+      );
     }
   }
 
   private pointAtPixel(px: number, py: number): void {
     const [x, y] = this.frame.toWorld(px, py);
-    this.aimAt(pointedPosition(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), x, y, NEAR_PX / this.frame.scale));
+    this.aimAt(
+      pointedPosition(
+        this.site?.map ?? null,
+        this.lanes,
+        this.packages.drawn.values(),
+        x,
+        y,
+        NEAR_PX / this.frame.scale,
+      ),
+    );
   }
 
   private aimAt(at: Vec3): void {
@@ -198,7 +252,11 @@ class Plan implements View {
       return stands ? [stands.position_m] : [];
     });
     const robots = this.site ? seenRobots(this.site).map(({ state }) => state.position_m) : [];
-    if (this.site?.map) this.frame.fit(grown(boundsOf(this.site.map), [...people, ...robots]), Math.min(70, this.frame.width * 0.16));
+    if (this.site?.map)
+      this.frame.fit(
+        grown(boundsOf(this.site.map), [...people, ...robots]),
+        Math.min(70, this.frame.width * 0.16),
+      );
     this.isFitted = true;
     this.apply();
   }
@@ -219,11 +277,16 @@ class Plan implements View {
   /** Move texts that reach over the edge of the plan, but not what is out of sight, into it. */
   private keepInside(): void {
     this.checkedAt = performance.now();
-    const edge = this.svg.getBoundingClientRect(), texts = [...this.world.querySelectorAll("text")];
+    const edge = this.svg.getBoundingClientRect();
+    const texts = [...this.world.querySelectorAll("text")];
     const moves = texts.map((text) => {
-      const { left, right } = text.getBoundingClientRect(), before = parseFloat(text.style.translate) || 0;
+      const { left, right } = text.getBoundingClientRect();
+      const before = parseFloat(text.style.translate) || 0;
       if (left - before > edge.right || right - before < edge.left) return 0;
-      return Math.max(edge.left + EDGE_PX - (left - before), 0) + Math.min(edge.right - EDGE_PX - (right - before), 0);
+      return (
+        Math.max(edge.left + EDGE_PX - (left - before), 0) +
+        Math.min(edge.right - EDGE_PX - (right - before), 0)
+      );
     });
     texts.forEach((text, i) => {
       const translate = moves[i] ? `${Math.round(moves[i])}px` : "";
@@ -239,7 +302,8 @@ class Plan implements View {
     this.svg.classList.toggle("plan-near", frame.scale > 250);
     this.svg.classList.toggle("plan-far", frame.scale < 60);
     this.keepInside();
-    const metres = scaleBar(frame.scale), y = frame.height - 16;
+    const metres = scaleBar(frame.scale);
+    const y = frame.height - 16;
     mark(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
     mark(this.bar.text, "y", y - 9);
     write(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);

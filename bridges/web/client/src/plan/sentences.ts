@@ -15,18 +15,30 @@ export interface Row {
 }
 
 /** Selected or not, in words, by the effect of selecting. */
-const STATES = { claim: ["selected", "not selected"], button: ["fired", "ready"], switch: ["switched on", "off"] } as const;
+const STATES = {
+  claim: ["selected", "not selected"],
+  button: ["fired", "ready"],
+  switch: ["switched on", "off"],
+} as const;
 
 /** People in counting order: activity and target. */
 export function peopleRows(site: Site): Row[] {
-  return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
-    key: person.user, name: person.user, text: [whatTheyDo(person), ...whereTheyStand(person), ...whatTheyPointAt(site, person)].join("; "),
-  }));
+  return [...site.people.values()]
+    .sort((a, b) => byName(a.user, b.user))
+    .map((person) => ({
+      key: person.user,
+      name: person.user,
+      text: [whatTheyDo(person), ...whereTheyStand(person), ...whatTheyPointAt(site, person)].join("; "),
+    }));
 }
 
 /** Robots: who steers each, what it does, and why not. */
 export function robotRows(site: Site): Row[] {
-  return seenRobots(site).map(({ name, state }) => ({ key: name, name, text: [robotLine(state), state.reason].filter(Boolean).join("; ") }));
+  return seenRobots(site).map(({ name, state }) => ({
+    key: name,
+    name,
+    text: [robotLine(state), state.reason].filter(Boolean).join("; "),
+  }));
 }
 
 /** Objects with their owners. */
@@ -35,12 +47,20 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
   const all = thingsOf(site).map(({ object }) => object);
   const short = shortNames(all.map(({ id }) => id));
-  return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
-    const owner = owners.get(object.id), holder = holders.get(object.id);
-    const [on, off] = STATES[object.mode];
-    const state = owner ? `${on} by ${owner}` : holder ? `${holder} is about to select it` : off;
-    return { key: object.id, name: isBox(object) ? thing(site, object.id) : `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
-  });
+  return all
+    .sort((a, b) => byName(a.id, b.id))
+    .map((object) => {
+      const owner = owners.get(object.id);
+      const holder = holders.get(object.id);
+      const [on, off] = STATES[object.mode];
+      const state = owner ? `${on} by ${owner}` : holder ? `${holder} is about to select it` : off;
+      return {
+        key: object.id,
+        name: isBox(object) ? thing(site, object.id) : `${thing(site, object.id)} ${short.get(object.id)!}`,
+        text: `${whereItIs(object)}; ${state}`,
+        object,
+      };
+    });
 }
 
 /** Lamps: whether they shine, and who is to point at them. */
@@ -55,7 +75,9 @@ export function lampRows(site: Site): (Row & { at: [number, number, number] })[]
     const isLit = !dark.has(lamp.id) && (site.lamps.get(lamp.id)?.color.some((part) => part > 0) ?? false);
     const who = wanted.get(lamp.id);
     return {
-      key: lamp.id, name: placeName(lamp.id, "lamp"), at: [...lamp.position_m],
+      key: lamp.id,
+      name: placeName(lamp.id, "lamp"),
+      at: [...lamp.position_m],
       text: [isLit ? "lit" : "dark", ...(who ? [`${who.join(", ")} is to point at it`] : [])].join("; "),
     };
   });
@@ -72,13 +94,20 @@ export function shortNames(ids: readonly string[]): Map<string, string> {
 function whatTheyDo(person: Person): string {
   const state = person.interaction ? stateTitle(person.interaction.state).toLowerCase() : "nothing heard yet";
   const search = person.localization;
-  const isSearching = person.interaction?.state === "localizing" && search?.phase === "sampling" && search.target_id;
-  return isSearching ? `${state}, pointing at ${placeName(search.target_id, "lamp")}, ${Math.round(search.progress * 100)} %` : state;
+  const isSearching =
+    person.interaction?.state === "localizing" && search?.phase === "sampling" && search.target_id;
+  return isSearching
+    ? `${state}, pointing at ${placeName(search.target_id, "lamp")}, ${Math.round(search.progress * 100)} %`
+    : state;
 }
 
 function whereTheyStand(person: Person): string[] {
   const stands = standingOf(person);
-  return !stands ? ["their position is not known"] : stands.isAssumed ? ["their position is not yet measured"] : [];
+  return !stands
+    ? ["their position is not known"]
+    : stands.isAssumed
+      ? ["their position is not yet measured"]
+      : [];
 }
 
 function whatTheyPointAt(site: Site, person: Person): string[] {
@@ -99,7 +128,9 @@ function placed(noun: string, id: string): string {
 }
 
 function whereItIs(object: TrackedObject): string {
-  const to = object.bay ? `, bound for bay ${object.bay}${isTooLate(object) ? ", too late to change" : ""}` : "";
+  const to = object.bay
+    ? `, bound for bay ${object.bay}${isTooLate(object) ? ", too late to change" : ""}`
+    : "";
   if (object.surface === "belt" || object.surface === "strip") {
     return `on ${placed(object.surface, object.surface_id)} at ${object.surface_position_m.toFixed(1)} m${to}`;
   }

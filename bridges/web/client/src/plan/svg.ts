@@ -6,7 +6,10 @@ export type Attributes = Readonly<Record<string, string | number>>;
 
 /** Make an element within `parent`. */
 export function draw<K extends keyof SVGElementTagNameMap>(
-  parent: Element, name: K, attributes: Attributes = {}, text = "",
+  parent: Element,
+  name: K,
+  attributes: Attributes = {},
+  text = "",
 ): SVGElementTagNameMap[K] {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, String(value));

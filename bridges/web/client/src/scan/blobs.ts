@@ -40,7 +40,13 @@ export function thresholdOf(one: Pixels, other: Pixels): number {
 }
 
 /** Return the spots of `frame` that are brighter than `dark` by `threshold` in a channel; null: too many. */
-export function blobsOf(frame: Pixels, dark: Pixels, width: number, height: number, threshold: number): Blob[] | null {
+export function blobsOf(
+  frame: Pixels,
+  dark: Pixels,
+  width: number,
+  height: number,
+  threshold: number,
+): Blob[] | null {
   const size = width * height;
   const rise = new Uint8Array(size);
   for (let p = 0, i = 0; p < size; p++, i += 4) {
@@ -59,7 +65,8 @@ export function blobsOf(frame: Pixels, dark: Pixels, width: number, height: numb
     while (stack.length) {
       const p = stack.pop()!;
       const level = levels.pop()!;
-      const x = p % width, y = (p - x) / width;
+      const x = p % width;
+      const y = (p - x) / width;
       area++;
       weight += level;
       u += level * (x + 0.5);
@@ -88,10 +95,16 @@ export function blobsOf(frame: Pixels, dark: Pixels, width: number, height: numb
  *
  * All move together, by a hand's tremor: by `shift` last time, which is updated, and at most `reach` more.
  */
-export function followed(places: readonly Place[], blobs: readonly Blob[], shift: Place, reach: number): (Blob | null)[] {
+export function followed(
+  places: readonly Place[],
+  blobs: readonly Blob[],
+  shift: Place,
+  reach: number,
+): (Blob | null)[] {
   const grid = new Grid(blobs, reach);
   for (const radius of [reach, reach / 2]) {
-    const du: number[] = [], dv: number[] = [];
+    const du: number[] = [];
+    const dv: number[] = [];
     for (const place of places) {
       const near = grid.nearest(place.u + shift.u, place.v + shift.v, radius);
       if (!near) continue;
@@ -115,7 +128,10 @@ export function median(values: readonly number[]): number {
 class Grid {
   private readonly cells = new Map<string, Blob[]>();
 
-  constructor(blobs: readonly Blob[], private readonly size: number) {
+  constructor(
+    blobs: readonly Blob[],
+    private readonly size: number,
+  ) {
     for (const blob of blobs) {
       const name = this.cell(blob.u, blob.v);
       const there = this.cells.get(name);

@@ -5,9 +5,11 @@ import type { Found, Work } from "./worker";
 /** Reason why there is no picture, and its remedy, for the person. */
 export class NoCamera extends Error {}
 
-const INSECURE = "Browsers give a page the camera only over https: scan the QR code again and open the address as it is.";
+const INSECURE =
+  "Browsers give a page the camera only over https: scan the QR code again and open the address as it is.";
 const NONE = "No camera was found: connect one, or open this page on the phone.";
-const REFUSED = "The camera was refused: allow it for this page in the browser's settings, and load the page again.";
+const REFUSED =
+  "The camera was refused: allow it for this page in the browser's settings, and load the page again.";
 const BUSY = "The camera cannot be opened: another program uses it; close that and try again.";
 
 /** Width of a frame, image pixels, if the camera can; small lights need as many as there are. */
@@ -18,7 +20,11 @@ const STILL_WIDTH = 640;
 export class Camera {
   private waiting: ((found: Found) => void) | null = null;
 
-  private constructor(readonly video: HTMLVideoElement, private readonly stream: MediaStream, private readonly worker: Worker) {
+  private constructor(
+    readonly video: HTMLVideoElement,
+    private readonly stream: MediaStream,
+    private readonly worker: Worker,
+  ) {
     worker.addEventListener("message", ({ data }: MessageEvent<Found>) => {
       this.waiting?.(data);
       this.waiting = null;
@@ -30,7 +36,7 @@ export class Camera {
    * @throws NoCamera
    */
   static async open(video: HTMLVideoElement, stream: MediaStream | null): Promise<Camera> {
-    const opened = stream ?? await ownStream();
+    const opened = stream ?? (await ownStream());
     video.srcObject = opened;
     await video.play();
     return new Camera(video, opened, new Worker("/static/scan-worker.js", { type: "module" }));
@@ -50,8 +56,12 @@ export class Camera {
   async hold(): Promise<void> {
     const track = this.stream.getVideoTracks()[0];
     const modes = (track?.getCapabilities?.() ?? {}) as Record<string, readonly string[] | undefined>;
-    const held = ["exposureMode", "whiteBalanceMode", "focusMode"].filter((name) => modes[name]?.includes("manual"));
-    await track?.applyConstraints({ advanced: [Object.fromEntries(held.map((name) => [name, "manual"]))] }).catch(() => undefined);
+    const held = ["exposureMode", "whiteBalanceMode", "focusMode"].filter((name) =>
+      modes[name]?.includes("manual"),
+    );
+    await track
+      ?.applyConstraints({ advanced: [Object.fromEntries(held.map((name) => [name, "manual"]))] })
+      .catch(() => undefined);
   }
 
   /** Look at the next frame. */
@@ -73,7 +83,12 @@ export class Camera {
 async function ownStream(): Promise<MediaStream> {
   if (!isSecureContext) throw new NoCamera(INSECURE);
   if (!navigator.mediaDevices) throw new NoCamera(NONE);
-  const video = { facingMode: { ideal: "environment" }, width: { ideal: WIDTH }, height: { ideal: WIDTH * 9 / 16 }, frameRate: { ideal: 30 } };
+  const video = {
+    facingMode: { ideal: "environment" },
+    width: { ideal: WIDTH },
+    height: { ideal: (WIDTH * 9) / 16 },
+    frameRate: { ideal: 30 },
+  };
   try {
     return await navigator.mediaDevices.getUserMedia({ video, audio: false });
   } catch (error) {

@@ -28,21 +28,30 @@ const TRIES = 5;
 
 const NAMES = ["red", "green", "blue"];
 const SENTENCES: Record<Trouble, string> = {
-  nothing: "The camera sees no lights that blink: point it at the strips, and darken the room if it is very bright.",
-  bloom: "The lights are too bright even when dimmed, and run into each other: step back, or make the room brighter.",
+  nothing:
+    "The camera sees no lights that blink: point it at the strips, and darken the room if it is very bright.",
+  bloom:
+    "The lights are too bright even when dimmed, and run into each other: step back, or make the room brighter.",
   faint: "The lights are too faint: step closer, or darken the room.",
   colours: "",
-  moved: "The phone moved while the lights blinked: hold it still with both hands for two seconds, and take the view again.",
+  moved:
+    "The phone moved while the lights blinked: hold it still with both hands for two seconds, and take the view again.",
   lost: "Most lights were lost on the way: something came between, or the camera turned away. Take the view again.",
-  crowd: "The whole picture moves or flickers: hold the camera still, away from screens and mirrors of the sun.",
-  unread: "The lights were seen, but their numbers do not fit: hold still, or step closer so that they do not touch each other.",
+  crowd:
+    "The whole picture moves or flickers: hold the camera still, away from screens and mirrors of the sun.",
+  unread:
+    "The lights were seen, but their numbers do not fit: hold still, or step closer so that they do not touch each other.",
 };
 
 export class Capturer {
   private brightness = BRIGHTNESSES.first;
 
   /** `slowMs`: time that the slowest lights take beyond the answer of `lights`, ms. */
-  constructor(private readonly camera: Camera, private readonly lights: Lights, private readonly slowMs = 0) {}
+  constructor(
+    private readonly camera: Camera,
+    private readonly lights: Lights,
+    private readonly slowMs = 0,
+  ) {}
 
   /**
    * Take a view of `count` lights; `progress` gets the share that is done.
@@ -54,21 +63,29 @@ export class Capturer {
       const result = await this.attempt(count, progress);
       if ("seen" in result) return result;
       const brighter = result.trouble === "nothing" || result.trouble === "faint";
-      const next = Math.min(BRIGHTNESSES.most, Math.max(BRIGHTNESSES.least, this.brightness * (brighter ? 1.7 : 0.6)));
+      const next = Math.min(
+        BRIGHTNESSES.most,
+        Math.max(BRIGHTNESSES.least, this.brightness * (brighter ? 1.7 : 0.6)),
+      );
       const isAboutLight = brighter || result.trouble === "bloom";
-      if (!isAboutLight || next === this.brightness || left <= 1) throw new Unread(sentence(result.trouble, result.shown));
+      if (!isAboutLight || next === this.brightness || left <= 1)
+        throw new Unread(sentence(result.trouble, result.shown));
       this.brightness = next;
     }
   }
 
-  private async attempt(count: number, progress: (share: number) => void): Promise<Capture | { trouble: Trouble; shown?: Colour }> {
+  private async attempt(
+    count: number,
+    progress: (share: number) => void,
+  ): Promise<Capture | { trouble: Trouble; shown?: Colour }> {
     await this.lights.show(DARK, 0);
     await new Promise((resolve) => setTimeout(resolve, DARK_MS));
     await this.camera.look("dark");
     const { width, height } = await this.camera.look("dark");
     const reader = new Reader(count, width, this.slowMs);
     await this.lights.show(0, this.brightness);
-    let shownAt = performance.now(), still: ImageBitmap | null = null;
+    let shownAt = performance.now();
+    let still: ImageBitmap | null = null;
     for (;;) {
       const { blobs } = await this.camera.look("lit");
       if (!this.camera.isLive) throw new Unread("The camera has ended: load the page again.");

@@ -39,7 +39,7 @@ export function indexOf(colours: readonly (Colour | null)[], count: number): num
   for (let k = FIRST_BIT; k < colours.length; k++) {
     const [before, now] = [colours[k - 1], colours[k]];
     if (before == null || now == null || before === now) return null;
-    bits.push((now - before + 3) % 3 - 1);
+    bits.push(((now - before + 3) % 3) - 1);
   }
   const [high, low] = bits.splice(-CHECK_BITS) as [number, number];
   if (checkOf(bits) !== 2 * high + low) return null;

@@ -11,6 +11,6 @@ import type { Quaternion } from "../phone/orientation";
 export function gravity(q: Quaternion, angle: number): [number, number, number] {
   const [x, y, z, w] = q;
   const up = [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z] as const;
-  const [sine, cosine] = [Math.sin(angle * Math.PI / 180), Math.cos(angle * Math.PI / 180)];
+  const [sine, cosine] = [Math.sin((angle * Math.PI) / 180), Math.cos((angle * Math.PI) / 180)];
   return [-(cosine * up[0] - sine * up[1]), sine * up[0] + cosine * up[1], up[2]];
 }

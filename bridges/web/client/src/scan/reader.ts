@@ -16,7 +16,11 @@ export type Verdict =
   /** Show this step. */
   | { kind: "show"; step: number }
   | { kind: "done"; seen: Seen[] }
-  | { kind: "trouble"; trouble: Trouble; /** Colour that was seen in place of the one asked for. */ shown?: Colour };
+  | {
+      kind: "trouble";
+      trouble: Trouble;
+      /** Colour that was seen in place of the one asked for. */ shown?: Colour;
+    };
 
 /** Time without the awaited change, ms: the lights, the network or the camera do not follow. */
 export const PATIENCE_MS = 2000;
@@ -60,7 +64,11 @@ export class Reader {
   private beforeCount = -1;
 
   /** `slowMs`: lights may change that much later than others, as lamps on a bridge. */
-  constructor(private readonly count: number, private readonly width: number, private readonly slowMs = 0) {
+  constructor(
+    private readonly count: number,
+    private readonly width: number,
+    private readonly slowMs = 0,
+  ) {
     this.steps = stepsOf(count);
     this.reach = Math.max(3, REACH * width);
   }
@@ -77,7 +85,8 @@ export class Reader {
 
   /** All are red: as many as in the frame before. */
   private takeFirst(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
-    const isSettled = !isEarly && blobs.length > 0 && Math.abs(blobs.length - this.beforeCount) <= 0.1 * blobs.length;
+    const isSettled =
+      !isEarly && blobs.length > 0 && Math.abs(blobs.length - this.beforeCount) <= 0.1 * blobs.length;
     this.beforeCount = blobs.length;
     if (!isSettled) return isLate ? { kind: "trouble", trouble: "nothing" } : WAIT;
     this.first = [...blobs];
@@ -87,30 +96,47 @@ export class Reader {
   /** Those of the red ones that are green now are lights of ours. */
   private takeSecond(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
     const now = followed(this.first, blobs, this.shift, this.reach);
-    const pairs = this.first.flatMap((first, i) => (now[i] && now[i].colour !== first.colour ? [{ first, now: now[i] }] : []));
-    const isSettled = pairs.length > 0 && !(isEarly && pairs.length < this.first.length) && Math.abs(pairs.length - this.beforeCount) <= 0.1 * pairs.length;
+    const pairs = this.first.flatMap((first, i) =>
+      now[i] && now[i].colour !== first.colour ? [{ first, now: now[i] }] : [],
+    );
+    const isSettled =
+      pairs.length > 0 &&
+      !(isEarly && pairs.length < this.first.length) &&
+      Math.abs(pairs.length - this.beforeCount) <= 0.1 * pairs.length;
     this.beforeCount = pairs.length;
     if (!isSettled) return isLate ? { kind: "trouble", trouble: "nothing" } : WAIT;
     const right = pairs.filter(({ first, now: blob }) => first.colour === 0 && blob.colour === 1);
     if (right.length < pairs.length / 2) {
       const isFirst = pairs.some(({ first }) => first.colour !== 0);
-      const shown = isFirst ? pairs.find(({ first }) => first.colour !== 0)!.first.colour : pairs.find(({ now: blob }) => blob.colour !== 1)!.now.colour;
+      const shown = isFirst
+        ? pairs.find(({ first }) => first.colour !== 0)!.first.colour
+        : pairs.find(({ now: blob }) => blob.colour !== 1)!.now.colour;
       return { kind: "trouble", trouble: "colours", shown };
     }
     const areas = right.map(({ now: blob }) => blob.area);
     if (Math.sqrt(median(areas)) > WIDEST * this.width) return { kind: "trouble", trouble: "bloom" };
     if (median(areas) < 4) return { kind: "trouble", trouble: "faint" };
     this.tracks = right.map(({ first, now: blob }) => ({
-      start: first, colours: [0, 1],
-      u: first.u + blob.u - this.shift.u, v: first.v + blob.v - this.shift.v, count: 2, votes: [0, 0, 0],
+      start: first,
+      colours: [0, 1],
+      u: first.u + blob.u - this.shift.u,
+      v: first.v + blob.v - this.shift.v,
+      count: 2,
+      votes: [0, 0, 0],
     }));
     return this.next();
   }
 
   /** A light has its next colour when two frames agree; controllers may be of different delays. */
   private takeBit(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
-    const now = followed(this.tracks.map(({ start }) => start), blobs, this.shift, this.reach);
-    if (Math.hypot(this.shift.u, this.shift.v) > FARTHEST * this.width) return { kind: "trouble", trouble: "moved" };
+    const now = followed(
+      this.tracks.map(({ start }) => start),
+      blobs,
+      this.shift,
+      this.reach,
+    );
+    if (Math.hypot(this.shift.u, this.shift.v) > FARTHEST * this.width)
+      return { kind: "trouble", trouble: "moved" };
     this.tracks.forEach((track, i) => {
       const blob = now[i];
       const last = track.colours.at(-1);
@@ -143,7 +169,8 @@ export class Reader {
       const index = indexOf(colours, this.count);
       return index === null ? [] : [{ index, u: u / count, v: v / count }];
     });
-    if (seen.length < Math.max(1, LEAST_LEFT * this.tracks.length)) return { kind: "trouble", trouble: "unread" };
+    if (seen.length < Math.max(1, LEAST_LEFT * this.tracks.length))
+      return { kind: "trouble", trouble: "unread" };
     return { kind: "done", seen };
   }
 }

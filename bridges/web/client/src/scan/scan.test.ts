@@ -13,20 +13,26 @@ const HEIGHT = 180;
 
 /** Deterministic noise, -1 to 1. */
 function noise(seed: number): () => number {
-  return () => ((seed = (seed * 1103515245 + 12345) & 0x7fffffff) / 0x3fffffff) - 1;
+  return () => (seed = (seed * 1103515245 + 12345) & 0x7fffffff) / 0x3fffffff - 1;
 }
 
 type Light = readonly [u: number, v: number, colour: Colour];
 
 /** A frame of a grey room with lights of some radius. */
-function frame(lights: readonly Light[], { seed = 1, radius = 1.5, peak = 400, shift = 0 } = {}): Uint8ClampedArray {
+function frame(
+  lights: readonly Light[],
+  { seed = 1, radius = 1.5, peak = 400, shift = 0 } = {},
+): Uint8ClampedArray {
   const random = noise(seed);
-  const level = new Float32Array(WIDTH * HEIGHT * 3).map((_, i) => 40 + 20 * (Math.floor(i / 3) % WIDTH > 160 ? 1 : 0) + 4 * random());
+  const level = new Float32Array(WIDTH * HEIGHT * 3).map(
+    (_, i) => 40 + 20 * (Math.floor(i / 3) % WIDTH > 160 ? 1 : 0) + 4 * random(),
+  );
   for (const [u, v, colour] of lights) {
     for (let y = Math.floor(v - 9); y <= v + 9; y++) {
       for (let x = Math.floor(u + shift - 9); x <= u + shift + 9; x++) {
         if (x < 0 || y < 0 || x >= WIDTH || y >= HEIGHT) continue;
-        const light = peak * Math.exp(-((x + 0.5 - u - shift) ** 2 + (y + 0.5 - v) ** 2) / (2 * radius * radius));
+        const light =
+          peak * Math.exp(-((x + 0.5 - u - shift) ** 2 + (y + 0.5 - v) ** 2) / (2 * radius * radius));
         for (let c = 0; c < 3; c++) level[3 * (y * WIDTH + x) + c]! += c === colour ? light : 0.15 * light;
       }
     }
@@ -36,7 +42,10 @@ function frame(lights: readonly Light[], { seed = 1, radius = 1.5, peak = 400, s
   return pixels;
 }
 
-const PLACES: readonly (readonly [number, number])[] = Array.from({ length: 24 }, (_, i) => [20.3 + 12 * (i % 12), 50.7 + 60 * Math.floor(i / 12)]);
+const PLACES: readonly (readonly [number, number])[] = Array.from({ length: 24 }, (_, i) => [
+  20.3 + 12 * (i % 12),
+  50.7 + 60 * Math.floor(i / 12),
+]);
 
 test("every light's colours give its number back", () => {
   for (const count of [1, 2, 3, 24, 220, 700]) {
@@ -105,7 +114,17 @@ interface World {
 }
 
 /** Read a view of `PLACES`. */
-function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1, 2], hidden, isDark = false, slow = { frames: 0, ms: 0 }, flickers = false }: World): Verdict {
+function read({
+  delay = 2,
+  radius = 1.2,
+  peak = 200,
+  drift = 0.3,
+  order = [0, 1, 2],
+  hidden,
+  isDark = false,
+  slow = { frames: 0, ms: 0 },
+  flickers = false,
+}: World): Verdict {
   const reader = new Reader(PLACES.length, WIDTH, slow.ms);
   const dark = frame([]);
   const threshold = thresholdOf(dark, frame([], { seed: 3 }));
@@ -113,11 +132,23 @@ function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1,
   for (let n = 0; n < 2000; n++) {
     if (since++ >= delay) shown = reader.step;
     if (since > delay + slow.frames) slowShown = reader.step;
-    const lights = isDark ? [] : PLACES.flatMap(([u, v], i) => {
-      const at = i ? shown : slowShown;
-      return at < 0 || (hidden && at >= hidden.from && i < hidden.share * PLACES.length) || (flickers && at > 1 && (i + n) % 4 === 0) ? [] : [[u, v, order[wordOf(i, PLACES.length)[at]!]!] as Light];
-    });
-    const blobs = blobsOf(frame(lights, { seed: 100 + n, radius, peak, shift: drift * Math.max(0, shown) }), dark, WIDTH, HEIGHT, threshold);
+    const lights = isDark
+      ? []
+      : PLACES.flatMap(([u, v], i) => {
+          const at = i ? shown : slowShown;
+          return at < 0 ||
+            (hidden && at >= hidden.from && i < hidden.share * PLACES.length) ||
+            (flickers && at > 1 && (i + n) % 4 === 0)
+            ? []
+            : [[u, v, order[wordOf(i, PLACES.length)[at]!]!] as Light];
+        });
+    const blobs = blobsOf(
+      frame(lights, { seed: 100 + n, radius, peak, shift: drift * Math.max(0, shown) }),
+      dark,
+      WIDTH,
+      HEIGHT,
+      threshold,
+    );
     const verdict = reader.take(blobs, since * 100);
     if (verdict.kind === "show") since = 0;
     else if (verdict.kind !== "wait") return verdict;
@@ -141,7 +172,11 @@ for (const delay of [0, 1, 7]) {
 test("lights that vanish on the way are left out, and the others have their numbers", () => {
   const verdict = read({ hidden: { from: 3, share: 0.25 } });
   assert.equal(verdict.kind, "done");
-  if (verdict.kind === "done") assert.deepEqual(verdict.seen.map(({ index }) => index), Array.from({ length: 18 }, (_, i) => 6 + i));
+  if (verdict.kind === "done")
+    assert.deepEqual(
+      verdict.seen.map(({ index }) => index),
+      Array.from({ length: 18 }, (_, i) => 6 + i),
+    );
 });
 
 test("a lamp that changes later than the strips is read, too", () => {
@@ -155,8 +190,13 @@ test("lights that flicker are read all the same", () => {
 });
 
 for (const [trouble, world] of [
-  ["nothing", { isDark: true }], ["moved", { drift: 3 }], ["bloom", { radius: 2.6, peak: 3000 }], ["faint", { radius: 0.5, peak: 120 }],
-  ["lost", { hidden: { from: 4, share: 0.8 } }], ["colours", { order: [1, 0, 2] }], ["colours", { order: [0, 2, 1] }],
+  ["nothing", { isDark: true }],
+  ["moved", { drift: 3 }],
+  ["bloom", { radius: 2.6, peak: 3000 }],
+  ["faint", { radius: 0.5, peak: 120 }],
+  ["lost", { hidden: { from: 4, share: 0.8 } }],
+  ["colours", { order: [1, 0, 2] }],
+  ["colours", { order: [0, 2, 1] }],
 ] as const) {
   test(`what hinders a view is known: ${trouble}`, () => {
     const verdict = read(world);
@@ -165,21 +205,38 @@ for (const [trouble, world] of [
 }
 
 test("a phone that turns away, or shakes, ends its view in a sentence and tries no other brightness", async () => {
-  for (const [away, says] of [[() => [], /the camera turned away/], [(blobs: Blob[]) => blobs.map((blob) => ({ ...blob, u: blob.u + 3 })), /The phone moved/]] as const) {
+  for (const [away, says] of [
+    [() => [], /the camera turned away/],
+    [(blobs: Blob[]) => blobs.map((blob) => ({ ...blob, u: blob.u + 3 })), /The phone moved/],
+  ] as const) {
     let [now, shown, far, darks] = [0, -1, 0, 0];
     mock.method(globalThis, "setTimeout", (done: () => void) => queueMicrotask(done));
     mock.method(performance, "now", () => now);
     const camera = {
-      isLive: true, hold: async () => undefined, still: async () => ({}),
+      isLive: true,
+      hold: async () => undefined,
+      still: async () => ({}),
       look: async (as: string) => {
         now += 100;
-        const blobs = PLACES.map(([u, v], i) => ({ u: u + 3 * far, v, area: 9, colour: wordOf(i, PLACES.length)[shown]! }));
+        const blobs = PLACES.map(([u, v], i) => ({
+          u: u + 3 * far,
+          v,
+          area: 9,
+          colour: wordOf(i, PLACES.length)[shown]!,
+        }));
         if (shown > 2) far++;
-        return { width: WIDTH, height: HEIGHT, blobs: as === "dark" || shown < 0 ? [] : shown > 2 ? away(blobs) : blobs };
+        return {
+          width: WIDTH,
+          height: HEIGHT,
+          blobs: as === "dark" || shown < 0 ? [] : shown > 2 ? away(blobs) : blobs,
+        };
       },
     } as unknown as Camera;
     const lights = { show: async (step: number) => void (darks += (shown = step) < 0 ? 1 : 0) };
-    await assert.rejects(new Capturer(camera, lights).take(PLACES.length, () => undefined), says);
+    await assert.rejects(
+      new Capturer(camera, lights).take(PLACES.length, () => undefined),
+      says,
+    );
     assert.equal(darks, 1);
     mock.restoreAll();
   }
@@ -193,7 +250,8 @@ test("a picture full of spots is no view", () => {
 });
 
 test("gravity is down in the picture, however the phone is held", () => {
-  const near = (found: readonly number[], wanted: readonly number[]) => found.forEach((value, i) => assert.ok(Math.abs(value - wanted[i]!) < 1e-9, `${found}`));
+  const near = (found: readonly number[], wanted: readonly number[]) =>
+    found.forEach((value, i) => assert.ok(Math.abs(value - wanted[i]!) < 1e-9, `${found}`));
   near(gravity(fromAngles(30, 90, 0), 0), [0, 1, 0]); // upright
   near(gravity(fromAngles(30, 0, 0), 0), [0, 0, 1]); // flat on a table: the camera looks down
   near(gravity(fromAngles(70, 0, -90), 90), [0, 1, 0]); // on its left side, the picture turned with it

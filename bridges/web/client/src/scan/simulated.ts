@@ -41,8 +41,10 @@ export interface Pose {
 
 /** Image position of `at`, and its distance ahead, m. */
 export function projected(pose: Pose, at: Read3): [number, number, number] {
-  const [x, y, z] = pose.axes.map((axis) => axis.reduce((sum, value, i) => sum + value * (at[i]! - pose.at[i]!), 0)) as [number, number, number];
-  return [WIDTH / 2 + FOCAL * x / z, HEIGHT / 2 + FOCAL * y / z, z];
+  const [x, y, z] = pose.axes.map((axis) =>
+    axis.reduce((sum, value, i) => sum + value * (at[i]! - pose.at[i]!), 0),
+  ) as [number, number, number];
+  return [WIDTH / 2 + (FOCAL * x) / z, HEIGHT / 2 + (FOCAL * y) / z, z];
 }
 
 /** Look from `at` to `to`, rolled about the line of sight by `roll`, rad. */
@@ -71,14 +73,21 @@ export class SimulatedCamera {
    * `next`: waits for the next change of the lights, and returns all, by strip, as hexadecimal digits.
    * `place`: number of the first place.
    */
-  constructor(private readonly room: ScanRoom, private readonly next: () => Promise<Lights>, private place: number) {
+  constructor(
+    private readonly room: ScanRoom,
+    private readonly next: () => Promise<Lights>,
+    private place: number,
+  ) {
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [WIDTH, HEIGHT];
     this.context = canvas.getContext("2d", { alpha: false })!;
     this.image = this.context.createImageData(WIDTH, HEIGHT);
     this.image.data.fill(255);
-    for (let i = 0; i < this.noise.length; i++) this.noise[i] = NOISE * (Math.random() + Math.random() + Math.random() + Math.random() - 2) * 1.7;
-    this.leds = room.strips.flatMap(({ name, places_m }) => places_m.map((at, pixel) => ({ strip: name, pixel, at })));
+    for (let i = 0; i < this.noise.length; i++)
+      this.noise[i] = NOISE * (Math.random() + Math.random() + Math.random() + Math.random() - 2) * 1.7;
+    this.leds = room.strips.flatMap(({ name, places_m }) =>
+      places_m.map((at, pixel) => ({ strip: name, pixel, at })),
+    );
     const mean = (i: number) => this.leds.reduce((sum, { at }) => sum + at[i]!, 0) / this.leds.length;
     this.middle = [mean(0), mean(1), mean(2)];
     this.furnish();
@@ -89,7 +98,9 @@ export class SimulatedCamera {
 
   /** Unit vector of "down" in the camera's frame, with the error of a phone's sensor. */
   get gravity(): [number, number, number] {
-    return unit(this.pose(0).axes.map((axis) => -axis[2] + 0.006 * (Math.random() - 0.5)) as [number, number, number]);
+    return unit(
+      this.pose(0).axes.map((axis) => -axis[2] + 0.006 * (Math.random() - 0.5)) as [number, number, number],
+    );
   }
 
   /** Walk to the next place. */
@@ -144,7 +155,10 @@ export class SimulatedCamera {
     }
     const pose = this.pose(TREMOR_RAD);
     const shutter = this.frame % 3 ? Infinity : HEIGHT * Math.random(); // rows below it were exposed before the change
-    for (const [lights, isBefore] of [[this.lit, false], [this.before, true]] as const) {
+    for (const [lights, isBefore] of [
+      [this.lit, false],
+      [this.before, true],
+    ] as const) {
       for (const { at, rgb } of lights) {
         const [u, v, ahead] = projected(this.pose(TREMOR_RAD, projected(pose, at)[1] / HEIGHT), at);
         if (v > shutter !== isBefore || ahead < 0.1) continue;
@@ -159,13 +173,15 @@ export class SimulatedCamera {
   /** A light: its core saturates every channel, and its halo grows with its brightness. */
   private splat(u: number, v: number, ahead: number, rgb: readonly number[], gain: number): void {
     const { data } = this.image;
-    const power = POWER * gain / (ahead * ahead);
-    const sigma = 1.1, halo = 4;
+    const power = (POWER * gain) / (ahead * ahead);
+    const sigma = 1.1;
+    const halo = 4;
     const reach = 12;
     for (let y = Math.max(0, Math.floor(v - reach)); y <= Math.min(HEIGHT - 1, v + reach); y++) {
       for (let x = Math.max(0, Math.floor(u - reach)); x <= Math.min(WIDTH - 1, u + reach); x++) {
         const d2 = (x + 0.5 - u) ** 2 + (y + 0.5 - v) ** 2;
-        const spread = power * (Math.exp(-d2 / (2 * sigma * sigma)) + 0.03 * Math.exp(-d2 / (2 * halo * halo)));
+        const spread =
+          power * (Math.exp(-d2 / (2 * sigma * sigma)) + 0.03 * Math.exp(-d2 / (2 * halo * halo)));
         for (let c = 0; c < 3; c++) {
           const leak = rgb[c]! + 0.12 * (rgb[(c + 1) % 3]! + rgb[(c + 2) % 3]!);
           data[4 * (y * WIDTH + x) + c]! += spread * leak;
@@ -178,5 +194,7 @@ export class SimulatedCamera {
 /** The LED with its colour, 0 to 1, if it is lit. */
 function litOf({ pixel, at }: Led, shown = ""): Lit[] {
   const value = parseInt(shown.slice(6 * pixel, 6 * pixel + 6), 16) || 0;
-  return value ? [{ at, rgb: [value >> 16, (value >> 8) & 255, value & 255].map((level) => level / 255) }] : [];
+  return value
+    ? [{ at, rgb: [value >> 16, (value >> 8) & 255, value & 255].map((level) => level / 255) }]
+    : [];
 }

@@ -1,6 +1,16 @@
 /** What the page says to the site, and hears of it. */
 
-import type { ScanBegin, ScanLight, ScanLook, ScanRoom, ScanSave, ScanState, ScanThing, ScanUndo, ScanView } from "../wire";
+import type {
+  ScanBegin,
+  ScanLight,
+  ScanLook,
+  ScanRoom,
+  ScanSave,
+  ScanState,
+  ScanThing,
+  ScanUndo,
+  ScanView,
+} from "../wire";
 
 import { sentence } from "../format";
 import type { Colour } from "./code";
@@ -15,7 +25,10 @@ const PATIENCE_MS = 10_000;
 
 async function post(said: object): Promise<Response> {
   const sent = fetch("/scan", {
-    method: "POST", body: JSON.stringify(said), headers: { "Content-Type": "application/json" }, keepalive: true,
+    method: "POST",
+    body: JSON.stringify(said),
+    headers: { "Content-Type": "application/json" },
+    keepalive: true,
     signal: AbortSignal.timeout(PATIENCE_MS),
   });
   const answer = await sent.catch(() => {
@@ -42,7 +55,10 @@ let seq = "";
 
 /** Wait for the next change of the lights, a second at most. */
 export async function lights(): Promise<Record<string, string>> {
-  const heard = (await (await fetch(`/scan/lights?after=${seq}`)).json()) as { seq: number; strips: Record<string, string> };
+  const heard = (await (await fetch(`/scan/lights?after=${seq}`)).json()) as {
+    seq: number;
+    strips: Record<string, string>;
+  };
   seq = String(heard.seq);
   return heard.strips;
 }

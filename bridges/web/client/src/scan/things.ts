@@ -6,12 +6,24 @@ import type { Place } from "./blobs";
 
 const SCREEN = ["its first corner", "the next corner", "the third corner"];
 const CORNERS: Record<ScanThing["shape"], readonly string[]> = {
-  box: ["a corner of its top", "the next corner of its top", "the third corner of its top", "a point of its foot"],
-  screen: SCREEN, table: SCREEN,
+  box: [
+    "a corner of its top",
+    "the next corner of its top",
+    "the third corner of its top",
+    "a point of its foot",
+  ],
+  screen: SCREEN,
+  table: SCREEN,
 };
-const ARROWS: Record<string, readonly [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const ARROWS: Record<string, readonly [number, number]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 /** Step of the cross by an arrow key, and with Shift, pixels of the still. */
-const STEP = 8, SMALL_STEP = 1;
+const STEP = 8;
+const SMALL_STEP = 1;
 
 const part = <T extends Element = HTMLElement>(id: string) => document.getElementById(id) as unknown as T;
 
@@ -25,7 +37,10 @@ export class Things {
   private readonly canvas = part<HTMLCanvasElement>("still");
   private readonly name = part<HTMLInputElement>("thing-name");
   private readonly shape = part<HTMLSelectElement>("thing-shape");
-  private readonly views = [part<HTMLSelectElement>("thing-first"), part<HTMLSelectElement>("thing-second")] as const;
+  private readonly views = [
+    part<HTMLSelectElement>("thing-first"),
+    part<HTMLSelectElement>("thing-second"),
+  ] as const;
 
   /** `done` gets a thing whose corners were tapped in both views. */
   constructor(private readonly done: (thing: Omit<ScanThing, "kind">) => void) {
@@ -39,7 +54,8 @@ export class Things {
       this.tap({ u: offsetX * scale, v: offsetY * scale });
     });
     this.canvas.addEventListener("keydown", (event) => {
-      const arrow = ARROWS[event.key], step = event.shiftKey ? SMALL_STEP : STEP;
+      const arrow = ARROWS[event.key];
+      const step = event.shiftKey ? SMALL_STEP : STEP;
       const at = this.cross ?? { u: this.canvas.width / 2, v: this.canvas.height / 2 };
       if (arrow) {
         this.cross = { u: at.u + step * arrow[0], v: at.v + step * arrow[1] };
@@ -55,7 +71,8 @@ export class Things {
     this.forget(number);
     this.width = width;
     this.stills[number] = still;
-    const options = () => Object.keys(this.stills).map((key) => el("option", { value: key, text: String(Number(key) + 1) }));
+    const options = () =>
+      Object.keys(this.stills).map((key) => el("option", { value: key, text: String(Number(key) + 1) }));
     for (const field of this.views) field.replaceChildren(...options());
     this.views[0].value = Object.keys(this.stills)[0]!;
     this.views[1].value = String(number);
@@ -84,16 +101,30 @@ export class Things {
     if (!this.name.reportValidity()) return void this.taps.pop();
     const scale = this.width / this.canvas.width;
     this.done({
-      name: this.name.value.trim(), shape: this.shape.value as ScanThing["shape"],
-      corners: this.taps.slice(0, corners).map((first, i) => [first, this.taps[corners + i]!].map(({ u, v }, view) => [Number(this.views[view]!.value), scale * u, scale * v] as [number, number, number])),
+      name: this.name.value.trim(),
+      shape: this.shape.value as ScanThing["shape"],
+      corners: this.taps
+        .slice(0, corners)
+        .map((first, i) =>
+          [first, this.taps[corners + i]!].map(
+            ({ u, v }, view) =>
+              [Number(this.views[view]!.value), scale * u, scale * v] as [number, number, number],
+          ),
+        ),
     });
     this.begin();
   }
 
   private draw(): void {
-    const corners = CORNERS[this.shape.value as ScanThing["shape"]], isSecond = this.taps.length >= corners.length;
-    const view = this.views[isSecond ? 1 : 0].value, still = this.stills[Number(view)], next = corners[this.taps.length % corners.length]!;
-    part("thing-say").textContent = this.views[0].value === this.views[1].value ? "Choose two views." : `View ${Number(view) + 1}: tap ${next}.`;
+    const corners = CORNERS[this.shape.value as ScanThing["shape"]];
+    const isSecond = this.taps.length >= corners.length;
+    const view = this.views[isSecond ? 1 : 0].value;
+    const still = this.stills[Number(view)];
+    const next = corners[this.taps.length % corners.length]!;
+    part("thing-say").textContent =
+      this.views[0].value === this.views[1].value
+        ? "Choose two views."
+        : `View ${Number(view) + 1}: tap ${next}.`;
     if (!still) return;
     [this.canvas.width, this.canvas.height] = [still.width, still.height];
     const context = this.canvas.getContext("2d")!;
@@ -101,9 +132,12 @@ export class Things {
     context.font = `600 ${still.width / 30}px system-ui`;
     const arm = still.width / 60;
     const mark = ({ u, v }: Place, text: string) => {
-      for (const [colour, wider] of [["#000", 3], ["#fff", 1]] as const) {
+      for (const [colour, wider] of [
+        ["#000", 3],
+        ["#fff", 1],
+      ] as const) {
         context.strokeStyle = context.fillStyle = colour;
-        context.lineWidth = wider * still.width / 500;
+        context.lineWidth = (wider * still.width) / 500;
         context.stroke(new Path2D(`M${u - arm} ${v}h${2 * arm}M${u} ${v - arm}v${2 * arm}`));
         if (wider === 1) context.fillText(text, u + 0.7 * arm, v - 0.7 * arm);
         else context.strokeText(text, u + 0.7 * arm, v - 0.7 * arm);

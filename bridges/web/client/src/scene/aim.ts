@@ -32,26 +32,40 @@ export class Aim {
   private last: { x: number; y: number } | null = null;
   private readonly listeners = new AbortController();
 
-  constructor(private readonly picture: Picture, private readonly wake: () => void, private readonly drag: (dx: number, dy: number) => void,
+  constructor(
+    private readonly picture: Picture,
+    private readonly wake: () => void,
+    private readonly drag: (dx: number, dy: number) => void,
     /** The mouse has moved: whether that changes what is drawn while it does not aim. */
-    private readonly hovers: () => boolean) {
-    const { canvas } = picture, { signal } = this.listeners;
-    canvas.addEventListener("pointerdown", (event) => {
-      if (event.pointerType === "touch") this.fingers.add(event.pointerId);
-      this.last = { x: event.clientX, y: event.clientY };
-      this.moved(event);
-    }, { signal });
+    private readonly hovers: () => boolean,
+  ) {
+    const { canvas } = picture;
+    const { signal } = this.listeners;
+    canvas.addEventListener(
+      "pointerdown",
+      (event) => {
+        if (event.pointerType === "touch") this.fingers.add(event.pointerId);
+        this.last = { x: event.clientX, y: event.clientY };
+        this.moved(event);
+      },
+      { signal },
+    );
     canvas.addEventListener("pointermove", (event) => this.moved(event), { signal });
     const ended = (event: PointerEvent) => {
       this.fingers.delete(event.pointerId);
       this.last = null;
       if (event.pointerType === "touch") this.isOver = false;
     };
-    for (const name of ["pointerup", "pointercancel"] as const) window.addEventListener(name, ended, { signal });
-    canvas.addEventListener("pointerleave", () => {
-      this.isOver = false;
-      wake();
-    }, { signal });
+    for (const name of ["pointerup", "pointercancel"] as const)
+      window.addEventListener(name, ended, { signal });
+    canvas.addEventListener(
+      "pointerleave",
+      () => {
+        this.isOver = false;
+        wake();
+      },
+      { signal },
+    );
   }
 
   /** Where a mouse is over the picture, px from its upper left corner; null: nowhere. */
@@ -76,7 +90,10 @@ export class Aim {
       this.last = { x: event.clientX, y: event.clientY };
     }
     const box = this.picture.canvas.getBoundingClientRect();
-    this.pointer.set(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
+    this.pointer.set(
+      ((event.clientX - box.left) / box.width) * 2 - 1,
+      1 - ((event.clientY - box.top) / box.height) * 2,
+    );
     this.isOver = !isDrag;
     if (!this.on && this.hovers()) this.wake();
     if (!this.on || isDrag) return;
@@ -112,8 +129,11 @@ export class Aim {
   nudge(right: number, away: number, start: Read3, targets: (into: THREE.Object3D[]) => void): Vec3 {
     this.isResting = false;
     const at: Vec3 = this.at ? [...this.at] : [...start];
-    const { matrixWorld } = this.picture.camera, e = matrixWorld.elements;
-    const length = Math.hypot(e[0]!, e[1]!) || 1, rx = e[0]! / length, ry = e[1]! / length;
+    const { matrixWorld } = this.picture.camera;
+    const e = matrixWorld.elements;
+    const length = Math.hypot(e[0]!, e[1]!) || 1;
+    const rx = e[0]! / length;
+    const ry = e[1]! / length;
     at[0] += right * rx - (this.isWall ? 0 : away * ry);
     at[1] += right * ry + (this.isWall ? 0 : away * rx);
     if (this.isWall) {

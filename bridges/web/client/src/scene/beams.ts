@@ -40,19 +40,41 @@ export class Beams {
   private count = 0;
 
   constructor(factory: MeshFactory) {
-    this.geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, -1, 0, 1, -1, 0, 1, 1, 0, 0, 1, 0], 3));
+    this.geometry.setAttribute(
+      "position",
+      new THREE.Float32BufferAttribute([0, -1, 0, 1, -1, 0, 1, 1, 0, 0, 1, 0], 3),
+    );
     this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    this.arrays = ([["start", 3], ["finish", 3], ["tint", 4], ["look", 3]] as const).map(([name, size]) => {
+    this.arrays = (
+      [
+        ["start", 3],
+        ["finish", 3],
+        ["tint", 4],
+        ["look", 3],
+      ] as const
+    ).map(([name, size]) => {
       const made = new THREE.InstancedBufferAttribute(new Float32Array(AT_MOST * size), size);
       made.setUsage(THREE.DynamicDrawUsage);
       this.geometry.setAttribute(name, made);
       return made;
     });
-    const mesh = factory.mesh(this.geometry, factory.own(new THREE.ShaderMaterial({
-      vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthWrite: false, side: THREE.DoubleSide,
-      blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
-      uniforms: { screen: this.screen },
-    })), "");
+    const mesh = factory.mesh(
+      this.geometry,
+      factory.own(
+        new THREE.ShaderMaterial({
+          vertexShader: VERTEX,
+          fragmentShader: FRAGMENT,
+          transparent: true,
+          depthWrite: false,
+          side: THREE.DoubleSide,
+          blending: THREE.CustomBlending,
+          blendSrc: THREE.OneFactor,
+          blendDst: THREE.OneMinusSrcAlphaFactor,
+          uniforms: { screen: this.screen },
+        }),
+      ),
+      "",
+    );
     mesh.frustumCulled = false;
     mesh.renderOrder = 7;
   }
@@ -66,7 +88,8 @@ export class Beams {
   /** `wide`: px to either side; `dash`: m of a dash and its gap, 0: none; `end`: opacity at its end, as a share. */
   add(from: Read3, to: Read3, color: Read3, alpha: number, wide: number, dash = 0, end = 1): void {
     if (this.count >= AT_MOST) return;
-    const [start, finish, tint, look] = this.arrays, i = this.count++;
+    const [start, finish, tint, look] = this.arrays;
+    const i = this.count++;
     start!.setXYZ(i, from[0], from[1], from[2]);
     finish!.setXYZ(i, to[0], to[1], to[2]);
     tint!.setXYZW(i, color[0] / 255, color[1] / 255, color[2] / 255, alpha);

@@ -7,8 +7,15 @@ import type { Read3 } from "../geometry/vec";
 import { Cameras } from "./cameras";
 
 test("the camera gives way to a card that grows at once, and while somebody points stays there when it shrinks", () => {
-  const camera = new THREE.PerspectiveCamera(42, 1.6), picture = { camera, canvas: null, width: 1440, height: 900 };
-  const cameras = new Cameras(picture as never, false, () => undefined), points: Read3[] = [[-3, -2, 0], [3, 2, 2.1], [0, 0, 1], [-3, 2, 2.1]];
+  const camera = new THREE.PerspectiveCamera(42, 1.6);
+  const picture = { camera, canvas: null, width: 1440, height: 900 };
+  const cameras = new Cameras(picture as never, false, () => undefined);
+  const points: Read3[] = [
+    [-3, -2, 0],
+    [3, 2, 2.1],
+    [0, 0, 1],
+    [-3, 2, 2.1],
+  ];
   const top = () => {
     cameras.tick(performance.now() + 10_000, 0.1, null, null, null);
     camera.updateMatrixWorld();

@@ -52,7 +52,11 @@ export class Cameras {
   private yaw = 0;
   private pitch = -0.3;
 
-  constructor(private readonly picture: Picture, private readonly isStill: boolean, private readonly wake: () => void) {
+  constructor(
+    private readonly picture: Picture,
+    private readonly isStill: boolean,
+    private readonly wake: () => void,
+  ) {
     this.controls = new OrbitControls(picture.camera, picture.canvas);
     this.controls.enableDamping = !isStill;
     this.controls.dampingFactor = 0.14;
@@ -83,7 +87,8 @@ export class Cameras {
     const { top, bottom } = this.edges;
     if (edges.top === top && edges.bottom === bottom) return;
     this.edges = edges;
-    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill || edges.top > top || edges.bottom > bottom);
+    if (this.isFramed && this.mode !== "eyes")
+      this.go(performance.now(), this.isStill || edges.top > top || edges.bottom > bottom);
   }
 
   /** Show all `points`, {W}, at once; `size`: how far they are apart at most, m. */
@@ -101,7 +106,11 @@ export class Cameras {
     this.user = user;
     if (mode === before && mode !== "eyes") return;
     if (before !== "eyes" && !this.isFramed) {
-      this.kept.set(before, { position: this.picture.camera.position.clone(), target: this.controls.target.clone(), fov: FOV[before] });
+      this.kept.set(before, {
+        position: this.picture.camera.position.clone(),
+        target: this.controls.target.clone(),
+        fov: FOV[before],
+      });
     }
     this.mode = mode;
     this.isFramed = !this.kept.has(mode);
@@ -127,7 +136,8 @@ export class Cameras {
   }
 
   private get isDeep(): boolean {
-    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    const low = [Infinity, Infinity];
+    const high = [-Infinity, -Infinity];
     for (const point of this.points) {
       for (const axis of [0, 1] as const) {
         low[axis] = Math.min(low[axis]!, point[axis]);
@@ -179,7 +189,13 @@ export class Cameras {
    * @param along where they point
    * @param pointer where the mouse aims, as -1 to 1 from left to right and from below to above; null: it does not
    */
-  tick(now: number, seconds: number, eyes: Vec3 | null, along: Read3 | null, pointer: readonly [number, number] | null): boolean {
+  tick(
+    now: number,
+    seconds: number,
+    eyes: Vec3 | null,
+    along: Read3 | null,
+    pointer: readonly [number, number] | null,
+  ): boolean {
     const { camera, width, height } = this.picture;
     if (this.mode !== "eyes" && this.isFramed && width / height !== this.aspect) {
       this.aspect = width / height;
@@ -187,8 +203,10 @@ export class Cameras {
     }
     let moves = false;
     if (this.mode === "eyes") moves = this.look(seconds, eyes, along, pointer);
-    if (!this.onWay) return this.mode === "eyes" ? this.sit() || moves : this.controls.update(seconds) || moves;
-    const share = Math.min((now - this.began) / WAY_MS, 1), eased = share * share * (3 - 2 * share);
+    if (!this.onWay)
+      return this.mode === "eyes" ? this.sit() || moves : this.controls.update(seconds) || moves;
+    const share = Math.min((now - this.began) / WAY_MS, 1);
+    const eased = share * share * (3 - 2 * share);
     camera.position.lerpVectors(this.from.position, this.to.position, eased);
     this.controls.target.lerpVectors(this.from.target, this.to.target, eased);
     camera.fov = this.from.fov + (this.to.fov - this.from.fov) * eased;
@@ -209,18 +227,25 @@ export class Cameras {
   }
 
   /** Turn the head: after the mouse while it aims, else after the person's own ray. */
-  private look(seconds: number, eyes: Vec3 | null, along: Read3 | null, pointer: readonly [number, number] | null): boolean {
+  private look(
+    seconds: number,
+    eyes: Vec3 | null,
+    along: Read3 | null,
+    pointer: readonly [number, number] | null,
+  ): boolean {
     let turn = 0;
     if (pointer) {
       const rate = (x: number) => (Math.sign(x) * Math.max(Math.abs(x) - STILL_SHARE, 0)) / (1 - STILL_SHARE);
-      const left = -rate(pointer[0]) * TURN_RADPS * seconds, up = rate(pointer[1]) * 0.6 * TURN_RADPS * seconds;
+      const left = -rate(pointer[0]) * TURN_RADPS * seconds;
+      const up = rate(pointer[1]) * 0.6 * TURN_RADPS * seconds;
       this.yaw += left;
       this.pitch = Math.min(Math.max(this.pitch + up, -1.2), 0.9);
       turn = Math.abs(left) + Math.abs(up);
     } else if (along) {
       const gain = this.isStill ? 1 : 1 - Math.exp(-seconds * FOLLOW_PER_S);
       const left = wrapped(Math.atan2(along[1], along[0]) - this.yaw) * gain;
-      const up = (Math.max(Math.asin(Math.max(-1, Math.min(1, along[2]))) * 0.8, LOWEST_RAD) - this.pitch) * gain;
+      const up =
+        (Math.max(Math.asin(Math.max(-1, Math.min(1, along[2]))) * 0.8, LOWEST_RAD) - this.pitch) * gain;
       this.yaw += left;
       this.pitch += up;
       turn = Math.abs(left) + Math.abs(up);

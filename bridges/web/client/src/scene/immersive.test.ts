@@ -10,20 +10,62 @@ import { LETTER_SHARE, LINE_RAD } from "./sprites";
 /** An aligned session in a room of three lamps, which were touched by something with this hand; its note. */
 async function aligned(handedness: XRHandedness): Promise<Immersive> {
   Object.assign(globalThis, { window: globalThis });
-  const space = new EventTarget(), session = Object.assign(new EventTarget(), { inputSources: [] as unknown[], requestReferenceSpace: async () => space, end: async () => undefined });
-  Object.defineProperty(globalThis, "navigator", { value: { xr: { requestSession: async () => session } }, configurable: true });
-  const picture = { scene: new THREE.Scene(), isImmersed: true, sessionSpace: space, immerse: async () => undefined };
-  const lamps = [[0, 1, 1], [2, 1, 1], [0, 3, 1]].map((position_m, i) => ({ id: `lamp${i + 1}`, position_m }));
+  const space = new EventTarget();
+  const session = Object.assign(new EventTarget(), {
+    inputSources: [] as unknown[],
+    requestReferenceSpace: async () => space,
+    end: async () => undefined,
+  });
+  Object.defineProperty(globalThis, "navigator", {
+    value: { xr: { requestSession: async () => session } },
+    configurable: true,
+  });
+  const picture = {
+    scene: new THREE.Scene(),
+    isImmersed: true,
+    sessionSpace: space,
+    immerse: async () => undefined,
+  };
+  const lamps = [
+    [0, 1, 1],
+    [2, 1, 1],
+    [0, 3, 1],
+  ].map((position_m, i) => ({ id: `lamp${i + 1}`, position_m }));
   const map = { name: "room", lamps, things: [], strips: [], belts: [] } as unknown as Environment;
-  const arm = { user: "ada", pointing: "", take: async () => "", give() {}, press: async () => "", step: async () => "", move() {} } as Arm;
-  const immersive = new Immersive(picture as never, () => map, () => undefined, arm, () => undefined);
+  const arm = {
+    user: "ada",
+    pointing: "",
+    take: async () => "",
+    give() {},
+    press: async () => "",
+    step: async () => "",
+    move() {},
+  } as Arm;
+  const immersive = new Immersive(
+    picture as never,
+    () => map,
+    () => undefined,
+    arm,
+    () => undefined,
+  );
   await immersive.enter(() => undefined);
   for (let n = 0; n < 3; n++) {
-    const lamp = lamps.find(({ id }) => immersive.noteText.includes(`${id.replace("lamp", "lamp ")} (`))!, [x, y, z] = lamp.position_m as [number, number, number];
-    const inputSource = { handedness, targetRayMode: handedness === "none" ? "screen" : "tracked-pointer", targetRaySpace: space, hand: null };
+    const lamp = lamps.find(({ id }) => immersive.noteText.includes(`${id.replace("lamp", "lamp ")} (`))!;
+    const [x, y, z] = lamp.position_m as [number, number, number];
+    const inputSource = {
+      handedness,
+      targetRayMode: handedness === "none" ? "screen" : "tracked-pointer",
+      targetRaySpace: space,
+      hand: null,
+    };
     session.inputSources = [inputSource];
-    const frame = { getPose: () => ({ transform: { position: { x, y: z, z: -y }, orientation: { x: 0, y: 0, z: 0, w: 1 } } }) };
-    for (const kind of ["selectstart", "selectend"]) session.dispatchEvent(Object.assign(new Event(kind), { frame, inputSource }));
+    const frame = {
+      getPose: () => ({
+        transform: { position: { x, y: z, z: -y }, orientation: { x: 0, y: 0, z: 0, w: 1 } },
+      }),
+    };
+    for (const kind of ["selectstart", "selectend"])
+      session.dispatchEvent(Object.assign(new Event(kind), { frame, inputSource }));
   }
   assert.match(immersive.noteText, /^Aligned/);
   return immersive;
@@ -35,7 +77,8 @@ test("a hand is invited to point, a phone's tap is not, since it does nothing", 
 });
 
 test("the wearer reads their next step once, after what stands before their eyes", async () => {
-  const immersive = await aligned("right"), time = (immersive as unknown as { time: { ms: number } }).time;
+  const immersive = await aligned("right");
+  const time = (immersive as unknown as { time: { ms: number } }).time;
   immersive.tellStep("Point at a box.");
   assert.match(immersive.noteText, /^Aligned/);
   time.ms += 60_000;

@@ -2,7 +2,17 @@
 
 import * as THREE from "three";
 import {
-  alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, reoriented, TOUCHES, type Alignment, type Landmark, type Touch,
+  alignmentFrom,
+  assess,
+  canAlign,
+  headingOf,
+  landmarksOf,
+  leveled,
+  reoriented,
+  TOUCHES,
+  type Alignment,
+  type Landmark,
+  type Touch,
 } from "../geometry/alignment";
 import { add, scale, subtract, turn, type Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
@@ -72,7 +82,13 @@ export class Immersive implements Immersion {
   private theme: Theme | null = null;
 
   /** @param map returns the current map. @param draw draws a frame of the scene. @param arm what the wearer may move. @param changed called when a session has begun or ended. */
-  constructor(private readonly picture: Picture, private readonly map: () => Environment, private readonly draw: () => void, private readonly arm: Arm, private readonly changed: () => void) {
+  constructor(
+    private readonly picture: Picture,
+    private readonly map: () => Environment,
+    private readonly draw: () => void,
+    private readonly arm: Arm,
+    private readonly changed: () => void,
+  ) {
     this.rig.rotation.order = "ZYX";
     this.rig.add(this.eye);
     this.sprites = new Sprites(picture.scene);
@@ -98,24 +114,35 @@ export class Immersive implements Immersion {
   /** @throws Error with one sentence if no session can begin. */
   async enter(turn: () => void): Promise<void> {
     if (this.session || this.isEntering) return;
-    if (!canAlign(landmarksOf(this.map()))) throw new Error("The map has no two lamps or things at least 0.5 m apart, by which it could be aligned with your room: add them in the map.");
+    if (!canAlign(landmarksOf(this.map())))
+      throw new Error(
+        "The map has no two lamps or things at least 0.5 m apart, by which it could be aligned with your room: add them in the map.",
+      );
     this.isEntering = true;
     try {
-      const session = await navigator.xr!.requestSession("immersive-ar", { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "anchors"] });
+      const session = await navigator.xr!.requestSession("immersive-ar", {
+        requiredFeatures: ["local-floor"],
+        optionalFeatures: ["hand-tracking", "anchors"],
+      });
       this.session = session;
       session.addEventListener("selectstart", (event) => this.press(event));
       session.addEventListener("selectend", ({ inputSource }) => this.release(inputSource));
       try {
         this.picture.scene.add(this.rig);
         this.viewer = await session.requestReferenceSpace("viewer");
-        await this.picture.immerse(session, this.eye, (frame) => {
-          turn();
-          this.update(frame);
-          this.draw();
-        }, () => {
-          this.end();
-          turn(); // the page's frame that it awaits may have been refused for good
-        });
+        await this.picture.immerse(
+          session,
+          this.eye,
+          (frame) => {
+            turn();
+            this.update(frame);
+            this.draw();
+          },
+          () => {
+            this.end();
+            turn(); // the page's frame that it awaits may have been refused for good
+          },
+        );
       } catch (error) {
         await session.end().catch(() => undefined);
         this.session = null;
@@ -185,8 +212,11 @@ export class Immersive implements Immersion {
 
   private ask(reason = ""): void {
     const landmark = this.landmarks[this.next];
-    this.say(landmark ? `${reason} Touch ${landmark.name} (${this.touches.length + 1} of ${Math.min(TOUCHES, this.landmarks.length)}) with the tip of your controller, your index finger or your phone, and press the trigger, pinch or tap. A press of 1.5 s skips it.`
-      : "The map has nothing to touch by which it could be aligned with your room.");
+    this.say(
+      landmark
+        ? `${reason} Touch ${landmark.name} (${this.touches.length + 1} of ${Math.min(TOUCHES, this.landmarks.length)}) with the tip of your controller, your index finger or your phone, and press the trigger, pinch or tap. A press of 1.5 s skips it.`
+        : "The map has nothing to touch by which it could be aligned with your room.",
+    );
   }
 
   private update(frame: XRFrame): void {
@@ -201,8 +231,18 @@ export class Immersive implements Immersion {
     this.follow(frame);
     if (this.alignment) {
       const head = frame.getViewerPose(this.space);
-      this.viewerAt = head ? add(this.alignment.origin, turn(leveled(head.transform.position), this.alignment.yaw)) : null;
-      if (head) this.input.update(now, this.session?.inputSources ?? [], this.presses, leveled(head.transform.position), (source) => this.tip(frame, source), this.alignment);
+      this.viewerAt = head
+        ? add(this.alignment.origin, turn(leveled(head.transform.position), this.alignment.yaw))
+        : null;
+      if (head)
+        this.input.update(
+          now,
+          this.session?.inputSources ?? [],
+          this.presses,
+          leveled(head.transform.position),
+          (source) => this.tip(frame, source),
+          this.alignment,
+        );
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
     }
@@ -224,15 +264,28 @@ export class Immersive implements Immersion {
       this.anchored = null;
       void this.place(frame, anchored, alignment);
     }
-    const pose = this.anchor && frame.trackedAnchors?.has(this.anchor.anchor) ? frame.getPose(this.anchor.anchor.anchorSpace, this.space) : null;
+    const pose =
+      this.anchor && frame.trackedAnchors?.has(this.anchor.anchor)
+        ? frame.getPose(this.anchor.anchor.anchorSpace, this.space)
+        : null;
     if (!pose || !this.anchor) return;
-    if (!alignment) this.say(`The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.${this.invitation}`, RESULT_MS);
+    if (!alignment)
+      this.say(
+        `The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.${this.invitation}`,
+        RESULT_MS,
+      );
     const { at, yaw } = this.anchor.kept;
-    this.alignment = alignmentFrom(at, yaw, leveled(pose.transform.position), headingOf(pose.transform.orientation));
+    this.alignment = alignmentFrom(
+      at,
+      yaw,
+      leveled(pose.transform.position),
+      headingOf(pose.transform.orientation),
+    );
   }
 
   private async place(frame: XRFrame, at: Vec3, { yaw, origin }: Alignment): Promise<void> {
-    const { mapName } = this, [x, y, z] = turn(subtract(at, origin), -yaw);
+    const { mapName } = this;
+    const [x, y, z] = turn(subtract(at, origin), -yaw);
     try {
       const anchor = await frame.createAnchor!(new XRRigidTransform({ x, y: z, z: -y }), this.space);
       if (!anchor || this.mapName !== mapName || !this.alignment) return;
@@ -267,15 +320,25 @@ export class Immersive implements Immersion {
     if (!this.alignment || !transform) {
       this.restart("The headset has a new origin.");
       this.anchor = anchor; // which may be tracked later
-    } else this.alignment = reoriented(this.alignment, leveled(transform.position), headingOf(transform.orientation));
+    } else
+      this.alignment = reoriented(
+        this.alignment,
+        leveled(transform.position),
+        headingOf(transform.orientation),
+      );
   }
 
   private press({ frame, inputSource }: XRInputSourceEvent): void {
-    this.presses.set(inputSource, { began: this.time.ms, since: performance.now(), at: this.touched(frame, inputSource) });
+    this.presses.set(inputSource, {
+      began: this.time.ms,
+      since: performance.now(),
+      at: this.touched(frame, inputSource),
+    });
   }
 
   private release(source: XRInputSource): void {
-    const press = this.presses.get(source), landmark = this.landmarks[this.next];
+    const press = this.presses.get(source);
+    const landmark = this.landmarks[this.next];
     this.presses.delete(source);
     if (!press) return;
     const isLong = this.time.ms - press.began > HOLD_MS;
@@ -285,28 +348,39 @@ export class Immersive implements Immersion {
       return;
     }
     if (!landmark) return;
-    if (!isLong && !press.at) return this.ask("Your hand or controller is not tracked: hold it where the headset sees it.");
+    if (!isLong && !press.at)
+      return this.ask("Your hand or controller is not tracked: hold it where the headset sees it.");
     this.next++;
     if (!isLong) this.touches.push({ ...landmark, touched: press.at! });
-    if (this.touches.length === TOUCHES || (this.next === this.landmarks.length && this.touches.length > 1)) this.align();
+    if (this.touches.length === TOUCHES || (this.next === this.landmarks.length && this.touches.length > 1))
+      this.align();
     else if (this.next === this.landmarks.length) this.restart("Two positions are needed.");
     else this.ask();
   }
 
   /** A short press of the aligned wearer: it is the person's button, or begins to point. */
   private async point({ handedness }: XRInputSource, heldMs: number): Promise<void> {
-    const { arm } = this, { user } = arm;
+    const { arm } = this;
+    const { user } = arm;
     if (!user || handedness === "none") return;
     this.input.hand = handedness;
-    const isBeginning = !arm.pointing, problem = await (isBeginning ? arm.take() : arm.press(heldMs));
+    const isBeginning = !arm.pointing;
+    const problem = await (isBeginning ? arm.take() : arm.press(heldMs));
     if (isBeginning && !this.alignment) return arm.give(); // the wearer has left, or aligns again
     if (problem) this.say(problem, RESULT_MS);
-    else if (isBeginning) this.say(`You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`, RESULT_MS);
+    else if (isBeginning)
+      this.say(
+        `You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`,
+        RESULT_MS,
+      );
   }
 
   /** On a phone, whose taps have no hand, a press does nothing. */
   private get invitation(): string {
-    const { session } = this, isPhone = session?.interactionMode === "screen-space" || [...session?.inputSources ?? []].some(({ handedness }) => handedness === "none");
+    const { session } = this;
+    const isPhone =
+      session?.interactionMode === "screen-space" ||
+      [...(session?.inputSources ?? [])].some(({ handedness }) => handedness === "none");
     return isPhone || !this.arm.user ? "" : ` Press to point as ${this.arm.user}.`;
   }
 
@@ -315,21 +389,38 @@ export class Immersive implements Immersion {
     if (fault) return this.restart(fault);
     this.alignment = alignment;
     this.anchor = null;
-    this.anchored = scale(this.touches.reduce<Vec3>((sum, { at }) => add(sum, at), [0, 0, 0]), 1 / this.touches.length);
-    this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.${this.invitation}`, RESULT_MS);
+    this.anchored = scale(
+      this.touches.reduce<Vec3>((sum, { at }) => add(sum, at), [0, 0, 0]),
+      1 / this.touches.length,
+    );
+    this.say(
+      `Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.${this.invitation}`,
+      RESULT_MS,
+    );
   }
 
   /** Position that `source` touched before it was pressed, levelled; null: it is not tracked. */
   private touched(frame: XRFrame, source: XRInputSource): Vec3 | null {
-    const now = performance.now(), [least, most] = this.alignment ? BEFORE_PRESS_MS : BEFORE_PINCH_MS;
-    const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least && now - time <= MAX_TIP_AGE_MS);
-    const counted = before.filter(([time], i) => now - time <= most || i === before.length - 1).map(([, at]) => at);
-    return counted.length ? scale(counted.reduce((sum, at) => add(sum, at)), 1 / counted.length) : this.tip(frame, source);
+    const now = performance.now();
+    const [least, most] = this.alignment ? BEFORE_PRESS_MS : BEFORE_PINCH_MS;
+    const before = (this.tips.get(source) ?? []).filter(
+      ([time]) => now - time >= least && now - time <= MAX_TIP_AGE_MS,
+    );
+    const counted = before
+      .filter(([time], i) => now - time <= most || i === before.length - 1)
+      .map(([, at]) => at);
+    return counted.length
+      ? scale(
+          counted.reduce((sum, at) => add(sum, at)),
+          1 / counted.length,
+        )
+      : this.tip(frame, source);
   }
 
   /** Position of the tip of a hand, controller or phone now, levelled; null: it is not tracked. */
   private tip(frame: XRFrame, { hand, targetRayMode, targetRaySpace }: XRInputSource): Vec3 | null {
-    const joint = hand?.get("index-finger-tip"), space = targetRayMode === "tracked-pointer" ? targetRaySpace : this.viewer!;
+    const joint = hand?.get("index-finger-tip");
+    const space = targetRayMode === "tracked-pointer" ? targetRaySpace : this.viewer!;
     const pose = hand ? joint && frame.getJointPose?.(joint, this.space) : frame.getPose(space, this.space);
     return pose ? leveled(pose.transform.position) : null; // `emulatedPosition` is true of some tracked controllers, too
   }
@@ -345,7 +436,9 @@ export class Immersive implements Immersion {
 
 function entryError(error: unknown): string {
   const name = error instanceof DOMException ? error.name : "";
-  if (name === "SecurityError" || name === "NotAllowedError") return "The browser did not allow this page to show your room: allow it in the settings of the site, then try again.";
-  if (name === "NotSupportedError") return "This device does not know where its floor is, which the room needs: set up its boundary, then try again.";
+  if (name === "SecurityError" || name === "NotAllowedError")
+    return "The browser did not allow this page to show your room: allow it in the settings of the site, then try again.";
+  if (name === "NotSupportedError")
+    return "This device does not know where its floor is, which the room needs: set up its boundary, then try again.";
   return `Your room could not be shown: ${error instanceof Error ? error.message : String(error)}`;
 }

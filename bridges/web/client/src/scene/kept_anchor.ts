@@ -27,7 +27,13 @@ export function keepAnchor(anchor: KeptAnchor | null): void {
 export function keptAnchor(): KeptAnchor | null {
   try {
     const { map, handle, at, yaw } = JSON.parse(localStorage.getItem(NAME) ?? "") as Partial<KeptAnchor>;
-    const isValid = typeof map === "string" && typeof handle === "string" && handle !== "" && Array.isArray(at) && at.length === 3 && [...at, yaw].every(Number.isFinite);
+    const isValid =
+      typeof map === "string" &&
+      typeof handle === "string" &&
+      handle !== "" &&
+      Array.isArray(at) &&
+      at.length === 3 &&
+      [...at, yaw].every(Number.isFinite);
     return isValid ? { map, handle, at: at as Vec3, yaw: yaw! } : null;
   } catch {
     return null;

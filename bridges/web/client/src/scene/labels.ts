@@ -69,7 +69,12 @@ export class Labels {
 
   constructor(host: HTMLElement) {
     this.layer.setAttribute("aria-hidden", "true");
-    Object.assign(this.layer.style, { position: "absolute", inset: "0", overflow: "hidden", pointerEvents: "none" });
+    Object.assign(this.layer.style, {
+      position: "absolute",
+      inset: "0",
+      overflow: "hidden",
+      pointerEvents: "none",
+    });
     host.append(this.layer);
   }
 
@@ -84,7 +89,20 @@ export class Labels {
   add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0, number = 0): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", text: "", color: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, number, aside: null, width: 0, height: 0 };
+      label = {
+        element: this.make(),
+        shown: "",
+        text: "",
+        color: "",
+        at: [0, 0, 0],
+        used: true,
+        placed: "nowhere yet",
+        rank,
+        number,
+        aside: null,
+        width: 0,
+        height: 0,
+      };
       this.labels.set(key, label);
     }
     label.used = true;
@@ -99,21 +117,29 @@ export class Labels {
     label.color = color;
     label.width = 0;
     label.element.style.borderColor = color || "transparent";
-    label.element.replaceChildren(...pieces.map((piece) => {
-      const span = document.createElement("span");
-      span.textContent = piece.text;
-      if (piece.color) {
-        Object.assign(span.style, {
-          background: cssColor(piece.color), color: inkOn(piece.color), borderRadius: "4px", padding: "0 5px", fontWeight: "700",
-        });
-      }
-      return span;
-    }));
+    label.element.replaceChildren(
+      ...pieces.map((piece) => {
+        const span = document.createElement("span");
+        span.textContent = piece.text;
+        if (piece.color) {
+          Object.assign(span.style, {
+            background: cssColor(piece.color),
+            color: inkOn(piece.color),
+            borderRadius: "4px",
+            padding: "0 5px",
+            fontWeight: "700",
+          });
+        }
+        return span;
+      }),
+    );
   }
 
   /** The labels of this frame. */
   get texts(): Text[] {
-    return [...this.labels].filter(([, { used }]) => used).map(([key, { at, text, color }]) => ({ key, at, text, color }));
+    return [...this.labels]
+      .filter(([, { used }]) => used)
+      .map(([key, { at, text, color }]) => ({ key, at, text, color }));
   }
 
   /** Keep something free of labels, that of `key` stands on it; its size in m. */
@@ -123,7 +149,11 @@ export class Labels {
 
   /** Put them where the camera sees their places, beside each other and beside what covers the picture. */
   end(camera: THREE.PerspectiveCamera, width: number, height: number): void {
-    const seen: Label[] = [], wishes: Wish[] = [], now = performance.now(), taken = [...this.covered], tops = new Map<string, number>();
+    const seen: Label[] = [];
+    const wishes: Wish[] = [];
+    const now = performance.now();
+    const taken = [...this.covered];
+    const tops = new Map<string, number>();
     for (const each of this.freed) {
       const rect = this.seen(each, camera, width, height);
       if (!rect) continue;
@@ -147,30 +177,62 @@ export class Labels {
         label.height = label.element.offsetHeight;
       }
       seen.push(label);
-      const wish = { x: (x + 1) * width * 0.5, y: Math.min((1 - y) * height * 0.5, tops.get(key) ?? Infinity), width: label.width, height: label.height, rank: label.rank };
+      const wish = {
+        x: (x + 1) * width * 0.5,
+        y: Math.min((1 - y) * height * 0.5, tops.get(key) ?? Infinity),
+        width: label.width,
+        height: label.height,
+        rank: label.rank,
+      };
       const { aside } = label;
-      wishes.push(aside && now < aside.until ? { ...wish, kept: { x: wish.x + aside.x, y: wish.y + aside.y } } : wish);
+      wishes.push(
+        aside && now < aside.until ? { ...wish, kept: { x: wish.x + aside.x, y: wish.y + aside.y } } : wish,
+      );
     }
     const spots = placed(wishes, taken, { width, height });
     this.showNumbers(seen, wishes, spots, { width, height });
     spots.forEach((at, i) => {
-      const label = seen[i]!, wish = wishes[i]!;
+      const label = seen[i]!;
+      const wish = wishes[i]!;
       put(label, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : "");
-      const x = at ? at.x - wish.x : 0, y = at ? at.y - wish.y : 0, isAside = at !== null && Math.hypot(x + wish.width / 2, y + wish.height) > 1;
+      const x = at ? at.x - wish.x : 0;
+      const y = at ? at.y - wish.y : 0;
+      const isAside = at !== null && Math.hypot(x + wish.width / 2, y + wish.height) > 1;
       if (!isAside) label.aside = null;
-      else if (!label.aside || now >= label.aside.until || Math.hypot(x - label.aside.x, y - label.aside.y) > 0.01) label.aside = { x, y, until: now + ASIDE_MS };
+      else if (
+        !label.aside ||
+        now >= label.aside.until ||
+        Math.hypot(x - label.aside.x, y - label.aside.y) > 0.01
+      )
+        label.aside = { x, y, until: now + ASIDE_MS };
     });
   }
 
   /** Number what has no room for its name, and explain the numbers. */
-  private showNumbers(seen: readonly Label[], wishes: readonly Wish[], spots: readonly ({ x: number; y: number } | null)[], picture: Size): void {
+  private showNumbers(
+    seen: readonly Label[],
+    wishes: readonly Wish[],
+    spots: readonly ({ x: number; y: number } | null)[],
+    picture: Size,
+  ): void {
     const without = seen.map((_, i) => i).filter((i) => !spots[i] && seen[i]!.number);
     this.explain(without.map((i) => `${seen[i]!.number} ${seen[i]!.text}`).join(" · "), picture);
-    const full = [...this.covered, ...spots.flatMap((at, i) => (at ? [{ ...at, width: wishes[i]!.width, height: wishes[i]!.height }] : []))];
-    const places = placed(without.map((i) => ({ ...wishes[i]!, ...NUMBER_PX, rank: 1 })), full, picture);
+    const full = [
+      ...this.covered,
+      ...spots.flatMap((at, i) =>
+        at ? [{ ...at, width: wishes[i]!.width, height: wishes[i]!.height }] : [],
+      ),
+    ];
+    const places = placed(
+      without.map((i) => ({ ...wishes[i]!, ...NUMBER_PX, rank: 1 })),
+      full,
+      picture,
+    );
     while (this.numbers.length < without.length) this.numbers.push(this.make());
     this.numbers.forEach((element, n) => {
-      const label = seen[without[n] ?? -1], wish = wishes[without[n] ?? -1], at = places[n] ?? (wish && { x: wish.x - NUMBER_PX.width / 2, y: wish.y - NUMBER_PX.height });
+      const label = seen[without[n] ?? -1];
+      const wish = wishes[without[n] ?? -1];
+      const at = places[n] ?? (wish && { x: wish.x - NUMBER_PX.width / 2, y: wish.y - NUMBER_PX.height });
       element.style.visibility = label && !this.isTooLong ? "visible" : "hidden";
       if (!label || !at) return;
       element.textContent = String(label.number);
@@ -183,29 +245,67 @@ export class Labels {
     if (legend === this.explained) return;
     this.explained = legend;
     this.legend ??= this.make();
-    const low = Math.max(0, ...this.covered.filter(({ y, height }) => y + height / 2 > picture.height / 2).map(({ y }) => picture.height - y));
-    Object.assign(this.legend.style, { top: "auto", bottom: `${low + 4}px`, left: "4px", maxWidth: "calc(100% - 8px)", boxSizing: "border-box", whiteSpace: "normal", visibility: "hidden" });
+    const low = Math.max(
+      0,
+      ...this.covered
+        .filter(({ y, height }) => y + height / 2 > picture.height / 2)
+        .map(({ y }) => picture.height - y),
+    );
+    Object.assign(this.legend.style, {
+      top: "auto",
+      bottom: `${low + 4}px`,
+      left: "4px",
+      maxWidth: "calc(100% - 8px)",
+      boxSizing: "border-box",
+      whiteSpace: "normal",
+      visibility: "hidden",
+    });
     this.legend.textContent = legend;
     this.isTooLong = this.legend.offsetHeight > Math.max(LINE_PX, MAX_LEGEND_SHARE * picture.height);
     if (legend && !this.isTooLong) this.legend.style.visibility = "visible";
   }
 
   /** The part of the picture that something takes up, px; null behind the camera. */
-  private seen({ at, wide, deep, tall }: Freed, camera: THREE.PerspectiveCamera, width: number, height: number): Rect | null {
+  private seen(
+    { at, wide, deep, tall }: Freed,
+    camera: THREE.PerspectiveCamera,
+    width: number,
+    height: number,
+  ): Rect | null {
     const away = -this.point.set(...at).applyMatrix4(camera.matrixWorldInverse).z;
     if (away <= camera.near) return null;
     this.point.applyMatrix4(camera.projectionMatrix);
-    const perM = height / (2 * away * Math.tan((camera.fov * Math.PI) / 360)), down = Math.abs(camera.matrixWorld.elements[10]!);
-    const x = Math.max((wide * perM) / 2, MIN_HALF_PX), y = Math.max(((tall * Math.sqrt(1 - down * down) + deep * down) * perM) / 2, MIN_HALF_PX);
-    return { x: (this.point.x + 1) * width * 0.5 - x, y: (1 - this.point.y) * height * 0.5 - y, width: 2 * x, height: 2 * y };
+    const perM = height / (2 * away * Math.tan((camera.fov * Math.PI) / 360));
+    const down = Math.abs(camera.matrixWorld.elements[10]!);
+    const x = Math.max((wide * perM) / 2, MIN_HALF_PX);
+    const y = Math.max(((tall * Math.sqrt(1 - down * down) + deep * down) * perM) / 2, MIN_HALF_PX);
+    return {
+      x: (this.point.x + 1) * width * 0.5 - x,
+      y: (1 - this.point.y) * height * 0.5 - y,
+      width: 2 * x,
+      height: 2 * y,
+    };
   }
 
   private make(): HTMLElement {
-    const element = document.createElement("div"), theme = this.theme!;
+    const element = document.createElement("div");
+    const theme = this.theme!;
     Object.assign(element.style, {
-      position: "absolute", left: "0", top: "0", display: "flex", gap: "5px", alignItems: "center", whiteSpace: "nowrap",
-      padding: "2px 8px", borderRadius: "7px", border: "2px solid transparent", background: theme.paper, color: theme.ink,
-      font: "600 12px/1.45 system-ui, sans-serif", fontVariantNumeric: "tabular-nums", willChange: "transform",
+      position: "absolute",
+      left: "0",
+      top: "0",
+      display: "flex",
+      gap: "5px",
+      alignItems: "center",
+      whiteSpace: "nowrap",
+      padding: "2px 8px",
+      borderRadius: "7px",
+      border: "2px solid transparent",
+      background: theme.paper,
+      color: theme.ink,
+      font: "600 12px/1.45 system-ui, sans-serif",
+      fontVariantNumeric: "tabular-nums",
+      willChange: "transform",
     });
     this.layer.append(element);
     return element;

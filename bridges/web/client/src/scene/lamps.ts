@@ -33,8 +33,17 @@ export class Lamps {
     const turned = (geometry: THREE.BufferGeometry) => geometry.rotateX(Math.PI / 2);
     const poles = factory.many(turned(new THREE.CylinderGeometry(0.016, 0.02, 1, around)), metal, length);
     const feet = factory.many(turned(new THREE.CylinderGeometry(0.13, 0.15, 0.025, around)), metal, length);
-    const collars = factory.many(turned(new THREE.CylinderGeometry(0.036, 0.03, 0.05, around)), metal, length);
-    this.bulbs = factory.many(new THREE.SphereGeometry(BULB_M, around, around / 2), factory.plain(0xffffff), length, "casts");
+    const collars = factory.many(
+      turned(new THREE.CylinderGeometry(0.036, 0.03, 0.05, around)),
+      metal,
+      length,
+    );
+    this.bulbs = factory.many(
+      new THREE.SphereGeometry(BULB_M, around, around / 2),
+      factory.plain(0xffffff),
+      length,
+      "casts",
+    );
     const reach = factory.many(new THREE.SphereGeometry(REACH_M, 8, 6), factory.plain(0), length, "");
     reach.visible = false;
     this.targets.push(reach);
@@ -57,8 +66,14 @@ export class Lamps {
       const [r, g, b] = closed.has(lamp.id) ? [0, 0, 0] : (colors.get(lamp.id)?.color ?? [0, 0, 0]);
       if (r === lamp.color[0] && g === lamp.color[1] && b === lamp.color[2]) return;
       lamp.color = [r, g, b];
-      const lit = Math.max(r, g, b) / 255, rest = off * (1 - Math.min(lit * 2, 1));
-      this.paint.setRGB(Math.max(r / 255, rest), Math.max(g / 255, rest), Math.max(b / 255, rest), THREE.SRGBColorSpace);
+      const lit = Math.max(r, g, b) / 255;
+      const rest = off * (1 - Math.min(lit * 2, 1));
+      this.paint.setRGB(
+        Math.max(r / 255, rest),
+        Math.max(g / 255, rest),
+        Math.max(b / 255, rest),
+        THREE.SRGBColorSpace,
+      );
       this.bulbs!.setColorAt(i, this.paint);
       if (this.bulbs!.instanceColor) this.bulbs!.instanceColor.needsUpdate = true;
     });

@@ -6,7 +6,13 @@ import type { Read3 } from "../geometry/vec";
 import type { MeshFactory } from "./mesh_factory";
 
 const STYLES: Readonly<Record<Pattern | "glow", number>> = {
-  solid: 0, dashed: 1, dotted: 2, striped: 3, hollow: 4, tailed: 5, glow: 6,
+  solid: 0,
+  dashed: 1,
+  dotted: 2,
+  striped: 3,
+  hollow: 4,
+  tailed: 5,
+  glow: 6,
 };
 
 const VERTEX = `
@@ -79,19 +85,41 @@ export class Marks {
   private count = 0;
 
   constructor(factory: MeshFactory) {
-    this.geometry.setAttribute("position", new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3));
+    this.geometry.setAttribute(
+      "position",
+      new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3),
+    );
     this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
     const array = (name: string, size: number) => {
-      const made = new THREE.InstancedBufferAttribute(new Float32Array(AT_MOST * size), size).setUsage(THREE.DynamicDrawUsage);
+      const made = new THREE.InstancedBufferAttribute(new Float32Array(AT_MOST * size), size).setUsage(
+        THREE.DynamicDrawUsage,
+      );
       this.geometry.setAttribute(name, made);
       return made as THREE.InstancedBufferAttribute;
     };
-    this.arrays = { place: array("place", 3), shape: array("shape", 4), tint: array("tint", 4), style: array("style", 4) };
-    const mesh = factory.mesh(this.geometry, factory.own(new THREE.ShaderMaterial({
-      vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthWrite: false, side: THREE.DoubleSide,
-      blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
-      uniforms: { pixel: this.pixel, over: { value: factory.theme.dark ? 0 : 1 } },
-    })), "");
+    this.arrays = {
+      place: array("place", 3),
+      shape: array("shape", 4),
+      tint: array("tint", 4),
+      style: array("style", 4),
+    };
+    const mesh = factory.mesh(
+      this.geometry,
+      factory.own(
+        new THREE.ShaderMaterial({
+          vertexShader: VERTEX,
+          fragmentShader: FRAGMENT,
+          transparent: true,
+          depthWrite: false,
+          side: THREE.DoubleSide,
+          blending: THREE.CustomBlending,
+          blendSrc: THREE.OneFactor,
+          blendDst: THREE.OneMinusSrcAlphaFactor,
+          uniforms: { pixel: this.pixel, over: { value: factory.theme.dark ? 0 : 1 } },
+        }),
+      ),
+      "",
+    );
     mesh.frustumCulled = false;
     mesh.renderOrder = 8;
   }
@@ -105,7 +133,8 @@ export class Marks {
   /** A mark of `radius` m (`other`: along its other axis, turned by `angle`) at `at`; colours 0-255. */
   add(at: Read3, radius: number, color: Read3, look: MarkLook, up = 0, other = radius, angle = 0): void {
     if (this.count >= AT_MOST) return;
-    const { place, shape, tint, style } = this.arrays, i = this.count++;
+    const { place, shape, tint, style } = this.arrays;
+    const i = this.count++;
     place.setXYZ(i, at[0], at[1], at[2] + up);
     shape.setXYZW(i, radius, other, angle, look.thick ?? 0.16);
     tint.setXYZW(i, color[0] / 255, color[1] / 255, color[2] / 255, look.alpha ?? 1);

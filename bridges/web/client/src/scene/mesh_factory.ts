@@ -20,12 +20,32 @@ export interface Theme {
 }
 
 export const DARK: Theme = {
-  dark: true, background: 0x11161d, floor: "#171d26", line: "#29323e", frame: 0xa9b6c4, leg: 0x4b5665,
-  rubber: "#343b46", chevron: "#56616f", solid: 0x54606e, off: 0.52, ink: "#eef2f7", paper: "rgba(13,17,23,.78)",
+  dark: true,
+  background: 0x11161d,
+  floor: "#171d26",
+  line: "#29323e",
+  frame: 0xa9b6c4,
+  leg: 0x4b5665,
+  rubber: "#343b46",
+  chevron: "#56616f",
+  solid: 0x54606e,
+  off: 0.52,
+  ink: "#eef2f7",
+  paper: "rgba(13,17,23,.78)",
 };
 export const LIGHT: Theme = {
-  dark: false, background: 0xe4eaf1, floor: "#f3f5f8", line: "#cfd7e1", frame: 0xb9c3ce, leg: 0x78848f,
-  rubber: "#4b535e", chevron: "#6b7480", solid: 0xb4bec9, off: 0.4, ink: "#141a22", paper: "rgba(255,255,255,.86)",
+  dark: false,
+  background: 0xe4eaf1,
+  floor: "#f3f5f8",
+  line: "#cfd7e1",
+  frame: 0xb9c3ce,
+  leg: 0x78848f,
+  rubber: "#4b535e",
+  chevron: "#6b7480",
+  solid: 0xb4bec9,
+  off: 0.4,
+  ink: "#141a22",
+  paper: "rgba(255,255,255,.86)",
 };
 
 interface Disposable {
@@ -38,7 +58,10 @@ export class MeshFactory {
   private readonly made = new Set<Disposable>();
 
   /** @param light without a graphics processor: cheap materials, no shadows */
-  constructor(readonly light: boolean, readonly theme: Theme) {}
+  constructor(
+    readonly light: boolean,
+    readonly theme: Theme,
+  ) {}
 
   own<T extends Disposable>(made: T): T {
     this.made.add(made);
@@ -47,24 +70,36 @@ export class MeshFactory {
 
   /** A lit material. */
   matt(color: THREE.ColorRepresentation, more: THREE.MeshStandardMaterialParameters = {}): THREE.Material {
-    if (!this.light) return this.own(new THREE.MeshStandardMaterial({ roughness: 0.65, metalness: 0.05, color, ...more }));
+    if (!this.light)
+      return this.own(new THREE.MeshStandardMaterial({ roughness: 0.65, metalness: 0.05, color, ...more }));
     const { roughness: _r, metalness: _m, ...rest } = more;
     return this.own(new THREE.MeshLambertMaterial({ color, ...rest } as THREE.MeshLambertMaterialParameters));
   }
 
   /** An unlit material in the very colour. */
-  plain(color: THREE.ColorRepresentation, more: THREE.MeshBasicMaterialParameters = {}): THREE.MeshBasicMaterial {
+  plain(
+    color: THREE.ColorRepresentation,
+    more: THREE.MeshBasicMaterialParameters = {},
+  ): THREE.MeshBasicMaterial {
     return this.own(new THREE.MeshBasicMaterial({ color, toneMapped: false, ...more }));
   }
 
   /** Put a mesh into the scene. */
-  mesh(geometry: THREE.BufferGeometry, material: THREE.Material, shadows: "" | "casts" | "shows" | "both" = "both"): THREE.Mesh {
+  mesh(
+    geometry: THREE.BufferGeometry,
+    material: THREE.Material,
+    shadows: "" | "casts" | "shows" | "both" = "both",
+  ): THREE.Mesh {
     return this.put(new THREE.Mesh(this.own(geometry), material), shadows);
   }
 
   /** Put a mesh of `count` instances into the scene. */
-  many(geometry: THREE.BufferGeometry, material: THREE.Material, count: number,
-       shadows: "" | "casts" | "shows" | "both" = "both"): THREE.InstancedMesh {
+  many(
+    geometry: THREE.BufferGeometry,
+    material: THREE.Material,
+    count: number,
+    shadows: "" | "casts" | "shows" | "both" = "both",
+  ): THREE.InstancedMesh {
     const mesh = this.own(new THREE.InstancedMesh(this.own(geometry), material, Math.max(count, 1)));
     mesh.count = count;
     mesh.frustumCulled = false;
@@ -80,13 +115,21 @@ export class MeshFactory {
 
   /** The edges of a cube of 1 m. */
   edges(): THREE.LineSegments {
-    const lines = new THREE.LineSegments(this.own(new THREE.EdgesGeometry(new THREE.BoxGeometry(1, 1, 1))), this.own(new THREE.LineBasicMaterial({ color: this.theme.ink })));
+    const lines = new THREE.LineSegments(
+      this.own(new THREE.EdgesGeometry(new THREE.BoxGeometry(1, 1, 1))),
+      this.own(new THREE.LineBasicMaterial({ color: this.theme.ink })),
+    );
     this.group.add(lines);
     return lines;
   }
 
   /** A texture drawn on a canvas; `repeat`: along both axes. */
-  texture(width: number, height: number, draw: (context: CanvasRenderingContext2D) => void, repeat = false): THREE.CanvasTexture {
+  texture(
+    width: number,
+    height: number,
+    draw: (context: CanvasRenderingContext2D) => void,
+    repeat = false,
+  ): THREE.CanvasTexture {
     const canvas = document.createElement("canvas");
     canvas.width = width;
     canvas.height = height;
@@ -107,9 +150,20 @@ export class MeshFactory {
 }
 
 /** Write into `array`, at instance `i`, a matrix that scales, turns about z and moves. */
-export function setMatrix(array: ArrayLike<number> & { [i: number]: number }, i: number, x: number, y: number, z: number,
-                          yaw: number, sx: number, sy: number, sz: number): void {
-  const c = Math.cos(yaw), s = Math.sin(yaw), at = 16 * i;
+export function setMatrix(
+  array: ArrayLike<number> & { [i: number]: number },
+  i: number,
+  x: number,
+  y: number,
+  z: number,
+  yaw: number,
+  sx: number,
+  sy: number,
+  sz: number,
+): void {
+  const c = Math.cos(yaw);
+  const s = Math.sin(yaw);
+  const at = 16 * i;
   array[at] = c * sx;
   array[at + 1] = s * sx;
   array[at + 2] = array[at + 3] = 0;

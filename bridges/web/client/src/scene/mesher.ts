@@ -24,9 +24,17 @@ export class Mesher {
   }
 
   /** Of a ribbon: its cuts `aside` m wider on either side and `up` m higher. */
-  static edge(cuts: readonly Cut[], side: "left" | "right", aside: number, up: number, width: number): Vec3[] {
+  static edge(
+    cuts: readonly Cut[],
+    side: "left" | "right",
+    aside: number,
+    up: number,
+    width: number,
+  ): Vec3[] {
     return cuts.map((cut) => {
-      const by = 1 + (2 * aside) / width, edge = cut[side], c = cut.center;
+      const by = 1 + (2 * aside) / width;
+      const edge = cut[side];
+      const c = cut.center;
       return [c[0] + (edge[0] - c[0]) * by, c[1] + (edge[1] - c[1]) * by, c[2] + (edge[2] - c[2]) * by + up];
     });
   }
@@ -34,7 +42,10 @@ export class Mesher {
   /** A beam along a ribbon, closed all about: from `top` down to `bottom` (m above the line). */
   beam(cuts: readonly Cut[], width: number, aside: number, top: number, bottom: number): void {
     const edge = (side: "left" | "right", up: number) => Mesher.edge(cuts, side, aside, up, width);
-    const lt = edge("left", top), rt = edge("right", top), lb = edge("left", bottom), rb = edge("right", bottom);
+    const lt = edge("left", top);
+    const rt = edge("right", top);
+    const lb = edge("left", bottom);
+    const rb = edge("right", bottom);
     this.between(lt, rt);
     this.between(rt, rb);
     this.between(lb, lt);

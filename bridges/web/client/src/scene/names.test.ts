@@ -8,8 +8,24 @@ import { emptyPerson, emptySite } from "../site/site";
 import { Names } from "./names";
 
 const MAP = {
-  lamps: [{ id: "led_0", position_m: [-2, 0, 0] }, { id: "radio_lamp", position_m: [2, 0, 0] }], strips: [{ id: "0", line_m: [[-2, 1, 0], [2, 1, 0]], pixels: 10 }],
-  boxes: [{ id: "behind_left", center_m: [0, -2, 0], size_m: [2, 1, 1], yaw_rad: 0 }], spheres: [], cylinders: [], things: [{ id: "radio", lamp: "radio_lamp" }],
+  lamps: [
+    { id: "led_0", position_m: [-2, 0, 0] },
+    { id: "radio_lamp", position_m: [2, 0, 0] },
+  ],
+  strips: [
+    {
+      id: "0",
+      line_m: [
+        [-2, 1, 0],
+        [2, 1, 0],
+      ],
+      pixels: 10,
+    },
+  ],
+  boxes: [{ id: "behind_left", center_m: [0, -2, 0], size_m: [2, 1, 1], yaw_rad: 0 }],
+  spheres: [],
+  cylinders: [],
+  things: [{ id: "radio", lamp: "radio_lamp" }],
 } as unknown as Environment;
 const camera = new THREE.PerspectiveCamera(42, 1, 0.1, 200);
 camera.position.set(0, 0, 10);
@@ -20,7 +36,8 @@ function at(x: number, y: number): [number, number] {
   const seen = new THREE.Vector3(x, y, 0).project(camera);
   return [((seen.x + 1) / 2) * 600, ((1 - seen.y) / 2) * 600];
 }
-const shown = (pointer: [number, number] | null, site = emptySite()) => new Names(MAP).shown(site, pointer, camera, 600, 600).map(({ text }) => text);
+const shown = (pointer: [number, number] | null, site = emptySite()) =>
+  new Names(MAP).shown(site, pointer, camera, 600, 600).map(({ text }) => text);
 
 test("a name is shown where the mouse is over its lamp, strip or box, and nowhere else", () => {
   assert.deepEqual(shown(null), []);
@@ -34,7 +51,8 @@ test("a name is shown where the mouse is over its lamp, strip or box, and nowher
 });
 
 test("while a person is localized every lamp has its name, once", () => {
-  const site = emptySite(), ada = emptyPerson("ada");
+  const site = emptySite();
+  const ada = emptyPerson("ada");
   ada.localization = { phase: "sampling" } as never;
   site.people.set("ada", ada);
   assert.deepEqual(shown(null, site), ["lamp 0"]);
@@ -42,15 +60,25 @@ test("while a person is localized every lamp has its name, once", () => {
 });
 
 test("in a headset every lamp has its name", () => {
-  assert.deepEqual(new Names(MAP).shown(emptySite(), null, camera, 600, 600, true).map(({ text }) => text), ["lamp 0"]);
+  assert.deepEqual(
+    new Names(MAP).shown(emptySite(), null, camera, 600, 600, true).map(({ text }) => text),
+    ["lamp 0"],
+  );
 });
 
 test("a label that went aside stays there while there is room, and comes back otherwise", () => {
-  const picture = { width: 400, height: 400 }, wish = { x: 100, y: 100, width: 40, height: 20, rank: 1 };
+  const picture = { width: 400, height: 400 };
+  const wish = { x: 100, y: 100, width: 40, height: 20, rank: 1 };
   const [aside] = placed([wish], [{ x: 90, y: 70, width: 30, height: 40 }], picture);
   assert.ok(aside!.x !== 80 || aside!.y !== 80);
   assert.deepEqual(placed([{ ...wish, kept: aside! }], [], picture), [aside]);
   assert.deepEqual(placed([wish], [], picture), [{ x: 80, y: 80 }]);
-  assert.deepEqual(placed([{ ...wish, kept: aside! }], [{ ...aside!, width: 40, height: 20 }], picture), [{ x: 80, y: 80 }]);
-  assert.deepEqual(placed([{ ...wish, kept: { x: 380, y: 80 } }], [], picture), [{ x: 80, y: 80 }], "it would leave the picture");
+  assert.deepEqual(placed([{ ...wish, kept: aside! }], [{ ...aside!, width: 40, height: 20 }], picture), [
+    { x: 80, y: 80 },
+  ]);
+  assert.deepEqual(
+    placed([{ ...wish, kept: { x: 380, y: 80 } }], [], picture),
+    [{ x: 80, y: 80 }],
+    "it would leave the picture",
+  );
 });

@@ -61,8 +61,13 @@ export class Picture {
   private slowSince = 0;
   private lostTimer = 0;
 
-  constructor(private readonly host: HTMLElement, private readonly changed: () => void, on: PictureEvents) {
-    const name = probedRenderer(), software = SOFTWARE.test(name);
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly changed: () => void,
+    on: PictureEvents,
+  ) {
+    const name = probedRenderer();
+    const software = SOFTWARE.test(name);
     this.stats = { fps: 0, renderer: name, software };
     try {
       this.renderer = new THREE.WebGLRenderer({ antialias: !software, powerPreference: "high-performance" });
@@ -131,7 +136,12 @@ export class Picture {
    * @param onFrame draws a frame
    * @param onEnd called when the page shows the scene again
    */
-  async immerse(session: XRSession, eye: THREE.PerspectiveCamera, onFrame: (frame: XRFrame) => void, onEnd: () => void): Promise<void> {
+  async immerse(
+    session: XRSession,
+    eye: THREE.PerspectiveCamera,
+    onFrame: (frame: XRFrame) => void,
+    onEnd: () => void,
+  ): Promise<void> {
     const { xr } = this.renderer;
     const end = (): void => {
       xr.removeEventListener("sessionend", end);
@@ -159,7 +169,7 @@ export class Picture {
 
   /** Viewport of an eye in a session, px, or null. */
   private get viewport(): THREE.Vector4 | null {
-    return this.isImmersed ? this.renderer.xr.getCamera().cameras[0]?.viewport ?? null : null;
+    return this.isImmersed ? (this.renderer.xr.getCamera().cameras[0]?.viewport ?? null) : null;
   }
 
   /** Size of the picture, px, as an eye sees it. */
@@ -171,7 +181,8 @@ export class Picture {
   /** Size, m, of a pixel of the picture 1 m before the camera. */
   get pixel(): number {
     const { viewport } = this;
-    if (viewport) return 2 / (this.renderer.xr.getCamera().cameras[0]!.projectionMatrix.elements[5]! * viewport.w);
+    if (viewport)
+      return 2 / (this.renderer.xr.getCamera().cameras[0]!.projectionMatrix.elements[5]! * viewport.w);
     return (2 * Math.tan((this.camera.fov * Math.PI) / 360)) / this.height;
   }
 
@@ -183,7 +194,9 @@ export class Picture {
 
   /** Light a room of this size in this theme. */
   light(theme: Theme, bounds: Bounds): void {
-    const { low, high } = bounds, x = (low[0] + high[0]) / 2, y = (low[1] + high[1]) / 2;
+    const { low, high } = bounds;
+    const x = (low[0] + high[0]) / 2;
+    const y = (low[1] + high[1]) / 2;
     const radius = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2 + 1.5, 3);
     this.background.set(theme.background);
     this.fog.color.copy(this.background);
@@ -232,7 +245,11 @@ export class Picture {
 
   /** Ask less of a machine that is too slow for a while: first no shadows, then fewer pixels, step by step. */
   private adapt(now: number, busy: boolean): void {
-    if (!busy || this.stats.fps >= (this.stats.software ? TOO_SLOW_FPS : TOO_SLOW_GPU_FPS) || document.hidden) {
+    if (
+      !busy ||
+      this.stats.fps >= (this.stats.software ? TOO_SLOW_FPS : TOO_SLOW_GPU_FPS) ||
+      document.hidden
+    ) {
       this.slowSince = now;
       return;
     }

@@ -47,7 +47,8 @@ export class Robots {
 
   /** Draw all as of now; returns whether any goes on moving. */
   draw(site: Site): boolean {
-    const now_ns = siteNow(site), seen = seenRobots(site);
+    const now_ns = siteNow(site);
+    const seen = seenRobots(site);
     let moves = false;
     for (const [name, body] of this.bodies) {
       if (seen.some((robot) => robot.name === name)) continue;
@@ -67,19 +68,28 @@ export class Robots {
   }
 
   private one(site: Site, robot: SeenRobot, at: Vec3): void {
-    const { marks, beams, labels, factory } = this.around, { name, state } = robot, { dark } = factory.theme;
-    const owner = site.people.get(state.user)?.profile, radius = state.radius_m;
+    const { marks, beams, labels, factory } = this.around;
+    const { name, state } = robot;
+    const { dark } = factory.theme;
+    const owner = site.people.get(state.user)?.profile;
+    const radius = state.radius_m;
     const color = state.user ? visibleColor(owner?.cursor_color ?? [255, 255, 255], dark) : FREE;
-    const body = this.body(name, state.kind), isFlying = state.kind === "quadrotor" && at[2] > 0.05;
+    const body = this.body(name, state.kind);
+    const isFlying = state.kind === "quadrotor" && at[2] > 0.05;
     body.position.set(...at);
     body.rotation.z = state.yaw_rad;
     body.scale.setScalar(2 * radius);
-    const floor: Vec3 = [at[0], at[1], 0.008], alpha = state.phase === "lost" ? 0.4 : 1;
+    const floor: Vec3 = [at[0], at[1], 0.008];
+    const alpha = state.phase === "lost" ? 0.4 : 1;
     if (isFlying) {
       marks.add(floor, radius, [0, 0, 0], { thick: 0.02, alpha: dark ? 0.5 : 0.25, fill: 1 });
       beams.add(at, floor, color, 0.7 * alpha, 1.4, 0.08);
     }
-    marks.add(isFlying ? at : floor, 1.35 * radius, color, { pattern: owner?.pattern ?? "solid", thick: 0.12, alpha });
+    marks.add(isFlying ? at : floor, 1.35 * radius, color, {
+      pattern: owner?.pattern ?? "solid",
+      thick: 0.12,
+      alpha,
+    });
     this.way(robot, at, color, alpha);
     labels.keepFree(at, 2.2 * radius, 2.2 * radius, radius, `robot ${name}`);
     const pieces: Piece[] = [{ text: name }];
@@ -89,21 +99,38 @@ export class Robots {
       pieces.push({ text: `${user} ${Math.round(100 * probability)} %`, color: visibleColor(worn, dark) });
     }
     if (state.phase === "stopped" || state.phase === "lost") pieces.push({ text: phaseOf(state) });
-    labels.add(`robot ${name}`, at, (isFlying ? 0 : radius) + LABEL_M, pieces, state.user ? cssColor(color) : "", 2);
+    labels.add(
+      `robot ${name}`,
+      at,
+      (isFlying ? 0 : radius) + LABEL_M,
+      pieces,
+      state.user ? cssColor(color) : "",
+      2,
+    );
   }
 
   private way(robot: SeenRobot, at: Vec3, color: Rgb, alpha: number): void {
-    const { marks, beams, factory } = this.around, way = wayOf(robot, at), target = robot.state.target_m;
+    const { marks, beams, factory } = this.around;
+    const way = wayOf(robot, at);
+    const target = robot.state.target_m;
     for (let i = 1; i < way.length; i++) {
       beams.add(way[i - 1]!, way[i]!, casing(factory.theme.dark), 0.5 * alpha, 3.6);
       beams.add(way[i - 1]!, way[i]!, color, 0.9 * alpha, 2.2, 0.16);
     }
-    if (target) marks.add(target, robot.state.radius_m, color, { pattern: "dashed", thick: 0.14, fill: 0.12, alpha }, 0.012);
+    if (target)
+      marks.add(
+        target,
+        robot.state.radius_m,
+        color,
+        { pattern: "dashed", thick: 0.14, fill: 0.12, alpha },
+        0.012,
+      );
   }
 
   /** Way-points that are set and not yet sent, numbered. */
   private waypoints({ user, steering, profile }: Person): void {
-    const { marks, beams, labels, factory } = this.around, points = steering?.waypoints_m ?? [];
+    const { marks, beams, labels, factory } = this.around;
+    const points = steering?.waypoints_m ?? [];
     const color = visibleColor(profile?.cursor_color ?? [255, 255, 255], factory.theme.dark);
     points.forEach((point: Read3, i) => {
       marks.add(point, 0.11, color, { pattern: profile?.pattern ?? "solid", thick: 0.26, fill: 0.4 }, 0.012);

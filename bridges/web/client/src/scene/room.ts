@@ -26,13 +26,19 @@ export class Room {
       this.outlined(factory, mesh);
     }
     for (const tank of map.cylinders) {
-      const mesh = factory.mesh(new THREE.CylinderGeometry(tank.radius_m, tank.radius_m, tank.height_m, factory.light ? 20 : 48), solid);
+      const mesh = factory.mesh(
+        new THREE.CylinderGeometry(tank.radius_m, tank.radius_m, tank.height_m, factory.light ? 20 : 48),
+        solid,
+      );
       mesh.rotation.x = Math.PI / 2;
       mesh.position.set(tank.center_m[0], tank.center_m[1], tank.center_m[2] + tank.height_m / 2);
       this.outlined(factory, mesh);
     }
     for (const ball of map.spheres) {
-      const mesh = factory.mesh(new THREE.SphereGeometry(ball.radius_m, factory.light ? 20 : 40, factory.light ? 12 : 28), solid);
+      const mesh = factory.mesh(
+        new THREE.SphereGeometry(ball.radius_m, factory.light ? 20 : 40, factory.light ? 12 : 28),
+        solid,
+      );
       mesh.position.set(...ball.center_m);
       this.solid(mesh);
     }
@@ -41,18 +47,31 @@ export class Room {
       if (!plane.size_m && level && Math.abs(plane.center_m[2]) < 0.05) continue;
       const [wide, tall] = plane.size_m ?? [ENDLESS_M, ENDLESS_M];
       const see = plane.size_m ? 0.5 : 0.14;
-      const mesh = factory.mesh(new THREE.PlaneGeometry(wide, tall), factory.matt(factory.theme.solid, {
-        transparent: true, opacity: see, side: THREE.DoubleSide, depthWrite: false,
-      }), "shows");
+      const mesh = factory.mesh(
+        new THREE.PlaneGeometry(wide, tall),
+        factory.matt(factory.theme.solid, {
+          transparent: true,
+          opacity: see,
+          side: THREE.DoubleSide,
+          depthWrite: false,
+        }),
+        "shows",
+      );
       mesh.position.set(...plane.center_m);
       mesh.quaternion.setFromRotationMatrix(axesOf(plane.normal));
       this.outlined(factory, mesh);
     }
     for (const cloud of map.clouds) {
       const size = cloud.high_m.map((high, axis) => Math.max(high - cloud.low_m[axis]!, 0.01)) as Vec3;
-      const mesh = factory.mesh(new THREE.BoxGeometry(...size), factory.plain(factory.theme.solid, {
-        transparent: true, opacity: 0.08, depthWrite: false,
-      }), "");
+      const mesh = factory.mesh(
+        new THREE.BoxGeometry(...size),
+        factory.plain(factory.theme.solid, {
+          transparent: true,
+          opacity: 0.08,
+          depthWrite: false,
+        }),
+        "",
+      );
       mesh.position.set(...(cloud.low_m.map((low, axis) => low + size[axis]! / 2) as Vec3));
       this.outlined(factory, mesh);
     }
@@ -86,12 +105,16 @@ export class Room {
     const wide = Math.max(bounds.high[0] - bounds.low[0], bounds.high[1] - bounds.low[1]);
     const size = 2 * Math.ceil(factory.light ? wide / 2 + FADE_M + 2 : wide + 20);
     // whole metres lie on the grid's lines
-    const x = Math.round((bounds.low[0] + bounds.high[0]) / 2), y = Math.round((bounds.low[1] + bounds.high[1]) / 2);
+    const x = Math.round((bounds.low[0] + bounds.high[0]) / 2);
+    const y = Math.round((bounds.low[1] + bounds.high[1]) / 2);
     if (factory.light) {
       // the background is the floor: only its lines are drawn, filling the picture once more is what costs
       const plain = factory.mesh(new THREE.PlaneGeometry(4 * size, 4 * size), factory.plain(0), "");
       plain.visible = false;
-      const grid = new THREE.LineSegments(factory.own(lines(size, bounds, factory.theme)), factory.own(new THREE.LineBasicMaterial({ vertexColors: true, fog: false })));
+      const grid = new THREE.LineSegments(
+        factory.own(lines(size, bounds, factory.theme)),
+        factory.own(new THREE.LineBasicMaterial({ vertexColors: true, fog: false })),
+      );
       plain.position.set(x, y, 0);
       grid.position.set(x, y, 0);
       factory.group.add(grid);
@@ -99,19 +122,28 @@ export class Room {
       this.targets.push(plain);
       return;
     }
-    const tile = factory.texture(256, 256, (c) => {
-      c.fillStyle = factory.theme.floor;
-      c.fillRect(0, 0, 256, 256);
-      c.strokeStyle = factory.theme.line;
-      c.lineWidth = 5;
-      c.strokeRect(0, 0, 256, 256);
-      c.globalAlpha = 0.22;
-      c.lineWidth = 2;
-      c.strokeRect(128, -2, 200, 300);
-      c.strokeRect(-2, 128, 300, 200);
-    }, true);
+    const tile = factory.texture(
+      256,
+      256,
+      (c) => {
+        c.fillStyle = factory.theme.floor;
+        c.fillRect(0, 0, 256, 256);
+        c.strokeStyle = factory.theme.line;
+        c.lineWidth = 5;
+        c.strokeRect(0, 0, 256, 256);
+        c.globalAlpha = 0.22;
+        c.lineWidth = 2;
+        c.strokeRect(128, -2, 200, 300);
+        c.strokeRect(-2, 128, 300, 200);
+      },
+      true,
+    );
     tile.repeat.set(size, size);
-    const floor = factory.mesh(new THREE.PlaneGeometry(size, size), factory.matt(0xffffff, { map: tile, roughness: 0.92 }), "shows");
+    const floor = factory.mesh(
+      new THREE.PlaneGeometry(size, size),
+      factory.matt(0xffffff, { map: tile, roughness: 0.92 }),
+      "shows",
+    );
     floor.position.set(x, y, 0);
     this.ground = floor;
     this.targets.push(floor);
@@ -120,9 +152,14 @@ export class Room {
 
 /** A grid of 1 m, `size` m wide about its middle, that fades into the background beyond `bounds`. */
 function lines(size: number, bounds: Bounds, theme: Theme): THREE.BufferGeometry {
-  const points: number[] = [], colors: number[] = [], half = size / 2;
-  const line = new THREE.Color(theme.line), far = new THREE.Color(theme.background), color = new THREE.Color();
-  const wide = (bounds.high[0] - bounds.low[0]) / 2, tall = (bounds.high[1] - bounds.low[1]) / 2;
+  const points: number[] = [];
+  const colors: number[] = [];
+  const half = size / 2;
+  const line = new THREE.Color(theme.line);
+  const far = new THREE.Color(theme.background);
+  const color = new THREE.Color();
+  const wide = (bounds.high[0] - bounds.low[0]) / 2;
+  const tall = (bounds.high[1] - bounds.low[1]) / 2;
   const push = (x: number, y: number) => {
     const beyond = Math.hypot(Math.max(Math.abs(x) - wide, 0), Math.max(Math.abs(y) - tall, 0));
     points.push(x, y, 0);
@@ -136,13 +173,21 @@ function lines(size: number, bounds: Bounds, theme: Theme): THREE.BufferGeometry
       push(from + 2, at);
     }
   }
-  const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+  const geometry = new THREE.BufferGeometry().setAttribute(
+    "position",
+    new THREE.Float32BufferAttribute(points, 3),
+  );
   return geometry.setAttribute("color", new THREE.Float32BufferAttribute(colors, 3));
 }
 
 /** A plane's own axes u, v and its normal, as the map has them: v rises most, u is v x normal. */
 function axesOf(normal: Read3): THREE.Matrix4 {
   const rise: Read3 = Math.abs(normal[2]) > 0.999999 ? [0, 1, 0] : [0, 0, 1];
-  const u = unit(cross(rise, normal)), v = cross(normal, u);
-  return new THREE.Matrix4().makeBasis(new THREE.Vector3(...u), new THREE.Vector3(...v), new THREE.Vector3(...normal));
+  const u = unit(cross(rise, normal));
+  const v = cross(normal, u);
+  return new THREE.Matrix4().makeBasis(
+    new THREE.Vector3(...u),
+    new THREE.Vector3(...v),
+    new THREE.Vector3(...normal),
+  );
 }

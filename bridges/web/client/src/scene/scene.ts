@@ -60,7 +60,10 @@ class Scene implements View {
     robots.targets(into);
   };
 
-  constructor(host: HTMLElement, private readonly options: ViewOptions) {
+  constructor(
+    host: HTMLElement,
+    private readonly options: ViewOptions,
+  ) {
     this.picture = new Picture(host, () => this.wake(), {
       away: () => {
         this.immersion.leave();
@@ -75,15 +78,26 @@ class Scene implements View {
     if (getComputedStyle(host).position === "static") host.style.position = "relative";
     this.labels = new Labels(host);
     this.camera = new Cameras(this.picture, this.isStill, () => this.wake());
-    this.aim = new Aim(this.picture, () => this.wake(), (dx, dy) => {
-      if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
-    }, () => this.isOverAnother());
+    this.aim = new Aim(
+      this.picture,
+      () => this.wake(),
+      (dx, dy) => {
+        if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
+      },
+      () => this.isOverAnother(),
+    );
     this.aim.set(false);
-    this.immersion = new Immersive(this.picture, () => this.site?.map ?? NOTHING, () => this.frame(performance.now()), options.arm, () => {
-      if (this.asked > 0) this.asked = 0; // a headset may never give that frame
-      this.wake();
-      options.onImmersed();
-    });
+    this.immersion = new Immersive(
+      this.picture,
+      () => this.site?.map ?? NOTHING,
+      () => this.frame(performance.now()),
+      options.arm,
+      () => {
+        if (this.asked > 0) this.asked = 0; // a headset may never give that frame
+        this.wake();
+        options.onImmersed();
+      },
+    );
     this.build(NOTHING);
   }
 
@@ -113,8 +127,11 @@ class Scene implements View {
 
   /** What the camera shows: all that people point at, in a map without any its walls and floors; and the people. */
   private pointsOf(site: Site): Vec3[] {
-    const map = site.map ?? NOTHING, robots = seenRobots(site).map(({ state }) => state.position_m);
-    const points = [aimsOf(map).concat(robots), pointsOf(map), cornersOf(this.bounds)].find((each) => each.length)!;
+    const map = site.map ?? NOTHING;
+    const robots = seenRobots(site).map(({ state }) => state.position_m);
+    const points = [aimsOf(map).concat(robots), pointsOf(map), cornersOf(this.bounds)].find(
+      (each) => each.length,
+    )!;
     return [...points, ...People.points(site)];
   }
 
@@ -145,7 +162,8 @@ class Scene implements View {
 
   setCamera(camera: Camera, user: string): void {
     const direction = this.site?.people.get(user)?.cursor?.direction;
-    if (camera === "eyes" && direction && (this.camera.mode !== "eyes" || this.camera.user !== user)) this.camera.face(direction);
+    if (camera === "eyes" && direction && (this.camera.mode !== "eyes" || this.camera.user !== user))
+      this.camera.face(direction);
     this.camera.set(camera, user);
     this.camera.setPointing(this.aim.on);
     this.wake();
@@ -168,7 +186,11 @@ class Scene implements View {
   nudge(right: number, away: number): void {
     if (!this.aim.on) return;
     const { low, high } = this.bounds;
-    const start = this.site?.people.get(this.pointer)?.cursor?.point_m ?? [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0];
+    const start = this.site?.people.get(this.pointer)?.cursor?.point_m ?? [
+      (low[0] + high[0]) / 2,
+      (low[1] + high[1]) / 2,
+      0,
+    ];
     this.options.onAim(this.aim.nudge(right, away, start, this.targets));
   }
 
@@ -179,9 +201,15 @@ class Scene implements View {
   }
 
   placeOf(id: string): Vec3 | null {
-    const lamp = this.site?.map?.lamps.find((each) => each.id === id), robot = this.world?.robots.places.get(id), thing = this.world?.things.byId.get(id);
+    const lamp = this.site?.map?.lamps.find((each) => each.id === id);
+    const robot = this.world?.robots.places.get(id);
+    const thing = this.world?.things.byId.get(id);
     const at = lamp?.position_m ?? robot;
-    return at ? [...at] : thing ? [thing.placed.at[0], thing.placed.at[1], thing.placed.at[2] + thing.up] : null;
+    return at
+      ? [...at]
+      : thing
+        ? [thing.placed.at[0], thing.placed.at[1], thing.placed.at[2] + thing.up]
+        : null;
   }
 
   rest(): void {
@@ -226,7 +254,8 @@ class Scene implements View {
   }
 
   private frame(now: number): void {
-    const { world, picture } = this, { isImmersed } = picture;
+    const { world, picture } = this;
+    const { isImmersed } = picture;
     if (!world || picture.isLost) return;
     world.room.setImmersed(isImmersed);
     world.factory.group.visible = !isImmersed || this.immersion.isAligned;
@@ -235,8 +264,15 @@ class Scene implements View {
     this.dirty = false;
     const chosen = this.site?.people.get(this.camera.user);
     const isAiming = this.aim.on && this.aim.isOver;
-    const turned = !isImmersed && this.camera.tick(now, seconds, People.eyes(chosen), this.aim.isResting ? null : chosen?.cursor?.direction ?? null,
-      isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
+    const turned =
+      !isImmersed &&
+      this.camera.tick(
+        now,
+        seconds,
+        People.eyes(chosen),
+        this.aim.isResting ? null : (chosen?.cursor?.direction ?? null),
+        isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null,
+      );
     picture.camera.updateMatrixWorld();
     this.moves = turned;
     world.marks.begin(picture.pixel);
@@ -244,7 +280,12 @@ class Scene implements View {
     this.labels.begin(this.theme);
     if (this.site) this.moves = this.show(this.site, world, now, seconds) || this.moves;
     const at = isImmersed ? null : this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
-    this.aim.mark(world.marks, world.beams, this.site?.people.get(this.pointer)?.cursor?.point_m ?? null, this.theme.dark);
+    this.aim.mark(
+      world.marks,
+      world.beams,
+      this.site?.people.get(this.pointer)?.cursor?.point_m ?? null,
+      this.theme.dark,
+    );
     world.marks.end();
     world.beams.end();
     if (isImmersed) this.immersion.show(this.labels.texts, this.theme);
@@ -256,22 +297,48 @@ class Scene implements View {
 
   /** Everything of the site as of now; returns whether anything goes on moving. */
   private show(site: Site, world: World, now: number, seconds: number): boolean {
-    const now_ns = siteNow(site), passed = Math.min(Math.max((now_ns - this.siteAt) / 1e9, 0), LONGEST_STEP_S * site.speed);
+    const now_ns = siteNow(site);
+    const passed = Math.min(Math.max((now_ns - this.siteAt) / 1e9, 0), LONGEST_STEP_S * site.speed);
     this.siteAt = now_ns;
     world.belts.set(site.conveyor);
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark, darkLamps(site));
     world.lamps.mark(world.marks);
     const { camera, width, height } = this.picture;
-    for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height, this.picture.isImmersed) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);
+    for (const { key, at, up, text } of this.names?.shown(
+      site,
+      this.aim.place,
+      camera,
+      width,
+      height,
+      this.picture.isImmersed,
+    ) ?? [])
+      this.labels.add(key, at, up, [{ text }], "", NAME);
     world.things.set(site);
     let moves = world.things.place(now_ns);
     for (const { object, placed, size, up } of world.things.byId.values()) {
-      this.labels.keepFree([placed.at[0], placed.at[1], placed.at[2] + up], Math.max(size[0], size[1]), Math.min(size[0], size[1]), size[2], `thing ${object.id}`);
+      this.labels.keepFree(
+        [placed.at[0], placed.at[1], placed.at[2] + up],
+        Math.max(size[0], size[1]),
+        Math.min(size[0], size[1]),
+        size[2],
+        `thing ${object.id}`,
+      );
     }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
-    moves = world.people.draw(site, at, seconds, this.picture.isImmersed ? this.options.arm.pointing : this.camera.mode === "eyes" ? this.camera.user : "", this.immersion.viewerAt) || moves;
+    moves =
+      world.people.draw(
+        site,
+        at,
+        seconds,
+        this.picture.isImmersed
+          ? this.options.arm.pointing
+          : this.camera.mode === "eyes"
+            ? this.camera.user
+            : "",
+        this.immersion.viewerAt,
+      ) || moves;
     moves = world.robots.draw(site) || moves;
     world.things.setImmersed(this.picture.isImmersed);
     state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
@@ -281,8 +348,10 @@ class Scene implements View {
 
   /** Whether the mouse has come over something else with a name. */
   private isOverAnother(): boolean {
-    const { camera, width, height } = this.picture, { place } = this.aim;
-    const key = (place && this.names?.hovered(place, camera, width, height)?.key) ?? "", isAnother = key !== this.overName;
+    const { camera, width, height } = this.picture;
+    const { place } = this.aim;
+    const key = (place && this.names?.hovered(place, camera, width, height)?.key) ?? "";
+    const isAnother = key !== this.overName;
     this.overName = key;
     return isAnother;
   }

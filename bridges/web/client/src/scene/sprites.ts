@@ -25,7 +25,9 @@ export function inLines(text: string): string {
 
 /** A sprite with `text`, whose lines are separated by newlines. */
 export function textSprite(text: string, theme: Theme, color = ""): THREE.Sprite {
-  const canvas = document.createElement("canvas"), context = canvas.getContext("2d")!, lines = text.split("\n");
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("2d")!;
+  const lines = text.split("\n");
   context.font = FONT;
   canvas.width = Math.ceil(Math.max(...lines.map((line) => context.measureText(line).width))) + 48;
   canvas.height = LINE_PX * lines.length + 16;
@@ -42,7 +44,15 @@ export function textSprite(text: string, theme: Theme, color = ""): THREE.Sprite
   lines.forEach((line, i) => context.fillText(line, 24, 8 + LINE_PX * (i + 0.5)));
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
-  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, depthWrite: false, sizeAttenuation: false, fog: false }));
+  const sprite = new THREE.Sprite(
+    new THREE.SpriteMaterial({
+      map,
+      depthTest: false,
+      depthWrite: false,
+      sizeAttenuation: false,
+      fog: false,
+    }),
+  );
   const height = (LINE_RAD * canvas.height) / LINE_PX;
   sprite.scale.set((height * canvas.width) / canvas.height, height, 1);
   sprite.renderOrder = 20;

@@ -69,12 +69,16 @@ export class Strips {
   constructor(factory: MeshFactory, map: Environment) {
     this.pixels = layOut(map.strips);
     this.copies = factory.light ? 4 : 1;
-    const { count } = this.pixels, { copies } = this;
-    const attribute = (array: Float32Array | Uint8Array, size: number, isByte = false) => factory.light
-      ? new THREE.BufferAttribute(array, size, isByte) : new THREE.InstancedBufferAttribute(array, size, isByte);
+    const { count } = this.pixels;
+    const { copies } = this;
+    const attribute = (array: Float32Array | Uint8Array, size: number, isByte = false) =>
+      factory.light
+        ? new THREE.BufferAttribute(array, size, isByte)
+        : new THREE.InstancedBufferAttribute(array, size, isByte);
     this.shine = attribute(new Uint8Array(3 * copies * count), 3, true).setUsage(THREE.DynamicDrawUsage);
     if (!count) return;
-    const lie = new Float32Array(2 * copies * count), place = new Float32Array(3 * copies * count);
+    const lie = new Float32Array(2 * copies * count);
+    const place = new Float32Array(3 * copies * count);
     for (const { first, pixels, pitch } of this.pixels.strips.values()) {
       for (let i = first * copies; i < (first + pixels) * copies; i++) {
         const pixel = Math.floor(i / copies);
@@ -82,19 +86,40 @@ export class Strips {
         place.set(this.pixels.places.subarray(3 * pixel, 3 * pixel + 3), 3 * i);
       }
     }
-    const body = factory.light ? faces(count, 0.5) : lenses(count), glow = factory.light ? faces(count, 1) : halos(count);
+    const body = factory.light ? faces(count, 0.5) : lenses(count);
+    const glow = factory.light ? faces(count, 1) : halos(count);
     const where = attribute(place, 3);
-    for (const geometry of [body, glow]) geometry.setAttribute("place", where).setAttribute("shine", this.shine);
+    for (const geometry of [body, glow])
+      geometry.setAttribute("place", where).setAttribute("shine", this.shine);
     body.setAttribute("lie", attribute(lie, 2));
-    const lit = factory.mesh(body, factory.own(new THREE.ShaderMaterial({
-      vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: factory.theme.off } },
-      ...(factory.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
-    })), "");
-    const halo = factory.mesh(glow, factory.own(new THREE.ShaderMaterial({
-      vertexShader: GLOW_VERTEX, fragmentShader: GLOW_FRAGMENT, transparent: true, depthWrite: false,
-      blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
-      uniforms: { size: { value: GLOW_M }, over: { value: factory.theme.dark ? 0 : 1 } },
-    })), "");
+    const lit = factory.mesh(
+      body,
+      factory.own(
+        new THREE.ShaderMaterial({
+          vertexShader: PIXEL_VERTEX,
+          fragmentShader: PIXEL_FRAGMENT,
+          uniforms: { off: { value: factory.theme.off } },
+          ...(factory.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
+        }),
+      ),
+      "",
+    );
+    const halo = factory.mesh(
+      glow,
+      factory.own(
+        new THREE.ShaderMaterial({
+          vertexShader: GLOW_VERTEX,
+          fragmentShader: GLOW_FRAGMENT,
+          transparent: true,
+          depthWrite: false,
+          blending: THREE.CustomBlending,
+          blendSrc: THREE.OneFactor,
+          blendDst: THREE.OneMinusSrcAlphaFactor,
+          uniforms: { size: { value: GLOW_M }, over: { value: factory.theme.dark ? 0 : 1 } },
+        }),
+      ),
+      "",
+    );
     lit.frustumCulled = halo.frustumCulled = false;
     halo.renderOrder = 5;
     this.fix(factory, map);
@@ -103,19 +128,25 @@ export class Strips {
   /** Rails under the pixels, posts where no belt carries them, and what a mouse meets. */
   private fix(factory: MeshFactory, map: Environment): void {
     const belts = map.belts.map((belt) => ({ belt, line: new Polyline(belt.line_m) }));
-    const rails = new Mesher(), reach = new Mesher(), posts: number[][] = [];
+    const rails = new Mesher();
+    const reach = new Mesher();
+    const posts: number[][] = [];
     for (const strip of map.strips) {
       if (!this.pixels.strips.has(strip.id)) continue;
-      const line = new Polyline(strip.line_m), cuts = ribbon(line, 0.03);
+      const line = new Polyline(strip.line_m);
+      const cuts = ribbon(line, 0.03);
       this.lines.set(strip.id, line);
       const middle = line.pointAt(line.length / 2);
-      const fixed = belts.some(({ belt, line: other }) => other.nearestTo(middle).apart < belt.width_m / 2 + FIXED_M);
+      const fixed = belts.some(
+        ({ belt, line: other }) => other.nearestTo(middle).apart < belt.width_m / 2 + FIXED_M,
+      );
       rails.beam(cuts, 0.03, fixed ? -0.002 : 0.004, -0.001, fixed ? -0.012 : -0.035);
       reach.beam(cuts, 0.03, 0.02, 0.02, -0.04);
       if (fixed) continue;
       const count = Math.max(2, Math.ceil(line.length / POST_EVERY_M) + 1);
       for (let i = 0; i < count; i++) {
-        const at = 0.05 + ((line.length - 0.1) * i) / (count - 1), [x, y, z] = line.pointAt(at);
+        const at = 0.05 + ((line.length - 0.1) * i) / (count - 1);
+        const [x, y, z] = line.pointAt(at);
         if (z > 0.1) posts.push([x, y, (z - 0.03) / 2, line.headingAt(at), 0.03, 0.03, z - 0.03]);
       }
     }
@@ -124,15 +155,22 @@ export class Strips {
     proxy.visible = false;
     this.targets.push(proxy);
     if (!posts.length) return;
-    const stands = factory.many(new THREE.BoxGeometry(1, 1, 1), factory.matt(factory.theme.leg), posts.length);
-    posts.forEach(([x, y, z, yaw, sx, sy, sz], i) => setMatrix(stands.instanceMatrix.array, i, x!, y!, z!, yaw!, sx!, sy!, sz!));
+    const stands = factory.many(
+      new THREE.BoxGeometry(1, 1, 1),
+      factory.matt(factory.theme.leg),
+      posts.length,
+    );
+    posts.forEach(([x, y, z, yaw, sx, sy, sz], i) =>
+      setMatrix(stands.instanceMatrix.array, i, x!, y!, z!, yaw!, sx!, sy!, sz!),
+    );
   }
 
   /** Show `frame`; returns whether it is another than before. */
   set(frame: StripsFrame | null): boolean {
     if (frame === this.frame) return false;
     this.frame = frame;
-    const shown = this.shine.array as Uint8Array, { copies } = this;
+    const shown = this.shine.array as Uint8Array;
+    const { copies } = this;
     if (!frame) shown.fill(0);
     else {
       for (const { id, rgb } of frame.strips) {
@@ -158,11 +196,20 @@ const SQUARE = [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0];
 
 /** A lens of ten triangles for each of `count` pixels: instances. */
 function lenses(count: number): THREE.BufferGeometry {
-  const geometry = new THREE.InstancedBufferGeometry(), n = 0.34, z = 0.55;
+  const geometry = new THREE.InstancedBufferGeometry();
+  const n = 0.34;
+  const z = 0.55;
   geometry.instanceCount = count;
-  geometry.setAttribute("position", new THREE.Float32BufferAttribute(
-    [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z], 3));
-  geometry.setIndex([4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
+  geometry.setAttribute(
+    "position",
+    new THREE.Float32BufferAttribute(
+      [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z],
+      3,
+    ),
+  );
+  geometry.setIndex([
+    4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7,
+  ]);
   return geometry;
 }
 
@@ -177,7 +224,9 @@ function halos(count: number): THREE.BufferGeometry {
 
 /** A square (half a side: `half`) for each of `count` pixels, written out: software draws instances one by one. */
 function faces(count: number, half: number): THREE.BufferGeometry {
-  const corners = new Float32Array(12 * count), index = new Uint32Array(6 * count), geometry = new THREE.BufferGeometry();
+  const corners = new Float32Array(12 * count);
+  const index = new Uint32Array(6 * count);
+  const geometry = new THREE.BufferGeometry();
   const corner = SQUARE.map((x) => x * half);
   for (let i = 0; i < count; i++) {
     corners.set(corner, 12 * i);

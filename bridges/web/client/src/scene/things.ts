@@ -42,8 +42,17 @@ export class Things {
   private readonly edges: THREE.LineSegments[] = [];
   private readonly paint = new THREE.Color();
 
-  constructor(private readonly factory: MeshFactory, private readonly lines: (surface: string, id: string) => Polyline | null) {
-    this.hull = this.grown("outline", new THREE.BoxGeometry(1, 1, 1), factory.plain(0xffffff, { side: THREE.BackSide }), 128, "");
+  constructor(
+    private readonly factory: MeshFactory,
+    private readonly lines: (surface: string, id: string) => Polyline | null,
+  ) {
+    this.hull = this.grown(
+      "outline",
+      new THREE.BoxGeometry(1, 1, 1),
+      factory.plain(0xffffff, { side: THREE.BackSide }),
+      128,
+      "",
+    );
     this.hull.count = 0;
   }
 
@@ -67,9 +76,11 @@ export class Things {
     for (const message of objects.values()) {
       for (const object of message.objects) {
         if (robots.get(object.id)?.state) continue;
-        const form = formOf(object), line = this.lines(object.surface, object.surface_id);
+        const form = formOf(object);
+        const line = this.lines(object.surface, object.surface_id);
         let thing = before.get(object.id);
-        if (!thing || thing.form !== form || String(sizeOf(thing.object)) !== String(sizeOf(object))) thing = made(object, form);
+        if (!thing || thing.form !== form || String(sizeOf(thing.object)) !== String(sizeOf(object)))
+          thing = made(object, form);
         thing.object = object;
         thing.line = line;
         thing.stamp_ns = message.stamp_ns;
@@ -88,12 +99,14 @@ export class Things {
       let i = 0;
       for (const thing of things) {
         if (i >= room) break;
-        const { object, placed, size } = thing, seconds = elapsed(thing.stamp_ns, now_ns);
+        const { object, placed, size } = thing;
+        const seconds = elapsed(thing.stamp_ns, now_ns);
         carriedOn(object, seconds, thing.line, placed);
         const [vx, vy, vz] = object.velocity_mps;
         moves ||= seconds < LONGEST_S && (object.surface_speed_mps !== 0 || vx !== 0 || vy !== 0 || vz !== 0);
         const [x, y, z] = placed.at;
-        const wide = form === "robot" ? size[0] : size[1], tall = form === "robot" ? size[0] : size[2];
+        const wide = form === "robot" ? size[0] : size[1];
+        const tall = form === "robot" ? size[0] : size[2];
         setMatrix(mesh.instanceMatrix.array, i++, x, y, z + thing.up, placed.heading, size[0], wide, tall);
       }
       mesh.count = i;
@@ -141,8 +154,20 @@ export class Things {
   outline(thing: Thing, color: Rgb): void {
     const i = this.hull.count;
     if (i >= this.hull.instanceMatrix.count || thing.form === "robot") return;
-    const [x, y, z] = thing.placed.at, [long, wide, tall] = thing.size, rim = 0.026;
-    setMatrix(this.hull.instanceMatrix.array, i, x, y, z + thing.up, thing.placed.heading, long + rim, wide + rim, tall + rim);
+    const [x, y, z] = thing.placed.at;
+    const [long, wide, tall] = thing.size;
+    const rim = 0.026;
+    setMatrix(
+      this.hull.instanceMatrix.array,
+      i,
+      x,
+      y,
+      z + thing.up,
+      thing.placed.heading,
+      long + rim,
+      wide + rim,
+      tall + rim,
+    );
     this.hull.setColorAt(i, this.painted(color));
     this.hull.count = i + 1;
   }
@@ -157,16 +182,29 @@ export class Things {
     let crowd = this.crowds.get(key);
     const needed = crowd ? crowd.things.length + 1 : 1;
     if (crowd && needed <= crowd.mesh.instanceMatrix.count) return crowd;
-    const room = Math.max(16, 2 * needed), things = crowd?.things ?? [];
+    const room = Math.max(16, 2 * needed);
+    const things = crowd?.things ?? [];
     crowd?.mesh.removeFromParent();
     crowd?.mesh.dispose();
-    const mesh = this.grown(key, shapeOf(form), this.skin(form, kind), room, form === "segment" ? "" : "both");
+    const mesh = this.grown(
+      key,
+      shapeOf(form),
+      this.skin(form, kind),
+      room,
+      form === "segment" ? "" : "both",
+    );
     crowd = { mesh, form, kind, things };
     this.crowds.set(key, crowd);
     return crowd;
   }
 
-  private grown(name: string, geometry: THREE.BufferGeometry, material: THREE.Material, room: number, shadows: "" | "both"): THREE.InstancedMesh {
+  private grown(
+    name: string,
+    geometry: THREE.BufferGeometry,
+    material: THREE.Material,
+    room: number,
+    shadows: "" | "both",
+  ): THREE.InstancedMesh {
     const mesh = this.factory.many(geometry, material, room, shadows);
     mesh.name = name;
     mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
@@ -174,10 +212,12 @@ export class Things {
   }
 
   private skin(form: Form, kind: string): THREE.Material {
-    const paint = kindColor(kind), color = cssColor(paint);
+    const paint = kindColor(kind);
+    const color = cssColor(paint);
     if (form === "robot") return this.factory.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
     if (form === "box") return this.factory.matt(0xffffff);
-    if (form === "segment") return this.factory.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
+    if (form === "segment")
+      return this.factory.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
     const map = this.factory.texture(128, 128, (c) => {
       c.fillStyle = color;
       c.fillRect(0, 0, 128, 128);
@@ -205,7 +245,15 @@ function formOf(object: TrackedObject): Form {
 function made(object: TrackedObject, form: Form): Thing {
   const size = sizeOf(object);
   const up = form === "package" ? size[2] / 2 + 0.004 : form === "segment" ? 0.012 : 0;
-  return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
+  return {
+    object,
+    form,
+    size,
+    up,
+    placed: { at: [...object.position_m], heading: 0, along: 0 },
+    stamp_ns: 0,
+    line: null,
+  };
 }
 
 function shapeOf(form: Form): THREE.BufferGeometry {
@@ -214,7 +262,16 @@ function shapeOf(form: Form): THREE.BufferGeometry {
 
 /** A box of 1 m without a bottom; its texture is upright on every side, and on top as seen from -y. */
 function lettered(): THREE.BufferGeometry {
-  const sides = [[0, -1], [1, 0], [0, 1], [-1, 0]].map(([x, y]) =>
-    new THREE.PlaneGeometry(1, 1).rotateX(Math.PI / 2).rotateZ(Math.atan2(x!, -y!)).translate(x! / 2, y! / 2, 0));
+  const sides = [
+    [0, -1],
+    [1, 0],
+    [0, 1],
+    [-1, 0],
+  ].map(([x, y]) =>
+    new THREE.PlaneGeometry(1, 1)
+      .rotateX(Math.PI / 2)
+      .rotateZ(Math.atan2(x!, -y!))
+      .translate(x! / 2, y! / 2, 0),
+  );
   return mergeGeometries([...sides, new THREE.PlaneGeometry(1, 1).translate(0, 0, 0.5)]);
 }

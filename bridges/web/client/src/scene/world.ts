@@ -33,22 +33,60 @@ export interface World {
 
 /** A map with nothing in it. */
 export const NOTHING: Environment = {
-  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], fences: [], frames: [], lamps: [], links: [],
-  paced_from: [], planes: [], spheres: [], strips: [], things: [],
+  name: "",
+  seq: 0,
+  stamp_ns: 0,
+  bays: [],
+  belts: [],
+  boxes: [],
+  clouds: [],
+  cylinders: [],
+  fences: [],
+  frames: [],
+  lamps: [],
+  links: [],
+  paced_from: [],
+  planes: [],
+  spheres: [],
+  strips: [],
+  things: [],
 };
 
 /** Build the parts of `map`. `isStill`: without needless motion. */
-export function makeWorld(factory: MeshFactory, map: Environment, bounds: Bounds, labels: Labels, isStill: boolean): World {
-  const belts = new Belts(factory, map), strips = new Strips(factory, map), lamps = new Lamps(factory, map);
+export function makeWorld(
+  factory: MeshFactory,
+  map: Environment,
+  bounds: Bounds,
+  labels: Labels,
+  isStill: boolean,
+): World {
+  const belts = new Belts(factory, map);
+  const strips = new Strips(factory, map);
+  const lamps = new Lamps(factory, map);
   const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
-  const things = new Things(factory, lines), marks = new Marks(factory), beams = new Beams(factory);
+  const things = new Things(factory, lines);
+  const marks = new Marks(factory);
+  const beams = new Beams(factory);
   const robots = new Robots({ factory, marks, beams, labels });
   drawFences(factory, map);
-  const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? robots.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
+  const placeOf = (id: string): Read3 | null =>
+    lamps.places.get(id) ?? robots.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
   const people = new People({ factory, marks, beams, labels, placeOf }, isStill);
   const bays = map.bays.flatMap(({ id, belt }) => {
     const line = belts.lines.get(belt);
     return line ? [{ id, at: line.pointAt(line.length) }] : [];
   });
-  return { factory, belts, strips, lamps, room: new Room(factory, map, bounds), things, robots, people, marks, beams, bays };
+  return {
+    factory,
+    belts,
+    strips,
+    lamps,
+    room: new Room(factory, map, bounds),
+    things,
+    robots,
+    people,
+    marks,
+    beams,
+    bays,
+  };
 }

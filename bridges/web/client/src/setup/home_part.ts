@@ -10,13 +10,24 @@ import type { Panel } from "../panel/panel";
 import type { SetupCards } from "./setup_cards";
 
 const CARDS: readonly (readonly [HomeSetup["step"], string])[] = [
-  ["connect", "Home Assistant"], ["choose", "Choose lamps"], ["hand", "What points"], ["place", "Place the lamps"], ["try", "Try"],
+  ["connect", "Home Assistant"],
+  ["choose", "Choose lamps"],
+  ["hand", "What points"],
+  ["place", "Place the lamps"],
+  ["try", "Try"],
 ];
 
 /** @param panel for the devices of its tab *Set up*. */
 export function homePart(controls: Controls, pairing: Pairing, panel: () => Panel): PanelPart {
   const state = el("p", { className: "muted" });
-  const buttons = CARDS.map(([step, name]) => el("button", { type: "button", onclick: () => void cards?.go(step) }, icon("map"), el("span", { text: name })));
+  const buttons = CARDS.map(([step, name]) =>
+    el(
+      "button",
+      { type: "button", onclick: () => void cards?.go(step) },
+      icon("map"),
+      el("span", { text: name }),
+    ),
+  );
   const element = section("Home", state, el("div", { className: "pairs" }, ...buttons));
   let cards: SetupCards | null = null;
   let isLoading = false;
@@ -36,7 +47,12 @@ export function homePart(controls: Controls, pairing: Pairing, panel: () => Pane
       if (has && !cards && !isLoading) void load();
       cards?.update(has);
       const added = cards?.added ?? [];
-      write(state, added.length ? `New in Home Assistant: ${added.join(", ")}. Choose lamps to point at them.` : "Each card can be opened again.");
+      write(
+        state,
+        added.length
+          ? `New in Home Assistant: ${added.join(", ")}. Choose lamps to point at them.`
+          : "Each card can be opened again.",
+      );
     },
   };
 }

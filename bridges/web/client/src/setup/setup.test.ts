@@ -2,16 +2,54 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import type { HomeLamp, HomeSetup } from "../messages";
-import { byArea, cardOf, countOf, lampText, placingText, profileOf, progressText, stepBefore } from "./setup_words";
+import {
+  byArea,
+  cardOf,
+  countOf,
+  lampText,
+  placingText,
+  profileOf,
+  progressText,
+  stepBefore,
+} from "./setup_words";
 
 const lamp = (id: string, fields: Partial<HomeLamp> = {}): HomeLamp => ({
-  id, label: id.toUpperCase(), area: "", state: "on", is_chosen: true, is_new: false, is_placed: false, places: 0,
-  direction_sigma_rad: null, reason: "", ...fields,
+  id,
+  label: id.toUpperCase(),
+  area: "",
+  state: "on",
+  is_chosen: true,
+  is_new: false,
+  is_placed: false,
+  places: 0,
+  direction_sigma_rad: null,
+  reason: "",
+  ...fields,
 });
 const setup = (fields: Partial<HomeSetup> = {}): HomeSetup => ({
-  step: "place", url: "", has_token: true, is_connected: true, problem: "", lamps: [lamp("a"), lamp("b")], hand: "phone", user: "anna",
-  place: "A", target: "a", end: "", is_aligning: false, may_walk: false, can_take_back: false, is_lit: true, map: "", places_m: [],
-  poses: 0, pose_m: null, pose_yaw_rad: 0, advice: [], message: "", ...fields,
+  step: "place",
+  url: "",
+  has_token: true,
+  is_connected: true,
+  problem: "",
+  lamps: [lamp("a"), lamp("b")],
+  hand: "phone",
+  user: "anna",
+  place: "A",
+  target: "a",
+  end: "",
+  is_aligning: false,
+  may_walk: false,
+  can_take_back: false,
+  is_lit: true,
+  map: "",
+  places_m: [],
+  poses: 0,
+  pose_m: null,
+  pose_yaw_rad: 0,
+  advice: [],
+  message: "",
+  ...fields,
 });
 
 test("card follows the step, the walk and the alignment", () => {
@@ -26,8 +64,14 @@ test("card follows the step, the walk and the alignment", () => {
 
 test("text of the turn names the lamp, its end and the reason of a repetition", () => {
   assert.match(placingText(setup()), /^Stand where you will point from most\. Point at A, which is lit, /);
-  assert.match(placingText(setup({ end: "last", is_lit: false })), /Point at the end of A, with a straight arm/);
-  assert.match(placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })), /Once more: was it another lamp\?$/);
+  assert.match(
+    placingText(setup({ end: "last", is_lit: false })),
+    /Point at the end of A, with a straight arm/,
+  );
+  assert.match(
+    placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })),
+    /Once more: was it another lamp\?$/,
+  );
   assert.match(placingText(setup({ is_aligning: true, place: "B" })), /^Stand at place B\. Point at A/);
 });
 
@@ -43,7 +87,10 @@ test("lamp says how well it is known, or why it is not placed", () => {
 });
 
 test("lamps without an area come last", () => {
-  assert.deepEqual(byArea([lamp("a"), lamp("b", { area: "Kitchen" })]).map(([area]) => area), ["Kitchen", ""]);
+  assert.deepEqual(
+    byArea([lamp("a"), lamp("b", { area: "Kitchen" })]).map(([area]) => area),
+    ["Kitchen", ""],
+  );
 });
 
 test("profile is linked for addresses of the web only", () => {

@@ -76,8 +76,10 @@ export function progressText(setup: HomeSetup): string {
   return `${count} of ${setup.lamps.length} from place ${setup.place}`;
 }
 
-export const WALK = "Walk about two metres to your left, and look at the lamps again. From two places, pointing works in between, too.";
-export const STAY = "If you always sit in one chair, stay: lamps are then taken to be 3 m away, and pointing works from that chair only.";
+export const WALK =
+  "Walk about two metres to your left, and look at the lamps again. From two places, pointing works in between, too.";
+export const STAY =
+  "If you always sit in one chair, stay: lamps are then taken to be 3 m away, and pointing works from that chair only.";
 
 /** Result for one lamp, in words. */
 export function lampText({ label, id, direction_sigma_rad, reason, is_placed }: HomeLamp): string {
@@ -92,5 +94,7 @@ export function lampText({ label, id, direction_sigma_rad, reason, is_placed }: 
 export function byArea(lamps: readonly HomeLamp[]): [area: string, lamps: HomeLamp[]][] {
   const areas = new Map<string, HomeLamp[]>();
   for (const lamp of lamps) areas.set(lamp.area, [...(areas.get(lamp.area) ?? []), lamp]);
-  return [...areas].sort(([one], [other]) => Number(one === "") - Number(other === "") || one.localeCompare(other));
+  return [...areas].sort(
+    ([one], [other]) => Number(one === "") - Number(other === "") || one.localeCompare(other),
+  );
 }

@@ -13,9 +13,19 @@ import { eventLine } from "../words";
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
-  | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/step" | "users/{user}/ray"
-  | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech"
-  | "acts/{carrier}" | "configuration/{service}" | "requests/{service}";
+  | "clock"
+  | "leds/leases"
+  | "users/{user}/imu"
+  | "users/{user}/wrist"
+  | "users/{user}/button"
+  | "users/{user}/step"
+  | "users/{user}/ray"
+  | "users/{user}/anchor"
+  | "users/{user}/claim"
+  | "users/{user}/speech"
+  | "acts/{carrier}"
+  | "configuration/{service}"
+  | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;
@@ -28,7 +38,9 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     const who = keeper.person(name);
     who.cursor = message;
     // after a jump in the past, the newest may be old
-    who.cursorAt = keeper.site.timeline ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6 : at;
+    who.cursorAt = keeper.site.timeline
+      ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6
+      : at;
   },
   "users/{user}/hover": (keeper, message, name) => {
     const who = keeper.person(name);
@@ -57,12 +69,16 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "users/{user}/goal": (keeper, message, name) => void (keeper.person(name).goal = message),
   "users/{user}/steering": (keeper, message, name) => void (keeper.person(name).steering = message),
   "robots/{robot}/state": (keeper, message, name, at) => {
-    const robot = keeper.robot(name), before = robot.state, { site } = keeper;
+    const robot = keeper.robot(name);
+    const before = robot.state;
+    const { site } = keeper;
     robot.state = message;
     robot.heardAt = at;
     if (!before) return;
-    if (message.user !== before.user) note(site, "info", name, message.user ? `${message.user} steers it` : "nobody steers it");
-    if (message.reason && (!before.reason || message.phase !== before.phase)) note(site, "warning", name, message.reason);
+    if (message.user !== before.user)
+      note(site, "info", name, message.user ? `${message.user} steers it` : "nobody steers it");
+    if (message.reason && (!before.reason || message.phase !== before.phase))
+      note(site, "warning", name, message.reason);
   },
   "robots/{robot}/plan": (keeper, message, name) => void (keeper.robot(name).plan = message),
   map: ({ site }, message) => {
@@ -84,7 +100,9 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "strips/frame": ({ site }, message) => void (site.strips = message),
   "conveyor/state": ({ site }, message) => void (site.conveyor = message),
   "health/{service}": ({ site, warned }, message, name, at) => {
-    for (const problem of problemsOf(message)) if (problem.severity === "warning" && warned.isNew(name, problem, at)) note(site, "warning", name, problem.sentence);
+    for (const problem of problemsOf(message))
+      if (problem.severity === "warning" && warned.isNew(name, problem, at))
+        note(site, "warning", name, problem.sentence);
     site.health.set(name, message);
   },
   "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),
@@ -93,11 +111,21 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
 type Told = "users/{user}/feedback" | "users/{user}/understood" | "selection/events";
 
 /** Text of an event in the log, or null if it is not logged. */
-const LINES: { [K in Told]: (site: Site, message: Topics[K], name: string) => Pick<LogLine, "severity" | "who" | "text"> | null } = {
-  "users/{user}/feedback": (_site, message, name) => message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))
-    ? { severity: message.cue === "refused" ? "warning" : "info", who: name, text: message.text } : null,
+const LINES: {
+  [K in Told]: (
+    site: Site,
+    message: Topics[K],
+    name: string,
+  ) => Pick<LogLine, "severity" | "who" | "text"> | null;
+} = {
+  "users/{user}/feedback": (_site, message, name) =>
+    message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))
+      ? { severity: message.cue === "refused" ? "warning" : "info", who: name, text: message.text }
+      : null,
   "users/{user}/understood": (_site, message, name) => ({
-    severity: message.result === "refused" ? "warning" : "info", who: name, text: `“${message.text}”: ${message.message || message.result}`,
+    severity: message.result === "refused" ? "warning" : "info",
+    who: name,
+    text: `“${message.text}”: ${message.message || message.result}`,
   }),
   "selection/events": (site, message) => ({ ...eventLine(site, message), who: message.user }),
 };
@@ -189,7 +217,9 @@ export class Keeper {
    */
   recall(item: Item, knownNs: number): void {
     if (item.payload === null || !Object.hasOwn(LINES, item.topic)) return;
-    const message = decode(item.payload) as Topics[Told], stamp = Number(message.stamp_ns), { site } = this;
+    const message = decode(item.payload) as Topics[Told];
+    const stamp = Number(message.stamp_ns);
+    const { site } = this;
     if ("object_id" in message) noteChange(site, message);
     if (stamp <= knownNs) return;
     const ago = (siteNow(site) - stamp) / 1e6 / site.speed;
@@ -226,7 +256,17 @@ export class Keeper {
   clear(): void {
     const { site } = this;
     this.known.clear();
-    for (const all of [site.people, site.objects, site.changes, site.robots, site.lamps, site.health, site.carriers, site.deployments]) all.clear();
+    for (const all of [
+      site.people,
+      site.objects,
+      site.changes,
+      site.robots,
+      site.lamps,
+      site.health,
+      site.carriers,
+      site.deployments,
+    ])
+      all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
   }
 

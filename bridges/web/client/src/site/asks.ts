@@ -6,7 +6,10 @@ import type { Answer, Ask } from "../wire";
 /** What was refused, in one sentence for a person. */
 export class Refusal extends Error {
   /** @param isStale The page knows an older state of what it asked about: it has to read it again. */
-  constructor(sentence: string, readonly isStale = false) {
+  constructor(
+    sentence: string,
+    readonly isStale = false,
+  ) {
     super(sentence);
   }
 }
@@ -15,7 +18,10 @@ export class Refusal extends Error {
 export type Reply = Record<string, unknown>;
 
 /** A request of the table, or a deed of the server's own; `name`: the person, where it is about one. */
-export type Wish = ({ key: RequestKey } | { deed: NonNullable<Ask["deed"]> }) & { name?: string; query?: Record<string, unknown> };
+export type Wish = ({ key: RequestKey } | { deed: NonNullable<Ask["deed"]> }) & {
+  name?: string;
+  query?: Record<string, unknown>;
+};
 
 /** Timeout of an answer, ms; `run/scenario` takes longer. */
 export const PATIENCE_MS = 5_000;
@@ -38,11 +44,18 @@ export class Asks {
   ask(wish: Wish, patienceMs = PATIENCE_MS): Promise<Reply> {
     const id = this.next++;
     const ask: Ask = {
-      kind: "ask", id, key: "key" in wish ? wish.key : "", deed: "deed" in wish ? wish.deed : null,
-      name: wish.name ?? "", query: wish.query ?? {},
+      kind: "ask",
+      id,
+      key: "key" in wish ? wish.key : "",
+      deed: "deed" in wish ? wish.deed : null,
+      name: wish.name ?? "",
+      query: wish.query ?? {},
     };
     return new Promise((resolve, reject) => {
-      const timer = setTimeout(() => this.end(id)?.reject(new Refusal("Nobody answered in time; try again.")), patienceMs);
+      const timer = setTimeout(
+        () => this.end(id)?.reject(new Refusal("Nobody answered in time; try again.")),
+        patienceMs,
+      );
       this.waiting.set(id, { resolve, reject, timer });
       if (!this.send(ask)) this.end(id)?.reject(new Refusal("There is no connection right now."));
     });

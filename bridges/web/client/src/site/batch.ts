@@ -32,8 +32,12 @@ export function decodeBatch(bytes: Uint8Array): Batch {
   if (!Array.isArray(parts) || parts.length < 6) throw new Error("a batch has six parts");
   const [n, sentNs, speed, states, events, dropped] = parts as unknown[];
   return {
-    n: finite(n, "n"), sentNs: finite(sentNs, "sent_ns"), speed: finite(speed, "speed"),
-    states: items(states, "states"), events: items(events, "events"), dropped: finite(dropped, "dropped"),
+    n: finite(n, "n"),
+    sentNs: finite(sentNs, "sent_ns"),
+    speed: finite(speed, "speed"),
+    states: items(states, "states"),
+    events: items(events, "events"),
+    dropped: finite(dropped, "dropped"),
   };
 }
 
@@ -66,7 +70,11 @@ export class Pending {
 
   /** Return all, and hold nothing more. */
   take(): { states: Item[]; events: Item[]; history: Item[] } {
-    const taken = { states: [...this.states.values()], events: this.events.splice(0), history: this.history.splice(0) };
+    const taken = {
+      states: [...this.states.values()],
+      events: this.events.splice(0),
+      history: this.history.splice(0),
+    };
     this.states.clear();
     return taken;
   }
@@ -74,7 +82,8 @@ export class Pending {
 
 function finite(value: unknown, what: string): number {
   const number = typeof value === "bigint" ? Number(value) : value;
-  if (typeof number !== "number" || !Number.isFinite(number)) throw new Error(`${what} of a batch is no number`);
+  if (typeof number !== "number" || !Number.isFinite(number))
+    throw new Error(`${what} of a batch is no number`);
   return number;
 }
 
@@ -83,7 +92,11 @@ function items(value: unknown, what: string): Item[] {
   return value.map((each: unknown) => {
     if (!Array.isArray(each)) throw new Error(`${what} of a batch has a malformed message`);
     const [topic, name, payload] = each as unknown[];
-    if (typeof topic !== "string" || typeof name !== "string" || !(payload === null || payload instanceof Uint8Array)) {
+    if (
+      typeof topic !== "string" ||
+      typeof name !== "string" ||
+      !(payload === null || payload instanceof Uint8Array)
+    ) {
       throw new Error(`${what} of a batch has a malformed message`);
     }
     return { topic, name, payload };

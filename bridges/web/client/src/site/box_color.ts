@@ -12,5 +12,9 @@ export function currentBoxColor(site: Site, { id, kind }: Pick<TrackedObject, "i
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const [first] = pointing.sort((one, other) => other.hover!.progress - one.hover!.progress);
   const worn = (user: string) => site.people.get(user)?.profile?.cursor_color ?? WHITE;
-  return boxColor(kind, owner ? worn(owner.user) : null, first ? { color: worn(first.user), progress: first.hover!.progress } : null);
+  return boxColor(
+    kind,
+    owner ? worn(owner.user) : null,
+    first ? { color: worn(first.user), progress: first.hover!.progress } : null,
+  );
 }

@@ -9,7 +9,8 @@ import type { Cursor, StripsFrame } from "../messages";
 import type { Site } from "./site";
 
 /** Where pages find the present, and the last minutes of a running site. */
-const PRESENT = "/ws", PAST = "/ws/past";
+const PRESENT = "/ws";
+const PAST = "/ws/past";
 import { LatencyHistory, SiteClock } from "./timing";
 import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline, HeadsetMotion } from "../wire";
 
@@ -20,7 +21,10 @@ const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
 const MOST_BUFFERED = 16_384;
 
 /** What the connection needs of a WebSocket. */
-export type Socket = Pick<WebSocket, "readyState" | "bufferedAmount" | "binaryType" | "onopen" | "onmessage" | "onclose" | "send" | "close">;
+export type Socket = Pick<
+  WebSocket,
+  "readyState" | "bufferedAmount" | "binaryType" | "onopen" | "onmessage" | "onclose" | "send" | "close"
+>;
 
 /** Open a WebSocket of the server that the page is from. */
 export function toServer(path: string): Socket {
@@ -63,7 +67,11 @@ export class Connection {
   private isCatchingUp = true;
 
   /** @param connect opens the other end at a path. */
-  constructor(private readonly site: Site, private readonly connect: (path: string) => Socket, private readonly events: ConnectionEvents) {
+  constructor(
+    private readonly site: Site,
+    private readonly connect: (path: string) => Socket,
+    private readonly events: ConnectionEvents,
+  ) {
     this.keeper = new Keeper(site);
     setInterval(() => {
       site.traffic = { ...this.second, dropped: this.dropped };
@@ -140,7 +148,8 @@ export class Connection {
         const message = this.keeper.take(item, at);
         if (message === null) continue;
         if (item.topic === "strips/frame") stripsNs = (message as StripsFrame).stamp_ns;
-        else if (item.topic === "users/{user}/cursor") cursorNs = Math.max(cursorNs, (message as Cursor).stamp_ns);
+        else if (item.topic === "users/{user}/cursor")
+          cursorNs = Math.max(cursorNs, (message as Cursor).stamp_ns);
       } catch (error) {
         this.fault(error);
       }
@@ -161,7 +170,11 @@ export class Connection {
     }
     this.isCatchingUp = document.hidden;
     for (const { n } of this.unacknowledged.splice(0)) {
-      this.send({ kind: "ack", n, latency_ms: latency === null ? null : Math.min(1e7, latency) } satisfies Ack);
+      this.send({
+        kind: "ack",
+        n,
+        latency_ms: latency === null ? null : Math.min(1e7, latency),
+      } satisfies Ack);
     }
   }
 
@@ -233,7 +246,8 @@ export class Connection {
 
   private received(data: string | ArrayBuffer): void {
     try {
-      if (typeof data === "string") this.text(JSON.parse(data) as Hello | Status | Answer | Timeline | Playing);
+      if (typeof data === "string")
+        this.text(JSON.parse(data) as Hello | Status | Answer | Timeline | Playing);
       else this.batch(new Uint8Array(data));
     } catch (error) {
       this.fault(error);

@@ -12,7 +12,10 @@ export interface Rates {
 }
 
 const KEYS: Record<keyof Rates, keyof Topics> = {
-  imu: "users/{user}/imu", ray: "users/{user}/ray", cursor: "users/{user}/cursor", frame: "strips/frame",
+  imu: "users/{user}/imu",
+  ray: "users/{user}/ray",
+  cursor: "users/{user}/cursor",
+  frame: "strips/frame",
 };
 
 /**

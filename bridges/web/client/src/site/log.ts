@@ -4,7 +4,13 @@ import type { Health, Problem } from "../messages";
 import { LOG_LINES, siteNow, type LogLine, type Site } from "./site";
 
 /** Write one line, of now (of the past, if that is played) or of `at` (Unix time, ms). */
-export function note(site: Site, severity: LogLine["severity"], who: string, text: string, at = site.timeline ? siteNow(site) / 1e6 : Date.now()): void {
+export function note(
+  site: Site,
+  severity: LogLine["severity"],
+  who: string,
+  text: string,
+  at = site.timeline ? siteNow(site) / 1e6 : Date.now(),
+): void {
   site.log.push({ at, severity, who, text });
   site.logged += 1;
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);
@@ -12,7 +18,9 @@ export function note(site: Site, severity: LogLine["severity"], who: string, tex
 
 /** The problems that a service reports, also one of an older release, which has sentences only. */
 export const problemsOf = ({ problems, warnings }: Health): readonly Problem[] =>
-  problems.length ? problems : warnings.map((sentence) => ({ code: "other", sentence, severity: "warning", subject: "", topic: "" }));
+  problems.length
+    ? problems
+    : warnings.map((sentence) => ({ code: "other", sentence, severity: "warning", subject: "", topic: "" }));
 
 /** A warning repeated after this pause counts as new, ms. */
 const EPISODE_MS = 10_000;

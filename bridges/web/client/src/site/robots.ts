@@ -27,8 +27,18 @@ const SILENT_MS = 3000;
 export function seenRobots(site: Site, now = performance.now()): SeenRobot[] {
   return [...site.robots.values()]
     .filter((robot): robot is SeenRobot => robot.state !== null)
-    .map((robot) => (now - robot.heardAt > SILENT_MS && robot.state.phase !== "lost"
-      ? { ...robot, state: { ...robot.state, phase: "lost" as const, reason: "its service is silent; the health page says more" } } : robot))
+    .map((robot) =>
+      now - robot.heardAt > SILENT_MS && robot.state.phase !== "lost"
+        ? {
+            ...robot,
+            state: {
+              ...robot.state,
+              phase: "lost" as const,
+              reason: "its service is silent; the health page says more",
+            },
+          }
+        : robot,
+    )
     .sort((a, b) => byName(a.name, b.name));
 }
 
@@ -48,7 +58,10 @@ export function wayOf({ plan }: Robot, at: Vec3, most = 24): Vec3[] {
   const line = plan?.line_m ?? [];
   if (!line.length) return [];
   const step = Math.max(1, (line.length - 1) / Math.max(most - 1, 1));
-  const picked = Array.from({ length: Math.min(line.length, most) }, (_, i) => line[Math.min(Math.round(i * step), line.length - 1)]!);
+  const picked = Array.from(
+    { length: Math.min(line.length, most) },
+    (_, i) => line[Math.min(Math.round(i * step), line.length - 1)]!,
+  );
   return [at, ...picked];
 }
 
@@ -59,12 +72,20 @@ const LEAST_MEANT = 0.1;
 export function meantBy(site: Site, name: string): { user: string; probability: number }[] {
   return [...site.people.values()].flatMap(({ user, steering }) => {
     const found = steering?.candidates.find(({ object_id }) => object_id === name);
-    return found && found.probability >= LEAST_MEANT && site.robots.get(name)?.state?.user !== user ? [{ user, probability: found.probability }] : [];
+    return found && found.probability >= LEAST_MEANT && site.robots.get(name)?.state?.user !== user
+      ? [{ user, probability: found.probability }]
+      : [];
   });
 }
 
 const PHASES: Record<RobotState["phase"], string> = {
-  landed: "landed", taking_off: "taking off", idle: "standing", moving: "driving", landing: "landing", stopped: "stopped", lost: "not heard",
+  landed: "landed",
+  taking_off: "taking off",
+  idle: "standing",
+  moving: "driving",
+  landing: "landing",
+  stopped: "stopped",
+  lost: "not heard",
 };
 const FLYING: Partial<typeof PHASES> = { idle: "hovering", moving: "flying" };
 
@@ -80,10 +101,15 @@ export function heightOf({ kind, position_m: [, , z] }: RobotState): string {
 
 /** Who steers it, its phase, target and battery, as one line. */
 export function robotLine(state: RobotState): string {
-  const [x, y] = state.position_m, to = state.target_m;
+  const [x, y] = state.position_m;
+  const to = state.target_m;
   return [
-    state.user ? `steered by ${state.user}` : "nobody steers it", phaseOf(state),
-    to ? `to ${to[0].toFixed(1)}, ${to[1].toFixed(1)} m` : `at ${x.toFixed(1)}, ${y.toFixed(1)} m`, heightOf(state),
+    state.user ? `steered by ${state.user}` : "nobody steers it",
+    phaseOf(state),
+    to ? `to ${to[0].toFixed(1)}, ${to[1].toFixed(1)} m` : `at ${x.toFixed(1)}, ${y.toFixed(1)} m`,
+    heightOf(state),
     state.battery === null ? "" : `battery ${Math.round(100 * state.battery)} %`,
-  ].filter(Boolean).join(" · ");
+  ]
+    .filter(Boolean)
+    .join(" · ");
 }

@@ -14,22 +14,64 @@ import { called, eventLine, ownCount } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
 
 const cursor = (seq: number): Uint8Array => encode({ seq, stamp_ns: 5, point_m: [1, 2, 3] });
-const personLine = (user: string): PersonLine => ({ user, moved_by: "own", source: "device", is_mine: false, phone: "", battery: null, assumed: null });
-const status = (...users: string[]): Status => ({ kind: "status", services: [], findings: [], people: users.map(personLine), viewers: 1, lan_url: "", devices: [], run: "runs" });
+const personLine = (user: string): PersonLine => ({
+  user,
+  moved_by: "own",
+  source: "device",
+  is_mine: false,
+  phone: "",
+  battery: null,
+  assumed: null,
+});
+const status = (...users: string[]): Status => ({
+  kind: "status",
+  services: [],
+  findings: [],
+  people: users.map(personLine),
+  viewers: 1,
+  lan_url: "",
+  devices: [],
+  run: "runs",
+});
 
 test("a batch is decoded, its payloads are not", () => {
   const payload = cursor(1);
-  const batch = decodeBatch(encode([7, 1.5e18, 2, [["users/{user}/cursor", "anna", payload], ["map", "", null]], [], 3]));
+  const batch = decodeBatch(
+    encode([
+      7,
+      1.5e18,
+      2,
+      [
+        ["users/{user}/cursor", "anna", payload],
+        ["map", "", null],
+      ],
+      [],
+      3,
+    ]),
+  );
   assert.equal(batch.n, 7);
   assert.equal(batch.speed, 2);
   assert.equal(batch.dropped, 3);
-  assert.deepEqual(batch.states.map(({ topic, name }) => [topic, name]), [["users/{user}/cursor", "anna"], ["map", ""]]);
+  assert.deepEqual(
+    batch.states.map(({ topic, name }) => [topic, name]),
+    [
+      ["users/{user}/cursor", "anna"],
+      ["map", ""],
+    ],
+  );
   assert.deepEqual([...batch.states[0]!.payload!], [...payload]);
   assert.equal(batch.states[1]!.payload, null);
 });
 
 test("what is no batch is refused in a sentence, its number saved where there is one", () => {
-  for (const bad of [[1, 2], [1, "x", 1, [], [], 0], [1, 1, 1, {}, [], 0], [1, 1, 1, [["a", 2, null]], [], 0], "text", null]) {
+  for (const bad of [
+    [1, 2],
+    [1, "x", 1, [], [], 0],
+    [1, 1, 1, {}, [], 0],
+    [1, 1, 1, [["a", 2, null]], [], 0],
+    "text",
+    null,
+  ]) {
     assert.throws(() => decodeBatch(encode(bad)), /batch/);
   }
   assert.throws(() => decodeBatch(new Uint8Array([0xc1])));
@@ -40,7 +82,18 @@ test("what is no batch is refused in a sentence, its number saved where there is
 test("between two frames the newest state of each key wins, events all come", () => {
   const pending = new Pending();
   for (const n of [2, 3, 4]) {
-    pending.add(decodeBatch(encode([n, 0, 1, [["users/{user}/cursor", "anna", cursor(n)]], [["selection/events", "", cursor(n)]], 0])));
+    pending.add(
+      decodeBatch(
+        encode([
+          n,
+          0,
+          1,
+          [["users/{user}/cursor", "anna", cursor(n)]],
+          [["selection/events", "", cursor(n)]],
+          0,
+        ]),
+      ),
+    );
   }
   const { states, events } = pending.take();
   assert.equal(states.length, 1);
@@ -50,19 +103,42 @@ test("between two frames the newest state of each key wins, events all come", ()
 });
 
 test("events of the first batch are history: they are in the log at their times, once, and nothing happens", () => {
-  const pending = new Pending(), site = emptySite(), keeper = new Keeper(site);
-  const event = (stamp_ns: number, object_id: string) => ({ topic: "selection/events", name: "", payload: encode({ stamp_ns, event: "selected", object_id, kind: "red", user: "anna", reason: "" }) });
+  const pending = new Pending();
+  const site = emptySite();
+  const keeper = new Keeper(site);
+  const event = (stamp_ns: number, object_id: string) => ({
+    topic: "selection/events",
+    name: "",
+    payload: encode({ stamp_ns, event: "selected", object_id, kind: "red", user: "anna", reason: "" }),
+  });
   site.sentNs = 100e9;
   site.cameAt = performance.now();
-  pending.add({ n: 1, sentNs: 100e9, speed: 1, states: [], events: [event(40e9, "x-1"), event(70e9, "x-2"), event(70e9, "x-3")], dropped: 0 });
+  pending.add({
+    n: 1,
+    sentNs: 100e9,
+    speed: 1,
+    states: [],
+    events: [event(40e9, "x-1"), event(70e9, "x-2"), event(70e9, "x-3")],
+    dropped: 0,
+  });
   const { events, history } = pending.take();
   assert.deepEqual([events.length, history.length], [0, 3]);
   for (let time = 0; time < 2; time++) {
     const knownNs = keeper.toldNs;
     for (const item of history) keeper.recall(item, knownNs);
   }
-  assert.deepEqual(site.log.map(({ who, text }) => [who, text]), [["anna", "selected red 1"], ["anna", "selected red 2"], ["anna", "selected red 3"]]);
-  assert.deepEqual(site.log.map(({ at }) => Math.round((Date.now() - at) / 10_000)), [6, 3, 3]);
+  assert.deepEqual(
+    site.log.map(({ who, text }) => [who, text]),
+    [
+      ["anna", "selected red 1"],
+      ["anna", "selected red 2"],
+      ["anna", "selected red 3"],
+    ],
+  );
+  assert.deepEqual(
+    site.log.map(({ at }) => Math.round((Date.now() - at) / 10_000)),
+    [6, 3, 3],
+  );
   assert.deepEqual(site.fresh, []);
   keeper.take(event(101e9, "x-4"), 0);
   keeper.recall(event(101e9, "x-4"), keeper.toldNs);
@@ -70,18 +146,38 @@ test("events of the first batch are history: they are in the log at their times,
 });
 
 test("a vital service that is gone or hangs is one sentence with its cause", () => {
-  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, code: sentence.includes("not reported") ? "silent" : "absent", service, sentence, remedy: "start it again", follows: false });
+  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({
+    severity,
+    code: sentence.includes("not reported") ? "silent" : "absent",
+    service,
+    sentence,
+    remedy: "start it again",
+    follows: false,
+  });
   const line = (instance: string, present: boolean) => ({ instance, present, since_s: 1 });
-  const told = (services: Status["services"], findings: Status["findings"]): string => outage({ status: { ...status(), services, findings } });
+  const told = (services: Status["services"], findings: Status["findings"]): string =>
+    outage({ status: { ...status(), services, findings } });
   assert.equal(outage({ status: null }), "");
   assert.equal(told([line("pui", true)], [finding("pui", "3 handlers failed")]), "", "it runs");
   assert.equal(told([line("selector", false)], []), "", "it was not to run");
   assert.equal(told([line("keeper", false)], [finding("keeper", "should run and does not")]), "");
-  assert.equal(told([line("pui", false)], [finding("pui", "should run and does not")]),
-    "Cursors and lights do not move: pui should run and does not; start it again");
-  const all = [finding("", "the router at x does not answer"), { ...finding("pui", "should run and does not"), follows: true }];
-  assert.equal(told([line("pui", false)], all), "The router at x does not answer; start it again", "what follows is not told");
-  assert.match(told([line("selector", true)], [finding("selector", "is present but has not reported for 5 s")]), /^Nothing can be selected: selector is present/);
+  assert.equal(
+    told([line("pui", false)], [finding("pui", "should run and does not")]),
+    "Cursors and lights do not move: pui should run and does not; start it again",
+  );
+  const all = [
+    finding("", "the router at x does not answer"),
+    { ...finding("pui", "should run and does not"), follows: true },
+  ];
+  assert.equal(
+    told([line("pui", false)], all),
+    "The router at x does not answer; start it again",
+    "what follows is not told",
+  );
+  assert.match(
+    told([line("selector", true)], [finding("selector", "is present but has not reported for 5 s")]),
+    /^Nothing can be selected: selector is present/,
+  );
 });
 
 test("who is not in the status is not shown, and is shown with all that is known when they come", () => {
@@ -99,7 +195,10 @@ test("who is not in the status is not shown, and is shown with all that is known
 test("nothing for a payload takes away what the key had", () => {
   const site = emptySite();
   const keeper = new Keeper(site);
-  keeper.take({ topic: "objects/{tracker}", name: "belt", payload: encode({ objects: [], seq: 0, stamp_ns: 0 }) }, 0);
+  keeper.take(
+    { topic: "objects/{tracker}", name: "belt", payload: encode({ objects: [], seq: 0, stamp_ns: 0 }) },
+    0,
+  );
   keeper.take({ topic: "leds/{led}/color", name: "l1", payload: encode({ color: [1, 2, 3] }) }, 0);
   assert.equal(site.objects.size + site.lamps.size, 2);
   keeper.take({ topic: "objects/{tracker}", name: "belt", payload: null }, 0);
@@ -160,9 +259,18 @@ test("answers find their asks; a refusal, a lost connection and silence end them
   const refused = asks.ask({ deed: "take", name: "anna" });
   const lost = asks.ask({ deed: "give" });
   const silent = asks.ask({ deed: "press" }, 1);
-  assert.deepEqual(sent.map(({ key, deed }) => key || deed), ["conveyor/set_speed", "take", "give", "press"]);
+  assert.deepEqual(
+    sent.map(({ key, deed }) => key || deed),
+    ["conveyor/set_speed", "take", "give", "press"],
+  );
   asks.answered({ kind: "answer", id: sent[1]!.id, reply: null, error: "no", is_stale: false });
-  asks.answered({ kind: "answer", id: sent[0]!.id, reply: { message: "0.5 m/s" }, error: "", is_stale: false });
+  asks.answered({
+    kind: "answer",
+    id: sent[0]!.id,
+    reply: { message: "0.5 m/s" },
+    error: "",
+    is_stale: false,
+  });
   asks.answered({ kind: "answer", id: 999, reply: {}, error: "", is_stale: false });
   assert.deepEqual(await done, { message: "0.5 m/s" });
   await assert.rejects(refused, /^Refusal|no/);
@@ -179,7 +287,10 @@ test("the log is bounded, filtered by words, newest first", () => {
   assert.equal(site.log.length, LOG_LINES);
   assert.equal(site.logged, LOG_LINES + 50);
   const found = matching(site.log, "ANNA warning", 3);
-  assert.deepEqual(found.map((line) => line.text), [448, 446, 444].map((n) => `line ${n}`));
+  assert.deepEqual(
+    found.map((line) => line.text),
+    [448, 446, 444].map((n) => `line ${n}`),
+  );
   assert.deepEqual(matching(site.log, "nothing like it", 3), []);
 });
 
@@ -188,37 +299,89 @@ test("a warning that stands on is told once, whatever its figures; one that come
   const isNew = (at: number, sentence: string, service = "imu", code = "late"): boolean =>
     episodes.isNew(service, { code, sentence, severity: "warning", subject: "", topic: "" }, at);
   assert.equal(isNew(0, "12.5 of 100 samples are late"), true);
-  for (let at = 1000; at < 30_000; at += 1000) assert.equal(isNew(at, `${at / 7} of 100 samples are late`), false);
+  for (let at = 1000; at < 30_000; at += 1000)
+    assert.equal(isNew(at, `${at / 7} of 100 samples are late`), false);
   assert.equal(isNew(30_000, "3 of 100 samples are late", "ray"), true);
   assert.equal(isNew(60_000, "12.5 of 100 samples are late"), true);
-  assert.deepEqual([1, 1, 2].map((n) => isNew(60_000, `${n} of an older release`, "imu", "other")), [true, false, true]);
+  assert.deepEqual(
+    [1, 1, 2].map((n) => isNew(60_000, `${n} of an older release`, "imu", "other")),
+    [true, false, true],
+  );
 });
 
 test("an object is called by its kind and the end of its id", () => {
   const site = emptySite();
   assert.equal(called(site, "a1b2-24", "red"), "red 24");
   assert.equal(called(site, "a1b2-24"), "object 24");
-  const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "it is gone" } as SelectionEvent;
+  const event = {
+    event: "refused",
+    object_id: "a1b2-24",
+    kind: "red",
+    user: "anna",
+    reason: "it is gone",
+  } as SelectionEvent;
   assert.equal(eventLine(site, event).text, "could not change red 24: it is gone");
 });
 
 test("buttons that fired are not counted as a person's own", () => {
   const site = emptySite();
   const object = (id: string, mode: "claim" | "button" | "switch") => ({ id, mode }) as TrackedObject;
-  site.objects.set("things", { stamp_ns: 0, seq: 0, objects: [object("kettle", "button"), object("radio", "switch"), object("box", "claim")] } as unknown as TrackedObjects);
-  const owned = (id: string, user: string) => ({ id, user, kind: "", since_ns: 0, confidence: null, is_pending: false });
-  site.selection = { stamp_ns: 0, seq: 0, objects: [owned("kettle", "ada"), owned("radio", "ada"), owned("box", "ada"), owned("gone", "ada"), owned("other", "ben")], reserved: [], method: null, dwell_s: null };
+  site.objects.set("things", {
+    stamp_ns: 0,
+    seq: 0,
+    objects: [object("kettle", "button"), object("radio", "switch"), object("box", "claim")],
+  } as unknown as TrackedObjects);
+  const owned = (id: string, user: string) => ({
+    id,
+    user,
+    kind: "",
+    since_ns: 0,
+    confidence: null,
+    is_pending: false,
+  });
+  site.selection = {
+    stamp_ns: 0,
+    seq: 0,
+    objects: [
+      owned("kettle", "ada"),
+      owned("radio", "ada"),
+      owned("box", "ada"),
+      owned("gone", "ada"),
+      owned("other", "ben"),
+    ],
+    reserved: [],
+    method: null,
+    dwell_s: null,
+  };
   assert.equal(ownCount(site, "ada"), 2);
 });
 
 const health = (user: string, key: string, rate: number): Health => ({
-  errors: 1, figures: [], host: "", instance: "", latency: null, pid: 1, seq: 0, service: "", stamp_ns: 0, status: "ok",
-  problems: [], step: null, uptime_s: 0, user, warnings: [],
+  errors: 1,
+  figures: [],
+  host: "",
+  instance: "",
+  latency: null,
+  pid: 1,
+  seq: 0,
+  service: "",
+  stamp_ns: 0,
+  status: "ok",
+  problems: [],
+  step: null,
+  uptime_s: 0,
+  user,
+  warnings: [],
   keys: [{ age_s: 0, direction: "out", dropped: 2, invalid: 0, key, lost: 1, rate_hz: rate }],
 });
 
 test("rates are of one person, those of shared services shared out", () => {
-  const all = [health("anna", "users/{user}/imu", 50), health("ben", "users/{user}/imu", 80), health("", "users/{user}/cursor", 100), health("", "strips/frame", 60)];
+  const all = [
+    health("anna", "users/{user}/imu", 50),
+    health("ben", "users/{user}/imu", 80),
+    health("", "users/{user}/cursor", 100),
+    health("", "strips/frame", 60),
+  ];
   assert.deepEqual(rates(all, "anna", 2), { imu: 50, ray: null, cursor: 50, frame: 60 });
   assert.deepEqual(losses(all), { dropped: 8, lost: 4, invalid: 0, errors: 4 });
 });
@@ -229,7 +392,10 @@ test("a place is proposed, sent or taken back; each is told in the log", () => {
   keeper.status(status("anna"));
   const anna = site.people.get("anna")!;
   const cue = (name: string, point_m: number[] | null, text = name): void =>
-    void keeper.take({ topic: "users/{user}/feedback", name: "anna", payload: encode({ cue: name, text, point_m }) }, 1);
+    void keeper.take(
+      { topic: "users/{user}/feedback", name: "anna", payload: encode({ cue: name, text, point_m }) },
+      1,
+    );
   cue("selected", [1, 2, 0], "send a robot there?");
   assert.deepEqual(anna.proposed, [1, 2, 0]);
   assert.equal(isSent(anna), false);
@@ -242,5 +408,8 @@ test("a place is proposed, sent or taken back; each is told in the log", () => {
   cue("deselected", [3, 2, 0], "no robot is sent");
   assert.equal(anna.proposed, null);
   assert.deepEqual(anna.goal?.position_m, [1, 2, 0]);
-  assert.deepEqual(site.log.map(({ text }) => text), ["send a robot there?", "selected", "no robot is sent"]);
+  assert.deepEqual(
+    site.log.map(({ text }) => text),
+    ["send a robot there?", "selected", "no robot is sent"],
+  );
 });

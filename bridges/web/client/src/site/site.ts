@@ -1,8 +1,29 @@
 /** State of the site: the newest message of every key, and the server's status. */
 
 import type {
-  Announced, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, SelectionManner, Steering, StripsFrame, ThingStates, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
+  Announced,
+  ConveyorState,
+  Cursor,
+  Deployment,
+  Environment,
+  Feedback,
+  Goal,
+  Health,
+  Hover,
+  Interaction,
+  LampColor,
+  Localization,
+  Selection,
+  SelectionEvent,
+  SelectionManner,
+  Steering,
+  StripsFrame,
+  ThingStates,
+  TrackedObject,
+  TrackedObjects,
+  Understood,
+  UserPose,
+  UserProfile,
 } from "../messages";
 import type { Robot } from "./robots";
 import type { Hello, PersonLine, Playing, Status, Timeline } from "../wire";
@@ -62,7 +83,10 @@ export interface Site {
   /** By tracker. */
   readonly objects: Map<string, TrackedObjects>;
   /** The last selection, deselection and refusal of each object, by its id; those of before this page came, too. */
-  readonly changes: Map<string, { selected?: SelectionEvent; deselected?: SelectionEvent; refused?: SelectionEvent }>;
+  readonly changes: Map<
+    string,
+    { selected?: SelectionEvent; deselected?: SelectionEvent; refused?: SelectionEvent }
+  >;
   /** By name. */
   readonly robots: Map<string, Robot>;
   selection: Selection | null;
@@ -103,25 +127,63 @@ export const LOG_LINES = 400;
 /** A site of which nothing is known yet. */
 export function emptySite(): Site {
   return {
-    hello: null, status: null, timeline: null, playing: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
-    objects: new Map(), changes: new Map(), robots: new Map(), selection: null, manner: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
-    carriers: new Map(), deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
-    traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
+    hello: null,
+    status: null,
+    timeline: null,
+    playing: null,
+    connected: false,
+    lostAt: 0,
+    mapVersion: 0,
+    map: null,
+    people: new Map(),
+    objects: new Map(),
+    changes: new Map(),
+    robots: new Map(),
+    selection: null,
+    manner: null,
+    strips: null,
+    lamps: new Map(),
+    conveyor: null,
+    health: new Map(),
+    carriers: new Map(),
+    deployments: new Map(),
+    fresh: [],
+    log: [],
+    logged: 0,
+    sentNs: 0,
+    speed: 1,
+    cameAt: 0,
+    traffic: { bytes: 0, batches: 0, dropped: 0 },
+    faults: { count: 0, last: "" },
   };
 }
 
 /** A person without any messages. */
 export function emptyPerson(user: string): Person {
   return {
-    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, cameNs: 0, announced: null, interaction: null, localization: null,
-    understood: null, goal: null, proposed: null, steering: null, line: null,
+    user,
+    profile: null,
+    pose: null,
+    cursor: null,
+    cursorAt: 0,
+    hover: null,
+    cameNs: 0,
+    announced: null,
+    interaction: null,
+    localization: null,
+    understood: null,
+    goal: null,
+    proposed: null,
+    steering: null,
+    line: null,
   };
 }
 
 /** Tracked objects, without the robots, which are shown by their states. */
 export function thingsOf(site: Site): { object: TrackedObject; stamp_ns: number }[] {
   return [...site.objects.values()].flatMap(({ objects, stamp_ns }) =>
-    objects.filter(({ id }) => !site.robots.get(id)?.state).map((object) => ({ object, stamp_ns })));
+    objects.filter(({ id }) => !site.robots.get(id)?.state).map((object) => ({ object, stamp_ns })),
+  );
 }
 
 /** Whether the lamp is the light of a thing, whose name is shown instead. */
@@ -149,7 +211,8 @@ export function proposalOf(person: Person): [number, number, number] | null {
 
 /** The last goal of `person`; of one who steers robots only while a robot carries it out. */
 export function goalOf(site: Site, { goal, steering }: Person): Goal | null {
-  const isOver = steering && ![...site.robots.values()].some(({ state }) => state?.goal_ns === goal?.stamp_ns);
+  const isOver =
+    steering && ![...site.robots.values()].some(({ state }) => state?.goal_ns === goal?.stamp_ns);
   return isOver ? null : goal;
 }
 

@@ -25,21 +25,44 @@ export function hasTakenBack(site: Site, user: string): boolean {
   const sinceNs = selector ? siteNow(site) - selector.since_s * 1e9 * site.speed : Infinity;
   return [...site.changes].some(([id, { selected, deselected }]) => {
     const object = objectOf(site, id);
-    return object !== null && !isTooLate(object) && object.mode !== "button" && deselected?.user === user && deselected.cause !== "undo" && deselected.stamp_ns >= sinceNs
-      && deselected.stamp_ns > (selected?.stamp_ns ?? 0) && !site.selection?.objects.some((each) => each.id === id);
+    return (
+      object !== null &&
+      !isTooLate(object) &&
+      object.mode !== "button" &&
+      deselected?.user === user &&
+      deselected.cause !== "undo" &&
+      deselected.stamp_ns >= sinceNs &&
+      deselected.stamp_ns > (selected?.stamp_ns ?? 0) &&
+      !site.selection?.objects.some((each) => each.id === id)
+    );
   });
 }
 
 /** Whether `user` has selected something that they can clear: what a button fired ends by itself. */
 export function hasSelected(site: Site, user: string): boolean {
-  return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button" && !isTooLate(objectOf(site, each.id))) ?? false;
+  return (
+    site.selection?.objects.some(
+      (each) =>
+        each.user === user && modeOf(site, each.id) !== "button" && !isTooLate(objectOf(site, each.id)),
+    ) ?? false
+  );
 }
 
 /** Result of the last act of `person` on what they are on, since they came to it; a failed act comes as a refusal. */
-export function lastAct({ changes }: Site, { user, hover, cameNs }: Pick<Person, "user" | "hover" | "cameNs">): { result: "" | "done" | "refused"; reason: string } {
+export function lastAct(
+  { changes }: Site,
+  { user, hover, cameNs }: Pick<Person, "user" | "hover" | "cameNs">,
+): { result: "" | "done" | "refused"; reason: string } {
   const events = Object.values(changes.get(hover?.object_id ?? "") ?? {}) // what goes off by itself has no cause
-    .filter((each) => each.user === user && (each.cause === "dwell" || each.cause === "button") && Number(each.stamp_ns) >= cameNs);
-  const last = events.sort((a, b) => Number(b.stamp_ns) - Number(a.stamp_ns) || (a.event === "refused" ? -1 : 1))[0];
+    .filter(
+      (each) =>
+        each.user === user &&
+        (each.cause === "dwell" || each.cause === "button") &&
+        Number(each.stamp_ns) >= cameNs,
+    );
+  const last = events.sort(
+    (a, b) => Number(b.stamp_ns) - Number(a.stamp_ns) || (a.event === "refused" ? -1 : 1),
+  )[0];
   return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last?.reason ?? "" };
 }
 
@@ -66,8 +89,11 @@ export function isStarting(site: Site, id: string): boolean {
 /** Lamps of unavailable things: nobody knows whether they shine, so they are not drawn as lit. */
 export function darkLamps(site: Pick<Site, "carriers" | "map">): ReadonlySet<string> {
   const closed = new Set<string>();
-  for (const { things } of site.carriers.values()) for (const { id, state } of things) if (state === "unavailable") closed.add(id);
-  const lamps = closed.size ? (site.map?.things ?? []).filter(({ id }) => closed.has(id)).map(({ lamp }) => lamp) : [];
+  for (const { things } of site.carriers.values())
+    for (const { id, state } of things) if (state === "unavailable") closed.add(id);
+  const lamps = closed.size
+    ? (site.map?.things ?? []).filter(({ id }) => closed.has(id)).map(({ lamp }) => lamp)
+    : [];
   return new Set(lamps.filter(Boolean));
 }
 
@@ -99,38 +125,78 @@ export function thingTiles(site: Site): ThingTile[] {
 }
 
 /** Causes for which things are unavailable or starting, each once, with their names unless it is all of them. */
-export function problemsOfThings(tiles: readonly Pick<ThingTile, "name" | "problem" | "isStarting">[]): { text: string; isStarting: boolean }[] {
+export function problemsOfThings(
+  tiles: readonly Pick<ThingTile, "name" | "problem" | "isStarting">[],
+): { text: string; isStarting: boolean }[] {
   const causes = new Set(tiles.map(({ problem }) => problem).filter(Boolean));
   return [...causes].map((cause) => {
-    const those = tiles.filter(({ problem }) => problem === cause), isStarting = those.every((each) => each.isStarting);
-    const names = those.length === tiles.length && those.length > 1 ? "Everything" : listed(those.map(({ name }) => name));
+    const those = tiles.filter(({ problem }) => problem === cause);
+    const isStarting = those.every((each) => each.isStarting);
+    const names =
+      those.length === tiles.length && those.length > 1
+        ? "Everything"
+        : listed(those.map(({ name }) => name));
     return { text: `${names} ${isStarting ? "starting" : "unavailable"}: ${cause}`, isStarting };
   });
 }
 
 function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile {
-  const { id, mode } = thing, selected = site.selection?.objects.find((each) => each.id === id), owner = selected?.user ?? "", reason = unavailable(site, id);
+  const { id, mode } = thing;
+  const selected = site.selection?.objects.find((each) => each.id === id);
+  const owner = selected?.user ?? "";
+  const reason = unavailable(site, id);
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const aims = pointing.map(({ user }) => user).join(", ");
-  const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
-  const isComing = isStarting(site, id), closed = isComing ? "Starting …" : "Unavailable";
-  const state = !object ? "Not in the room now" : reason ? closed : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
+  const states = {
+    button: ["Fired", "Ready"],
+    switch: ["On", "Off"],
+    claim: [`Taken by ${owner}`, "Free"],
+  } as const;
+  const isComing = isStarting(site, id);
+  const closed = isComing ? "Starting …" : "Unavailable";
+  const state = !object
+    ? "Not in the room now"
+    : reason
+      ? closed
+      : selected?.is_pending
+        ? "Under way …"
+        : states[mode][owner ? 0 : 1];
   return {
-    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending && !reason, problem: object ? reason : "", isStarting: object !== null && isComing, does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
-    state: object && aims && !owner && !reason ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
+    id,
+    mode,
+    name: capital(object?.kind || thing.label || placeName(id, "thing")),
+    isOn: owner !== "" && !selected?.is_pending && !reason,
+    problem: object ? reason : "",
+    isStarting: object !== null && isComing,
+    does: effect(
+      thing,
+      [...site.people.values()].some(({ announced }) => announced),
+    ),
+    last: lastChange(site, thing),
+    state:
+      object && aims && !owner && !reason
+        ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it`
+        : state,
     progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
     canBeTried: object !== null && mode !== "claim",
   };
 }
 
 function effect({ mode, press, dwell_s: dwell }: Thing, hasNames: boolean): string {
-  const when = hasNames ? "on a press, once its name is heard" : press ? "on a press while somebody points at it" : dwell ? `when somebody stays on it for ${dwell} s` : "when somebody stays on it";
+  const when = hasNames
+    ? "on a press, once its name is heard"
+    : press
+      ? "on a press while somebody points at it"
+      : dwell
+        ? `when somebody stays on it for ${dwell} s`
+        : "when somebody stays on it";
   return `${{ button: "Fires", switch: "Switches", claim: "Is taken, and given back," }[mode]} ${when}.`;
 }
 
 function lastChange(site: Site, { id, mode }: Thing): string {
   const { selected, deselected } = site.changes.get(id) ?? {};
-  const last = mode === "button" || (selected?.stamp_ns ?? 0) >= (deselected?.stamp_ns ?? 0) ? selected : deselected;
+  const last =
+    mode === "button" || (selected?.stamp_ns ?? 0) >= (deselected?.stamp_ns ?? 0) ? selected : deselected;
   if (!last) return mode === "button" ? "Not fired yet." : "Not used yet.";
   const ago = (siteNow(site) - last.stamp_ns) / 1e9 / (site.speed || 1);
   return `${OUTCOMES[mode][last === selected ? 0 : 1]} by ${last.user || "nobody"} ${ago < JUST_NOW_S ? "just now" : `${duration(ago)} ago`}.`;

@@ -81,13 +81,14 @@ def check_map(
         if link.source in lanes and link.target in lanes
     ]
     wrong_units = list(check_extent(file, clouds))
+    is_home = any(thing.home_assistant for thing in file.things.values())
     found = [
         *wrong_units,
         *broken,
         *check_belts(file, lanes, links),
         *check_lines(file),
         *check_strips(file),
-        *check_lamps(file.lamps, person_m, has_heights=not wrong_units),
+        *check_lamps(file.lamps, person_m, has_heights=not wrong_units, is_home=is_home),
         *_check_solids(file),
         *check_fences(file.fences),
         *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),

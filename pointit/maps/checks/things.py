@@ -294,11 +294,16 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enou
 
 
 def check_lamps(
-    lamps: Mapping[str, LampEntry], person_m: tuple[float, float] | None, *, has_heights: bool = True
+    lamps: Mapping[str, LampEntry],
+    person_m: tuple[float, float] | None,
+    *,
+    has_heights: bool = True,
+    is_home: bool = False,
 ) -> Iterator[MapFinding]:
     """Yield problems of lamps, as seen from `person_m`, or from anywhere if it is None.
 
-    Without `has_heights` heights are not compared with those of a room.
+    Without `has_heights` heights are not compared with those of a room. A home (`is_home`) may do without
+    lamps: people say where they stand, and its lights are things.
     """
     names = list(lamps)
     places = np.array([lamp.position for lamp in lamps.values()]).reshape(-1, 3)
@@ -315,6 +320,8 @@ def check_lamps(
             f"lamps.{names[index]}",
             f"is where {names[other]} is, {places[index].tolist()}; correct one of them",
         )
+    if is_home and not lamps:
+        return
     if len(lamps) < 2:
         yield warning(
             "lamps",

@@ -115,3 +115,39 @@ async def test_a_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
     await expect(editor).to_have_count(0)
     assert window.faults == []
     assert await window.violations() == []
+
+
+HOME = """# two lights of a home, not placed yet
+things:
+  sofa: {home_assistant: light.sofa}
+  tv: {home_assistant: switch.tv}
+planes:
+  north: {center: [0, 3, 1.25], normal: [0, -1, 0], size: [4, 2.5]}
+"""
+
+
+async def test_unplaced_things_are_spread_and_saved(
+    browser: Browser, commands: Commands, tmp_path: Path
+) -> None:
+    page_is_built()
+    path = tmp_path / "home.yaml"
+    path.write_text(HOME)
+    site = await running(commands, str(path), "--pose", "0,0")
+    window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
+    await window.is_shown()
+    page = window.page
+    await page.get_by_role("tab", name="Set up").click()
+    await page.get_by_role("button", name="Edit the map").click()
+    side = page.locator(".edit-side")
+
+    spread = side.get_by_role("button", name="Spread 2 things along the walls")
+    await spread.click()
+    await expect(spread).to_be_hidden()
+    await expect(page.get_by_role("button", name="Thing tv")).to_be_visible()
+    assert await axe_violations(page) == []
+
+    await page.locator("dialog.editor").get_by_role("button", name="Save", exact=True).click()
+    await expect(side.get_by_role("status").first).to_contain_text("saved as")
+    things = yaml.safe_load(path.read_text())["things"]
+    assert things["sofa"]["center"] == pytest.approx([1, 2.8, 1.2])
+    assert things["tv"]["center"] == pytest.approx([-1, 2.8, 1.2])

@@ -136,6 +136,13 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     "one lamp": (
         "lamps: {a: {position: [2, 0, 1]}}",
         [("warning", "lamps", "there is one lamp and localizing by pointing needs two")]),
+    "a home without lamps": (
+        "things: {sofa: {home_assistant: light.sofa, center: [2, 0, 1], size: [0.3, 0.3, 0.3]}}",
+        []),
+    "a home with one lamp": (
+        ("lamps: {a: {position: [2, 0, 1]}}\n"
+            "things: {sofa: {home_assistant: light.sofa, light: a}}"),
+        [("warning", "lamps", "there is one lamp and localizing by pointing needs two")]),
     "solids without an area": (
         ("boxes: {b: {center: [0, 0, 0], size: [1, 0.0005, 1]}}\n"
             "planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1e-6, 1]},\n"

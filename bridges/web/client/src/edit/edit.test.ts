@@ -26,6 +26,7 @@ import {
   type Vec,
 } from "./shape";
 import { level, parallel, snapMove, snapTurn } from "./snap";
+import { spreadAlongWalls, unplacedOf } from "./spread";
 
 const ITEMS: Items = itemsOf({
   lamps: { door: { position: [0, 1, 2] } },
@@ -253,4 +254,43 @@ test("a picture is scaled about the first click so that two places are as far ap
   const found = scaled(picture, [2, 2], [4, 2], 3);
   near([found.left, found.top, found.width, found.height], [-1, 5, 12, 6]);
   near([widened(picture, 4).height, widened(picture, 4).left], [2, 0]);
+});
+
+const HOME: Items = itemsOf({
+  lamps: { door: { position: [0, 1, 2] } },
+  things: {
+    radio: { light: "door" },
+    sofa: { home_assistant: "light.sofa" },
+    tv: { home_assistant: "switch.tv", size: [1, 0.1, 0.6] },
+  },
+});
+const WALL = { center: [0, 3, 1.25], normal: [0, -1, 0], size: [4, 2.5] };
+
+test("only things without a center, a light and something to move with are unplaced", () => {
+  assert.deepEqual(
+    unplacedOf(HOME).map(({ name }) => name),
+    ["sofa", "tv"],
+  );
+  assert.equal(unplacedOf(spreadAlongWalls(HOME)).length, 0);
+});
+
+test("unplaced things stand along a wall, on its inner side", () => {
+  const wall: Item = { id: 9, section: "planes", name: "north", value: WALL };
+  const spread = spreadAlongWalls([...HOME, wall]);
+  const things = unplacedOf(HOME).map(({ id }) => spread.find((item) => item.id === id)!);
+  for (const thing of things) near([verticesOf(thing)[0]![1]], [2.8]);
+  near(
+    things.map((thing) => Math.abs(verticesOf(thing)[0]![0])),
+    [1, 1],
+  );
+  assert.deepEqual(things[1]!.value["size"], [1, 0.1, 0.6]);
+  assert.equal(spread[0], HOME[0], "what has a place stays");
+});
+
+test("without a wall, unplaced things stand around all that has a place", () => {
+  const spread = spreadAlongWalls(HOME);
+  const places = spread.filter(({ section }) => section === "things").flatMap(verticesOf);
+  assert.equal(places.length, 2);
+  for (const [x, y] of places) assert.ok(Math.abs(x) <= 2 && Math.abs(y - 1) <= 2);
+  assert.equal(new Set(places.map(String)).size, 2);
 });

@@ -23,6 +23,7 @@ import {
 } from "./model";
 import { aboutOrigin, middleOf, mm, moved, turned, verticesOf, withVertices, yawOf, type Vec } from "./shape";
 import { level, parallel, snapMove, snapTurn } from "./snap";
+import { spreadAlongWalls, unplacedOf } from "./spread";
 
 const CHECK_MS = 400;
 /** A save reads, checks and writes the map, and the site takes it; a map with point clouds takes seconds, ms. */
@@ -67,6 +68,9 @@ const NEW: Record<Section, (x: number, y: number) => Value> = {
 /** Rounded to a centimetre, as what is dragged by hand. */
 const cmOf = (value: number): number => Math.round(value * 100) / 100;
 
+const spreadText = (count: number): string =>
+  count === 1 ? "Place 1 thing along the walls" : `Spread ${count} things along the walls`;
+
 class Editor {
   private history = new History([]);
   private base: Items = [];
@@ -97,6 +101,7 @@ class Editor {
   private readonly redo = this.button("Redo", "undo", () => this.back(false), "Control+Shift+Z");
   private readonly save = this.button("Save", "check", () => void this.write(""), "Control+S");
   private readonly again = this.button("Load again, without my changes", "download", () => void this.load());
+  private readonly spread = this.button("", "floor", () => this.spreadThings());
   private readonly copy = el("input", {
     type: "text",
     id: "edit-copy",
@@ -140,6 +145,7 @@ class Editor {
         { className: "edit-side" },
         this.status,
         this.again,
+        this.spread,
         el("label", { className: "edit-field" }, el("span", { text: "What to edit" }), this.pick),
         el(
           "div",
@@ -320,6 +326,9 @@ class Editor {
     this.redo.disabled = !this.history.canRedo;
     this.save.disabled = !edits || this.file.shipped;
     show(this.tools, chosen !== null);
+    const unplaced = unplacedOf(items).length;
+    show(this.spread, unplaced > 0);
+    write(this.spread.lastElementChild!, spreadText(unplaced));
     write(
       this.count,
       `${errors ? `${errors} error${errors > 1 ? "s" : ""}, ` : ""}${warnings ? `${warnings} warning${warnings > 1 ? "s" : ""}` : errors ? "no warnings" : "No findings"}`,
@@ -402,6 +411,12 @@ class Editor {
     this.put([...this.items, item]);
     this.canvas.focus(item);
     this.say(`${titleOf(item)} is in the middle of the plan.`);
+  }
+
+  /** Give each thing without a place one along the walls; then people drag them to where they are. */
+  private spreadThings(): void {
+    this.put(spreadAlongWalls(this.items));
+    this.say("Drag each thing to where it is.");
   }
 
   private remove(): void {

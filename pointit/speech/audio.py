@@ -108,26 +108,37 @@ def read_wav(path: Path) -> bytes:
     Raises:
         ConfigError: If it cannot be read, or has another format than `NEEDED`. Names both, with the remedy.
     """
-    data = _file_content(path)
-    forms: set[WavFormat] = set()
+    formats: set[WavFormat] = set()
     sound: list[bytes] = []
-    for name, size, content in _chunks(data):
-        if name == b"fmt " and (form := _format(content)) is not None:
-            forms.add(form)
+    for name, stated_size, content in _chunks(_file_content(path)):
+        if name == b"fmt ":
+            wav_format = _format(content)
+            if wav_format is not None:
+                formats.add(wav_format)
         elif name == b"data":
-            sound.append(content[: len(content) // 2 * 2])
-            if len(content) < size < STREAMED:
-                log.warning("%s: is cut off, %d of %d bytes of sound are there", path, len(content), size)
+            size = len(content)
+            sound.append(content[: size // 2 * 2])
+            if size < stated_size < STREAMED:
+                log.warning("%s: is cut off, %d of %d bytes of sound are there", path, size, stated_size)
         elif name in (b"RIFF", b"wavl"):
             raise ConfigError(f"{path}: has several recordings; export them as one, or as files of their own")
-    for form in forms - {NEEDED}:
-        raise ConfigError(f"{path}: has {form}, and must have {NEEDED}; convert it: {_CONVERTER}")
-    if not forms or not any(sound):
-        missing = "sound" if forms else "format"
-        raise ConfigError(
-            f"{path}: no WAV file that can be read: it has no {missing}; copy or record it again"
-        )
+
+    _check_formats(path, formats)
+    if not any(sound):
+        raise ConfigError(_missing_text(path, "sound"))
     return b"".join(sound)
+
+
+def _check_formats(path: Path, formats: set[WavFormat]) -> None:
+    """Check that a file has the format `NEEDED` alone. Raises ConfigError."""
+    for wav_format in formats - {NEEDED}:
+        raise ConfigError(f"{path}: has {wav_format}, and must have {NEEDED}; convert it: {_CONVERTER}")
+    if not formats:
+        raise ConfigError(_missing_text(path, "format"))
+
+
+def _missing_text(path: Path, part: str) -> str:
+    return f"{path}: no WAV file that can be read: it has no {part}; copy or record it again"
 
 
 def _file_content(path: Path) -> bytes:
@@ -144,8 +155,8 @@ def _file_content(path: Path) -> bytes:
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{path}: has more than {MAX_BYTES >> 20} MB; cut it into pieces")
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
-        begin = f"it begins with {data[:4]!r}" if data else "it is empty"
-        raise ConfigError(f"{path}: no WAV file that can be read: {begin}; convert it: {_CONVERTER}")
+        problem = f"it begins with {data[:4]!r}" if data else "it is empty"
+        raise ConfigError(f"{path}: no WAV file that can be read: {problem}; convert it: {_CONVERTER}")
     return data
 
 
@@ -156,9 +167,13 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
     while offset + _CHUNK.size <= len(data):
         name, size = _CHUNK.unpack_from(data, offset)
         offset += _CHUNK.size
-        # a recorder that is ended has written the sizes of an empty file
-        is_unfinished = name == b"data" and not size and not offset < end <= len(data)
-        yield name, size, data[offset:] if is_unfinished else data[offset : offset + size]
+        # A recorder that was ended has written the sizes of an empty file: its sound goes to the end.
+        is_empty = name == b"data" and not size
+        has_true_end = offset < end <= len(data)
+        if is_empty and not has_true_end:
+            yield name, size, data[offset:]
+        else:
+            yield name, size, data[offset : offset + size]
         offset += size
         if data[offset : offset + 4] not in _NAMES:  # some programs leave the padding out
             offset += size % 2
@@ -213,21 +228,30 @@ class Stream:
         self._clock = clock
         self._is_microphone = is_microphone
 
-    async def blocks(self) -> AsyncIterator[tuple[int, bytes]]:
+    def blocks(self) -> AsyncIterator[tuple[int, bytes]]:
         """Yield blocks as they come. Each ends when it has arrived."""
-        if not self._is_microphone:
-            rest = b""
-            async for read in blocks_of(sys.stdin.fileno(), BLOCK):
-                rest += read
-                if len(rest) >= BLOCK:
-                    yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest[:BLOCK]
-                    rest = rest[BLOCK:]
-            if rest := rest[: len(rest) // 2 * 2]:
-                yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest
-            return
+        return self._microphone_blocks() if self._is_microphone else self._input_blocks()
+
+    async def _input_blocks(self) -> AsyncIterator[tuple[int, bytes]]:
+        """Yield blocks of standard input; the last one may be shorter."""
+        rest = b""
+        async for received in blocks_of(sys.stdin.fileno(), BLOCK):
+            rest += received
+            if len(rest) >= BLOCK:
+                yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest[:BLOCK]
+                rest = rest[BLOCK:]
+        rest = rest[: len(rest) // 2 * 2]
+        if rest:
+            yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest
+
+    async def _microphone_blocks(self) -> AsyncIterator[tuple[int, bytes]]:
+        """Yield blocks of the program that records, until it ends."""
         process = await asyncio.create_subprocess_exec(*RECORDER, stdout=asyncio.subprocess.PIPE)
         try:
-            while process.stdout is not None and (block := await process.stdout.read(BLOCK)):
+            while process.stdout is not None:
+                block = await process.stdout.read(BLOCK)
+                if not block:
+                    return
                 yield self._clock.now_ns() - round(len(block) / 2 * NS_PER_S / RATE_HZ), block
         finally:
             if process.returncode is None:

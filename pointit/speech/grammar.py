@@ -38,6 +38,11 @@ DIGITS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight"
 MAX_NAMES = 200
 """Largest number of names in a grammar."""
 
+UNKNOWN_OBJECT = re.compile(r"(?<!p)a(u+)")
+"""Unknown words behind an article and before no preposition, among the letters of `_kind`."""
+UNKNOWN_NEEDED_OBJECT = re.compile(rf"{UNKNOWN_OBJECT.pattern}|^f*(u+)")
+"""The same, or unknown words behind the verb and fillers."""
+
 BAY = "bay"
 """Word before the name of a bay."""
 
@@ -68,7 +73,7 @@ class Command:
     @property
     def mentions(self) -> tuple[Mention, ...]:
         """Return all that it mentions, in order."""
-        return tuple(each for each in (self.about, self.to) if each is not None)
+        return tuple(mention for mention in (self.about, self.to) if mention is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +87,7 @@ class Vocabulary:
     @property
     def words(self) -> set[str]:
         """Return all words of commands, for recognisers that take a list."""
-        names = {word for name in self.names for word in name}
+        names = set[str]().union(*self.names)
         return {*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *self.verbs, *YES, *NO, *names}
 
     def jsgf(self, known: Iterable[str] | None = None) -> str:
@@ -90,10 +95,15 @@ class Vocabulary:
 
         Names are data: only letters and apostrophes of them stand in the text.
         """
-        words = None if known is None else set(known)
-        lines = sorted(" ".join(each) for each in self.names if words is None or words.issuperset(each))
+        names = list(self.names)
+        own_verbs = list(self.verbs)
+        if known is not None:
+            known_words = set(known)
+            names = [name for name in names if known_words.issuperset(name)]
+            own_verbs = [verb for verb in own_verbs if verb in known_words]
+        lines = sorted(" ".join(name) for name in names)
         named = f" | [ the ] ( {' | '.join(lines)} )" if lines else ""
-        verbs = " | ".join(["take", "pick", *(each for each in self.verbs if words is None or each in words)])
+        verbs = " | ".join(["take", "pick", *own_verbs])
         return f"""#JSGF V1.0;
 grammar pointit;
 <thing> = this [ one ] | that [ one ] | these | those | the robot{named};
@@ -113,11 +123,12 @@ def spoken(name: str) -> tuple[str, ...]:
 
 def names_of(names: Iterable[str]) -> Names:
     """Return `names` by their spoken words; the first one of two that sound alike."""
-    found: dict[tuple[str, ...], str] = {}
+    by_words: dict[tuple[str, ...], str] = {}
     for name in names:
-        if (words := spoken(name)) and len(found) < MAX_NAMES:
-            found.setdefault(words, name)
-    return found
+        words = spoken(name)
+        if words and len(by_words) < MAX_NAMES:
+            by_words.setdefault(words, name)
+    return by_words
 
 
 def answer(words: Sequence[Word]) -> tuple[Answer, int] | None:
@@ -132,35 +143,60 @@ def answer(words: Sequence[Word]) -> tuple[Answer, int] | None:
 
 def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
     """Return the command in `words`, or None if there is none. Words that mean nothing here are skipped."""
-    names = vocabulary.names
     texts = [_text(word) for word in words]
-    verb, begin = _verb(texts, vocabulary.verbs)
+    verb, verb_index = _verb(texts, vocabulary.verbs)
     if verb is None:
         return None
-    objects: list[Mention] = []
-    places: list[Mention] = []
-    known = set[int]()
-    """Indices of the words of mentions."""
-    index = 0
-    while index < len(texts):
-        name, length = _name_at(texts, index, names)
-        if length:
-            objects.append(Mention(name=name))
-        elif (word := _DEICTIC.get(texts[index])) is not None:
-            mention = Mention(word=word, at_ns=(words[index].start_ns + words[index].end_ns) // 2)
-            (places if word in PLACES else objects).append(mention)
-            length = 1
-        known.update(range(index, index + length))
-        index += max(length, 1)
-    unknown_name = "" if objects else _unknown_name(texts, known, begin)
-    if verb == "stop":  # of a robot by its name or of all: stopping waits for no doubt
-        return Command(verb=verb, about=next((each for each in objects if each.name), None))
+    mentions = _mentions(words, texts, vocabulary.names)
+    objects = mentions.objects
+    places = mentions.places
+
+    # A robot is stopped by its name, or all are: stopping waits for no doubt.
+    if verb == "stop":
+        named = [mention for mention in objects if mention.name]
+        return Command(verb=verb, about=named[0] if named else None)
+
+    unknown_name = "" if objects else _unknown_name(texts, mentions.indices, verb_index)
     if verb in ("put", "send"):
-        to = places[-1] if places else objects[1] if len(objects) > 1 else None
+        to = objects[1] if len(objects) > 1 else None
+        if places:
+            to = places[-1]
         about = objects[0] if objects else None
         return Command(verb=verb, about=about, to=to, unknown_name=unknown_name)
     about = next(iter([*objects, *places]), None)
     return Command(verb=verb, about=about, unknown_name=unknown_name)
+
+
+@dataclass(kw_only=True)
+class _Mentions:
+    """What an utterance refers to, in order."""
+
+    objects: list[Mention] = field(default_factory=list[Mention])
+    places: list[Mention] = field(default_factory=list[Mention])
+    indices: set[int] = field(default_factory=set[int])
+    """Indices of their words."""
+
+
+def _mentions(words: Sequence[Word], texts: Sequence[str], names: Names) -> _Mentions:
+    """Return the things and places that are named, or pointed at with a deictic word."""
+    mentions = _Mentions()
+    index = 0
+    while index < len(texts):
+        name, length = _name_at(texts, index, names)
+        deictic = _DEICTIC.get(texts[index])
+        if length:
+            mentions.objects.append(Mention(name=name))
+        elif deictic is not None:
+            middle_ns = (words[index].start_ns + words[index].end_ns) // 2
+            mention = Mention(word=deictic, at_ns=middle_ns)
+            if deictic in PLACES:
+                mentions.places.append(mention)
+            else:
+                mentions.objects.append(mention)
+            length = 1
+        mentions.indices.update(range(index, index + length))
+        index += max(length, 1)
+    return mentions
 
 
 def _text(word: Word) -> str:
@@ -174,11 +210,14 @@ def _verb(texts: Sequence[str], own: Iterable[str]) -> tuple[str | None, int]:
     for index, text in enumerate(texts):
         if text in _SWITCH:
             rest = texts[index + 1 :]
-            return "on" if "on" in rest else "off" if "off" in rest else None, index
+            for verb in ("on", "off"):
+                if verb in rest:
+                    return verb, index
+            return None, index
         if text in own:
             return text, index
-        if (verb := _VERBS.get(text)) is not None:
-            return verb, index
+        if text in _VERBS:
+            return _VERBS[text], index
     return None, 0
 
 
@@ -187,26 +226,33 @@ def _unknown_name(texts: Sequence[str], known: Collection[int], begin: int) -> s
 
     Behind a preposition is a destination. Without an article only a verb that needs an object has one.
     """
-    kinds = "".join("m" if at in known else _kind(text) for at, text in enumerate(texts))[begin + 1 :]
-    needs_object = texts[begin] not in _WITHOUT_OBJECT
-    found = re.search(r"(?<!p)a(u+)|^f*(u+)" if needs_object else r"(?<!p)a(u+)", kinds)
-    if found is None:
+    behind = begin + 1
+    # One letter a word behind the verb: m of a mention, else as `_kind` says.
+    kinds = ""
+    for index in range(behind, len(texts)):
+        kinds += "m" if index in known else _kind(texts[index])
+    pattern = UNKNOWN_OBJECT if texts[begin] in _WITHOUT_OBJECT else UNKNOWN_NEEDED_OBJECT
+    match = pattern.search(kinds)
+    if match is None:
         return ""
-    first, end = found.span(found.lastindex or 1)
-    return " ".join(texts[begin + 1 + first : begin + 1 + end])
+    first, end = match.span(match.lastindex or 1)
+    return " ".join(texts[behind + first : behind + end])
 
 
 def _kind(text: str) -> str:
-    """Return the kind of a word: article, preposition, filler or unknown."""
+    """Return the kind of a word: `a`rticle, `p`reposition, `f`iller or `u`nknown."""
     if text in _ARTICLES:
         return "a"
-    return "p" if text in _PREPOSITIONS else "f" if text in RESERVED | _FILLERS else "u"
+    if text in _PREPOSITIONS:
+        return "p"
+    return "f" if text in RESERVED | _FILLERS else "u"
 
 
 def _name_at(texts: Sequence[str], index: int, names: Names) -> tuple[str, int]:
     """Return the name spoken at `index` and the number of its words, the longest one; 0: none."""
     for length in range(min(8, len(texts) - index), 0, -1):
-        if (name := names.get(tuple(texts[index : index + length]))) is not None:
+        name = names.get(tuple(texts[index : index + length]))
+        if name is not None:
             return name, length
     return "", 0
 
@@ -229,19 +275,23 @@ class SpokenRoom:
     @property
     def present_robots(self) -> set[str]:
         """Return the robots whose service runs, also those that have not told their state."""
-        services = map(split_instance, self.site.services)
-        return {name or service for service, name in services if service == STOP_ROBOT.server}
+        robots: set[str] = set()
+        for service, name in map(split_instance, self.site.services):
+            if service == STOP_ROBOT.server:
+                robots.add(name or service)
+        return robots
 
     @property
     def names(self) -> Names:
         """Return the names of things, robots and objects by their spoken words; labels count, too."""
-        found = dict(names_of([*(thing.id for thing in self.things), *sorted(self.robots)]))
+        things = [thing.id for thing in self.things]
+        names = dict(names_of([*things, *sorted(self.robots)]))
         for thing in self.things:
             for words in names_of([thing.label]):
-                found.setdefault(words, thing.id)
+                names.setdefault(words, thing.id)
         for bay in self.bays:
-            found.setdefault(("bay", *spoken(bay)), f"{BAY} {bay}")
-        return found
+            names.setdefault((BAY, *spoken(bay)), f"{BAY} {bay}")
+        return names
 
     @property
     def bays(self) -> dict[str, Vec3]:
@@ -263,27 +313,31 @@ class SpokenRoom:
 
     def thing(self, name: str) -> Thing | None:
         """Return the thing called `name`, or None if there is none."""
-        return next((each for each in self.things if each.id == name), None)
+        return next((thing for thing in self.things if thing.id == name), None)
 
     def named(self, name: str) -> Referent:
         """Return the thing, robot or object called `name`."""
         if name in self.robots:
             return Referent(kind="robot", name=name, probability=1.0, place_m=self.robots[name].position_m)
-        if (thing := self.thing(name)) is not None:
+        thing = self.thing(name)
+        if thing is not None:
             return Referent(kind="thing", name=name, probability=1.0, place_m=thing.center_m)
         bay_m = self.bays.get(name.removeprefix(f"{BAY} "))
-        return Referent(
-            kind="object" if bay_m is None else "place", name=name, probability=1.0, place_m=bay_m
-        )
+        kind = "object" if bay_m is None else "place"
+        return Referent(kind=kind, name=name, probability=1.0, place_m=bay_m)
 
-    def label(self, one: Referent) -> str:
+    def label(self, referent: Referent) -> str:
         """Return its name for people: its label in the map, or its own name."""
-        thing = self.thing(one.name)
-        return one.name if thing is None else thing.label or one.name
+        thing = self.thing(referent.name)
+        if thing is None or not thing.label:
+            return referent.name
+        return thing.label
 
-    def lamp(self, one: Referent) -> str:
-        """Return the single lamp that shows the thing, or empty."""
-        thing = self.thing(one.name) if one.kind == "thing" else None
+    def lamp(self, referent: Referent) -> str:
+        """Return the single lamp that shows the thing, or `""` if there is none."""
+        if referent.kind != "thing":
+            return ""
+        thing = self.thing(referent.name)
         return "" if thing is None else thing.lamp
 
     def robots_of(self, user: str) -> Sequence[str]:

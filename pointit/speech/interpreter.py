@@ -10,7 +10,16 @@ from pointit.errors import AccessDeniedError, ConfigError, NoAnswerError, Reques
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
-from pointit.schemas import NS_PER_S, ButtonEvent, FindReferents, Referent, SetLamp, Speech, Understood
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    FindReferents,
+    Referent,
+    Referents,
+    SetLamp,
+    Speech,
+    Understood,
+)
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import (
     BUTTON,
@@ -59,7 +68,7 @@ class Question:
         self._room = room
         self._turns: list[tuple[int, Referent]] = []
         """The candidates shown since the question began, each with the time of its first blink, ns."""
-        self._left: list[Referent] = []
+        self._remaining: list[Referent] = []
         """Candidates that may still be confirmed."""
         self._chosen: Referent | None = None
         self._answered = asyncio.Event()
@@ -71,21 +80,25 @@ class Question:
         A candidate that was denied is not confirmed, and an answer is not taken back.
         """
         decided_ns = at_ns - round(REACTION_S * NS_PER_S)
-        shown = [one for since_ns, one in self._turns if since_ns <= decided_ns]
+        shown = [candidate for since_ns, candidate in self._turns if since_ns <= decided_ns]
         if not shown:
             return False
+        meant = shown[-1]
         if reply == "no":
-            self._left = [one for one in self._left if one != shown[-1]]
-        elif shown[-1] in self._left:
-            self._left = []
-            self._chosen = shown[-1]
-        if not self._left or len(shown) == len(self._turns):  # else the next one is shown already
+            self._remaining = [candidate for candidate in self._remaining if candidate != meant]
+        elif meant in self._remaining:
+            self._remaining = []
+            self._chosen = meant
+
+        # The turn ends with the answer, unless the next candidate is shown already.
+        is_present_turn = len(shown) == len(self._turns)
+        if not self._remaining or is_present_turn:
             self._answered.set()
         return True
 
     def stop(self) -> None:
         """Ask no more: nothing is confirmed."""
-        self._left = []
+        self._remaining = []
         self._chosen = None
         self._answered.set()
 
@@ -95,23 +108,28 @@ class Question:
 
     async def ask(self, candidates: Sequence[Referent]) -> Referent | None:
         """Return the candidate that is confirmed in its turn, or None if none is."""
-        self._left = list(candidates)
+        self._remaining = list(candidates)
         self._chosen = None
         try:
-            for one in [*candidates] * ROUNDS:
-                if one in self._left:
-                    self._turns.append((self._clock.now_ns(), one))
-                    blinking = asyncio.create_task(self._blink(self._room.lamp(one)))
-                    try:
-                        await self._answer_within(TURN_S)
-                    finally:
-                        blinking.cancel()
-                        await asyncio.wait({blinking})
-            if self._left:
+            for candidate in [*candidates] * ROUNDS:
+                if candidate in self._remaining:
+                    await self._show_turn(candidate)
+            # Recognisers report words when these are over: the last answer comes late.
+            if self._remaining:
                 await self._answer_within(LATE_S)
             return self._chosen
         finally:
             self._turns.clear()
+
+    async def _show_turn(self, candidate: Referent) -> None:
+        """Blink the lamp of a candidate until it is answered, or its turn is over."""
+        self._turns.append((self._clock.now_ns(), candidate))
+        blinking = asyncio.create_task(self._blink(self._room.lamp(candidate)))
+        try:
+            await self._answer_within(TURN_S)
+        finally:
+            blinking.cancel()
+            await asyncio.wait({blinking})
 
     async def _answer_within(self, time_s: float) -> None:
         self._answered.clear()
@@ -120,7 +138,7 @@ class Question:
                 await self._answered.wait()
 
     async def _blink(self, lamp: str) -> None:
-        """Blink a lamp, and give it back to the site. Who may not set lamps still asks in words."""
+        """Blink a lamp, and give it back to the site. Without the right to set lamps, words alone ask."""
         if not lamp:
             return
         half_s = TURN_S / (2 * BLINKS) / self._clock.speed
@@ -154,7 +172,9 @@ class Interpreter:
         self._waiting: deque[tuple[Speech, int]] = deque()
         self._stops = 0
         """Number of times that stop was said: what was said before, and waits, is not followed."""
-        self._arrived, self._idle, self._has_map = asyncio.Event(), asyncio.Event(), asyncio.Event()
+        self._arrived = asyncio.Event()
+        self._has_map = asyncio.Event()
+        self._idle = asyncio.Event()
         self._idle.set()
         self._understood = bus.publisher(UNDERSTOOD, user)
         self._stopping = set[asyncio.Task[None]]()
@@ -184,10 +204,11 @@ class Interpreter:
                 while self._room.present_robots - self._room.robots.keys():
                     self._changed.clear()
                     await self._changed.wait()
-        there = {thing.id for thing in self._room.things}
-        for thing in {each for verb in self._verbs.values() for each in verb.things} - there:
-            if there:
-                raise ConfigError(f"the map has no thing {thing!r}; {nearest(thing, sorted(there))}")
+        things = {thing.id for thing in self._room.things}
+        things_of_verbs = set[str]().union(*(verb.things for verb in self._verbs.values()))
+        for thing in things_of_verbs - things:
+            if things:  # without any, the map is not known yet
+                raise ConfigError(f"the map has no thing {thing!r}; {nearest(thing, sorted(things))}")
 
     async def finish(self, count: int) -> None:
         """Wait until `count` utterances have come, and none is being followed."""
@@ -218,26 +239,38 @@ class Interpreter:
         self._count += 1
         self._changed.set()
         command = parse(speech.words, self.vocabulary)
-        is_stop = command is not None and command.verb == "stop"  # also in "no, stop", and "stop right there"
-        reply = answer(speech.words)
-        is_other = command is not None and bool(command.mentions) and reply is not None and reply[0] == "yes"
-        if reply is not None and not is_stop and not is_other and self._question.answer(*reply):
+        if command is not None and command.verb == "stop":  # also in "no, stop", and "stop right there"
+            self._follow_stop(speech)
             return
-        if is_stop:
-            self._stops += 1
-            self._question.stop()
-            following = self._follow(speech, self._stops)  # it waits for nothing
-            stopping = asyncio.get_running_loop().create_task(following)
-            self._stopping.add(stopping)
-            stopping.add_done_callback(self._stopped)
-        elif len(self._waiting) >= MAX_WAITING:
+        if self._is_answer(speech, command):
+            return
+        if len(self._waiting) >= MAX_WAITING:
             self._publish(speech, command, (), "refused", "too many words at once: say it again, slowly")
-        else:
-            self._waiting.append((speech, self._stops))
-            self._idle.clear()
-            self._arrived.set()
+            return
+        self._waiting.append((speech, self._stops))
+        self._idle.clear()
+        self._arrived.set()
 
-    def _stopped(self, task: asyncio.Task[None]) -> None:
+    def _is_answer(self, speech: Speech, command: Command | None) -> bool:
+        """Answer the open question, if the words do. "Yes" before a command about something else does not."""
+        reply = answer(speech.words)
+        if reply is None:
+            return False
+        meaning, at_ns = reply
+        has_mentions = command is not None and bool(command.mentions)
+        if has_mentions and meaning == "yes":
+            return False
+        return self._question.answer(meaning, at_ns)
+
+    def _follow_stop(self, speech: Speech) -> None:
+        """Follow "stop" at once: it waits for no earlier utterance, and ends what was said before."""
+        self._stops += 1
+        self._question.stop()
+        stopping = asyncio.get_running_loop().create_task(self._follow(speech, self._stops))
+        self._stopping.add(stopping)
+        stopping.add_done_callback(self._on_stopped)
+
+    def _on_stopped(self, task: asyncio.Task[None]) -> None:
         self._stopping.discard(task)
         self._changed.set()
 
@@ -246,30 +279,32 @@ class Interpreter:
         if command is None:
             self._publish(speech, None, (), "ignored", "")
             return
-        found: list[Referent] = []
+        resolved: list[Referent] = []
         try:
             self._check_command(speech, command)
             await self._settle(command)
-            asked = [await self._decide(command, mention) for mention in command.mentions]
-            decisions = [self._possible(command, asked, index) for index in range(len(asked))]
+            # All mentions are looked up before the first question: it outlasts the memory of rays.
+            all_decisions = [await self._decide(command, mention) for mention in command.mentions]
+            decisions = [self._possible(command, all_decisions, index) for index in range(len(all_decisions))]
             all_referents: list[Sequence[Referent]] = []
-            for decision in decisions:  # after all were looked up: questions outlast the memory of rays
+            for decision in decisions:
                 self._check_not_stopped(command, stops)
-                all_referents.append(await self._clear(speech, command, decision, found))
-                found.extend(all_referents[-1])
+                referents = await self._resolve(speech, command, decision, resolved)
+                all_referents.append(referents)
+                resolved.extend(referents)
             message = await self._act(command, all_referents, stops)
         except (NotUnderstood, RequestError) as error:
-            self._publish(speech, command, found, "refused", str(error))
+            self._publish(speech, command, resolved, "refused", str(error))
         else:
-            self._publish(speech, command, found, "done", message)
+            self._publish(speech, command, resolved, "done", message)
 
     async def _act(self, command: Command, all_referents: Sequence[Sequence[Referent]], stops: int) -> str:
         """Do a command for each of what its words mean, and return what was done, also if it ends halfway."""
         done: list[str] = []
         try:
-            for found in product(*all_referents):
+            for referents in product(*all_referents):
                 self._check_not_stopped(command, stops)
-                done.append(await self._verbs[command.verb].act(self._context, command, found))
+                done.append(await self._verbs[command.verb].act(self._context, command, referents))
         except (NotUnderstood, RequestError) as error:
             raise NotUnderstood("; ".join([*done, str(error)])) from error
         return "; ".join(done)
@@ -279,7 +314,8 @@ class Interpreter:
         age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
         if age_s > MAX_UTTERANCE_AGE_S and command.verb != "stop":
             raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
-        if problem := self._verbs[command.verb].problem(self._context, command, ()):
+        problem = self._verbs[command.verb].problem(self._context, command, ())
+        if problem:
             raise NotUnderstood(problem)
 
     def _check_not_stopped(self, command: Command, stops: int) -> None:
@@ -288,7 +324,7 @@ class Interpreter:
 
     async def _settle(self, command: Command) -> None:
         """Wait until the rays after the last deictic word are there."""
-        last_ns = max((each.at_ns for each in command.mentions), default=0)
+        last_ns = max((mention.at_ns for mention in command.mentions), default=0)
         wait_s = SETTLE_S - (self._clock.now_ns() - last_ns) / NS_PER_S
         if last_ns and wait_s > 0.0:
             await asyncio.sleep(min(wait_s, 2.0 * SETTLE_S) / self._clock.speed)
@@ -297,28 +333,39 @@ class Interpreter:
         """Return the referent of a mention, or those to ask about."""
         if mention.name:
             return Decision("act", (self._room.named(mention.name),))
-        others_ns = tuple(
-            each.at_ns for each in command.mentions if not each.name and each.at_ns != mention.at_ns
-        )
-        query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=others_ns)
+        # The listener keeps the person's rays: it says what they pointed at during the deictic word.
+        reply = await self._find_referents(command, mention)
+        is_place = mention is command.to and mention.word in PLACES
+        if is_place:
+            decision = decide(reply, ("place",))
+        else:
+            verb = self._verbs[command.verb]
+            things = verb.things or None
+            if command.verb in ("on", "off"):
+                things = self._room.switches
+            decision = decide(reply, verb.kinds, things, several=mention.word == "these")
+
+        # Nothing blinks at a place, so that nobody can confirm one.
+        is_unclear = decision.do == "refuse" or (decision.do == "ask" and is_place)
+        if is_unclear:
+            question = "where" if is_place else "what"
+            raise NotUnderstood(reply.message or f"{question} {mention.word!r} is, is not clear: {AGAIN}")
+        return decision
+
+    async def _find_referents(self, command: Command, mention: Mention) -> Referents:
+        """Return what the person may have meant by a deictic word."""
+        others_ns: list[int] = []
+        for other in command.mentions:
+            if not other.name and other.at_ns != mention.at_ns:
+                others_ns.append(other.at_ns)
+        query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=tuple(others_ns))
         try:
-            reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+            return await self._bus.call(FIND_REFERENTS, query, self._user)
         except AccessDeniedError:
             raise
         except NoAnswerError as error:
             remedy = f"run `pointit service run listener --user {self._user}`"
             raise NotUnderstood(f"nobody keeps where {self._user} points: {remedy}") from error
-        is_place = mention is command.to and mention.word in PLACES
-        verb = self._verbs[command.verb]
-        things = self._room.switches if command.verb in ("on", "off") else verb.things or None
-        several = mention.word == "these"
-        decision = (
-            decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things, several=several)
-        )
-        if decision.do == "refuse" or (decision.do == "ask" and is_place):
-            unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
-            raise NotUnderstood(reply.message or unclear)
-        return decision
 
     def _possible(self, command: Command, decisions: Sequence[Decision], index: int) -> Decision:
         """Return a decision without the candidates about which asking leads to a refusal.
@@ -329,44 +376,57 @@ class Interpreter:
         decision = decisions[index]
         if decision.do != "ask":
             return decision
-        first = [each.candidates[0] for each in decisions]
-        problems = [
-            self._verbs[command.verb].problem(
-                self._context, command, [*first[:index], one, *first[index + 1 :]]
-            )
-            for one in decision.candidates
-        ]
-        if all(problems):
+        check = self._verbs[command.verb].problem
+        referents = [other.candidates[0] for other in decisions]
+        possible: list[Referent] = []
+        problems: list[str] = []
+        for candidate in decision.candidates:
+            referents[index] = candidate
+            problem = check(self._context, command, tuple(referents))
+            if problem:
+                problems.append(problem)
+            else:
+                possible.append(candidate)
+        if not possible:
             raise NotUnderstood(problems[0])
-        possible = [one for one, problem in zip(decision.candidates, problems, strict=True) if not problem]
         return Decision("ask", possible)
 
-    async def _clear(
-        self, speech: Speech, command: Command, decision: Decision, before: Sequence[Referent]
+    async def _resolve(
+        self, speech: Speech, command: Command, decision: Decision, resolved: Sequence[Referent]
     ) -> Sequence[Referent]:
-        """Return the referents, asked back if it is not clear which one is meant."""
+        """Return the referents of a decision. The person is asked if it is not clear which one they meant.
+
+        `resolved` are the referents of earlier mentions.
+        """
         if decision.do == "act":
             return decision.candidates
         if command.verb == "what":  # says how sure it is
             return decision.candidates[:1]
-        names = " or ".join(self._room.label(one) for one in decision.candidates)
-        asked = f"{names}? Say yes, or press, while it blinks"
-        self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
+        labels = [self._room.label(candidate) for candidate in decision.candidates]
+        question = f"{' or '.join(labels)}? Say yes, or press, while it blinks"
+        self._publish(speech, command, (*resolved, *decision.candidates), "asked", question)
         chosen = await self._question.ask(decision.candidates)
-        if chosen is None:
-            text = f"neither {names.replace(' or ', ' nor ')} was" if " or " in names else f"{names} was not"
-            raise NotUnderstood(f"{text} confirmed: {AGAIN}")
-        return (chosen,)
+        if chosen is not None:
+            return (chosen,)
+        text = f"{labels[0]} was not"
+        if len(labels) > 1:
+            text = f"neither {' nor '.join(labels)} was"
+        raise NotUnderstood(f"{text} confirmed: {AGAIN}")
 
     def _publish(
-        self, speech: Speech, command: Command | None, found: Sequence[Referent], result: str, message: str
+        self,
+        speech: Speech,
+        command: Command | None,
+        referents: Sequence[Referent],
+        result: str,
+        message: str,
     ) -> None:
         understood = Understood.model_validate(
             {
                 "stamp_ns": speech.stamp_ns,
                 "text": " ".join(word.text for word in speech.words)[:MAX_CHARACTERS],
                 "command": "" if command is None else command.verb,
-                "referents": tuple(found),
+                "referents": tuple(referents),
                 "result": result,
                 "message": message,
             }

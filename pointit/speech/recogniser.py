@@ -26,6 +26,8 @@ WORD_S = 0.3
 PAUSE_S = 1.5
 """Time between two words that ends an utterance, s."""
 LATEST_S = 86_400.0
+MAX_WORD_CHARACTERS = 64
+"""Largest length of `Word.text`."""
 TEXT = "text"
 """Name of this recogniser in messages."""
 
@@ -93,8 +95,10 @@ def words_in(line: str) -> list[TimedWord]:
     A time that is not finite or negative, or later than a day, is no time but a word.
     """
     texts = line.partition("#")[0].split()
-    if len(texts) == 2 and (time_s := _time(texts[0])) is not None:
-        return [TimedWord(texts[1], time_s)]
+    if len(texts) == 2:
+        time_s = _time(texts[0])
+        if time_s is not None:
+            return [TimedWord(texts[1], time_s)]
     return [TimedWord(text, None) for text in texts if text != "."]
 
 
@@ -103,12 +107,13 @@ def _time(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) and 0.0 <= value <= LATEST_S else None
+    is_plausible = math.isfinite(value) and 0.0 <= value <= LATEST_S
+    return value if is_plausible else None
 
 
 def speech(words: Sequence[TimedWord], start_ns: int, now_ns: int) -> Speech:
     """Return an utterance; `start_ns` is the beginning of times, and words without one end at `now_ns`."""
-    found: list[Word] = []
+    spoken_words: list[Word] = []
     words = words[:MAX_WORDS]
     untimed = sum(word.time_s is None for word in words)
     for word in words:
@@ -117,9 +122,11 @@ def speech(words: Sequence[TimedWord], start_ns: int, now_ns: int) -> Speech:
             untimed -= 1
         else:
             begin_ns = start_ns + round(word.time_s * NS_PER_S)
-        text = word.text.lower()[:64]
-        found.append(Word(text=text, start_ns=begin_ns, end_ns=begin_ns + round(WORD_S * NS_PER_S)))
-    return Speech(stamp_ns=found[-1].end_ns if found else now_ns, words=tuple(found), recogniser=TEXT)
+        end_ns = begin_ns + round(WORD_S * NS_PER_S)
+        text = word.text.lower()[:MAX_WORD_CHARACTERS]
+        spoken_words.append(Word(text=text, start_ns=begin_ns, end_ns=end_ns))
+    stamp_ns = spoken_words[-1].end_ns if spoken_words else now_ns
+    return Speech(stamp_ns=stamp_ns, words=tuple(spoken_words), recogniser=TEXT)
 
 
 class SphinxConfig(Config):
@@ -147,23 +154,23 @@ class Sphinx:
         """Yield utterances; the decoder works in a thread."""
         decoder = await asyncio.to_thread(self._decoder, vocabulary)
         ends = self._module.Endpointer(window=self._config.window_s, sample_rate=RATE_HZ)
-        size = int(ends.frame_bytes)
-        kept = b""
-        retained_ns = 0
+        frame_bytes = int(ends.frame_bytes)
+        rest = b""
         origin_ns = 0
+        """Time of the first sample, ns, or 0 before it is there. The decoder's times begin there."""
         async for stamp_ns, block in audio.blocks():
-            retained_ns = stamp_ns - _length_ns(len(kept))
-            kept += block
-            while len(kept) > size:
+            rest_ns = stamp_ns - _length_ns(len(rest))
+            rest += block
+            # One frame at least stays for the end, which the endpointer wants to be told.
+            while len(rest) > frame_bytes:
                 if not origin_ns:
-                    origin_ns = retained_ns
-                frame = kept[:size]
-                kept = kept[size:]
-                if (
-                    speech := await asyncio.to_thread(self._step, decoder, ends, frame, origin_ns)
-                ) is not None:
-                    yield speech
-        last = await asyncio.to_thread(self._step, decoder, ends, kept, origin_ns, is_last=True)
+                    origin_ns = rest_ns
+                frame = rest[:frame_bytes]
+                rest = rest[frame_bytes:]
+                utterance = await asyncio.to_thread(self._step, decoder, ends, frame, origin_ns)
+                if utterance is not None:
+                    yield utterance
+        last = await asyncio.to_thread(self._step, decoder, ends, rest, origin_ns, is_last=True)
         if last is not None:
             yield last
 
@@ -178,6 +185,7 @@ class Sphinx:
         self, decoder: Any, ends: Any, frame: bytes, origin_ns: int, *, is_last: bool = False
     ) -> Speech | None:
         """Process one frame. Return the utterance that ends with it, or None."""
+        # The endpointer returns the samples of speech, also some before it was sure, else None.
         was_speech = bool(ends.in_speech)
         samples = ends.end_stream(frame) if is_last else ends.process(frame)
         if samples is None:
@@ -189,19 +197,26 @@ class Sphinx:
             decoder.process_raw(samples)
         if ends.in_speech and not is_last:
             return None
+
         decoder.end_utt()
-        words = tuple(
-            Word(
-                text=VARIANT.sub("", segment.word)[:64],
-                start_ns=self._begin_ns + segment.start_frame * NS_PER_S // FRAMES_PER_S,
-                end_ns=self._begin_ns + (segment.end_frame + 1) * NS_PER_S // FRAMES_PER_S,
-            )
-            for segment in (decoder.seg() or () if decoder.hyp() is not None else ())
-            if not NOISE.fullmatch(segment.word)
-        )
+        words = self._words(decoder)
         if not words:
             return None
-        return Speech(stamp_ns=words[-1].end_ns, words=words[:64], recogniser=NAME)
+        return Speech(stamp_ns=words[-1].end_ns, words=tuple(words[:MAX_WORDS]), recogniser=NAME)
+
+    def _words(self, decoder: Any) -> list[Word]:
+        """Return the words of the utterance that has ended, without noises."""
+        if decoder.hyp() is None:
+            return []
+        words: list[Word] = []
+        for segment in decoder.seg() or ():
+            if NOISE.fullmatch(segment.word):
+                continue
+            text = VARIANT.sub("", segment.word)[:MAX_WORD_CHARACTERS]
+            start_ns = self._begin_ns + segment.start_frame * NS_PER_S // FRAMES_PER_S
+            end_ns = self._begin_ns + (segment.end_frame + 1) * NS_PER_S // FRAMES_PER_S
+            words.append(Word(text=text, start_ns=start_ns, end_ns=end_ns))
+        return words
 
 
 def _length_ns(size: int) -> int:

@@ -1,6 +1,7 @@
 """Verbs of spoken commands: their objects, their effects, and the checks that pointing has."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -36,94 +37,114 @@ class Packages:
         self._user = user
         self._room = room
         self._claims = bus.publisher(CLAIM, user)
-        self._awaited: dict[int, asyncio.Future[SelectionEvent]] = {}
+        self._decisions: dict[int, asyncio.Future[SelectionEvent]] = {}
+        """Decisions that are awaited, by the stamp of their claim, ns."""
         bus.subscribe(SELECTION_EVENTS, self._on_event)
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         """Match decisions with claims: they have their stamps."""
-        awaited = self._awaited.get(event.stamp_ns)
-        if awaited is not None and not awaited.done() and event.user == self._user:
-            awaited.set_result(event)
+        decision = self._decisions.get(event.stamp_ns)
+        if decision is None or decision.done():
+            return
+        if event.user == self._user:
+            decision.set_result(event)
 
-    def problem(self, one: Referent, place_m: Vec3 | None = None) -> str:
-        """Return the reason not to take `one`, and not to send it to the bay at `place_m`, or `""`."""
-        tracked = self._find(one)
+    def problem(self, package: Referent, place_m: Vec3 | None = None) -> str:
+        """Return the reason not to take `package`, and not to send it to the bay at `place_m`, or `""`."""
+        tracked = self._find(package)
         if tracked is None:
-            return f"{one.name} has left"
+            return f"{package.name} has left"
         bay = None if place_m is None else self._bay(place_m)
         if bay == "":
             return "no bay is near that place: nothing is attached to putting it there"
-        if tracked.press and (bay is None or bay != tracked.bay):
-            return f"{one.name} wants a press: point at it, and press the button"
+        is_on_its_way = bay is not None and bay == tracked.bay
+        if tracked.press and not is_on_its_way:
+            return f"{package.name} wants a press: point at it, and press the button"
         return ""
 
-    async def take(self, one: Referent) -> str:
-        """Select `one` for the person.
+    async def take(self, package: Referent) -> str:
+        """Select `package` for the person.
 
         Raises:
             RefusedError: If the selector refuses, or does not decide.
         """
-        if problem := self.problem(one):
+        problem = self.problem(package)
+        if problem:
             raise RefusedError(problem)
+
+        # The selector's event has the stamp of the claim that it decides.
         stamp_ns = self._clock.now_ns()
-        self._awaited[stamp_ns] = decided = asyncio.get_running_loop().create_future()
+        decision: asyncio.Future[SelectionEvent] = asyncio.get_running_loop().create_future()
+        self._decisions[stamp_ns] = decision
         self._claims.put(
             Claim(
                 stamp_ns=stamp_ns,
-                object_id=one.name,
+                object_id=package.name,
                 wish="toggle",
                 action="select",
-                confidence=one.probability,
+                confidence=package.probability,
             )
         )
         try:
             async with asyncio.timeout(DECIDED_S / self._clock.speed):
-                event = await decided
+                event = await decision
         except TimeoutError as error:
-            raise RefusedError(f"nobody decided about {one.name}: is the selector running?") from error
+            raise RefusedError(f"nobody decided about {package.name}: is the selector running?") from error
         finally:
-            del self._awaited[stamp_ns]
+            del self._decisions[stamp_ns]
+
         if event.event == "refused":
             raise RefusedError(event.reason)
-        return f"{event.kind or 'object'} {one.name} is {self._user}'s"
+        return f"{event.kind or 'object'} {package.name} is {self._user}'s"
 
-    async def to_bay(self, one: Referent, place_m: Vec3) -> str:
+    async def to_bay(self, package: Referent, place_m: Vec3) -> str:
         """Send a package to the bay at `place_m`: the conveyor sends what is selected to one bay.
 
         Raises:
             RefusedError: If no bay is there, or it does not go there. It is the person's in this case, too.
         """
-        if problem := self.problem(one, place_m):
+        problem = self.problem(package, place_m)
+        if problem:
             raise RefusedError(problem)
         bay = self._bay(place_m)
-        if self._object(one).bay == bay:
-            return f"{one.name} goes to bay {bay} already"
-        taken = await self.take(one)
+        if self._object(package).bay == bay:
+            return f"{package.name} goes to bay {bay} already"
+
+        # Once it is selected, the conveyor chooses a bay and reports it.
+        taken = await self.take(package)
         waited_s = 0.0
-        while (goes := self._object(one).bay) != bay:
+        chosen_bay = self._object(package).bay
+        while chosen_bay != bay:
             if waited_s > DECIDED_S:
                 raise RefusedError(
-                    f"{taken}, and goes to bay {goes}: the conveyor sends it there, not to {bay}"
+                    f"{taken}, and goes to bay {chosen_bay}: the conveyor sends it there, not to {bay}"
                 )
             await asyncio.sleep(PERIOD_S / self._clock.speed)
             waited_s += PERIOD_S
+            chosen_bay = self._object(package).bay
         return f"{taken}, and goes to bay {bay}"
 
-    def _find(self, one: Referent) -> TrackedObject | None:
-        tracked = (each for listed in self._room.objects.values() for each in listed.objects)
-        return next((each for each in tracked if each.id == one.name), None)
+    def _find(self, package: Referent) -> TrackedObject | None:
+        for message in self._room.objects.values():
+            for tracked in message.objects:
+                if tracked.id == package.name:
+                    return tracked
+        return None
 
-    def _object(self, one: Referent) -> TrackedObject:
-        if (tracked := self._find(one)) is None:
-            raise RefusedError(f"{one.name} has left")
+    def _object(self, package: Referent) -> TrackedObject:
+        tracked = self._find(package)
+        if tracked is None:
+            raise RefusedError(f"{package.name} has left")
         return tracked
 
     def _bay(self, place_m: Vec3) -> str:
         """Return the bay near a place, or `""` if there is none."""
-        away = {
-            vector.norm(vector.subtract(there_m, place_m)): bay for bay, there_m in self._room.bays.items()
-        }
-        return away[min(away)] if away and min(away) <= NEAR_M else ""
+        bays: dict[float, str] = {}
+        for bay, bay_m in self._room.bays.items():
+            distance_m = vector.norm(vector.subtract(bay_m, place_m))
+            bays[distance_m] = bay
+        nearest_m = min(bays, default=math.inf)
+        return bays[nearest_m] if nearest_m <= NEAR_M else ""
 
 
 @dataclass(frozen=True)
@@ -174,42 +195,48 @@ def _lacking(context: VerbContext, command: Command, question: str, remedy: str)
     if not command.unknown_name:
         return f"{question} {remedy}"
     names = sorted(set(context.room.names.values()))
-    near = did_you_mean(command.unknown_name, names)
-    hint = f"name one of {first_of(names, MAX_NAMES)}, or" if names and not near else f"{near} or"
+    advice = did_you_mean(command.unknown_name, names)
+    hint = f"{advice} or"
+    if names and not advice:
+        hint = f"name one of {first_of(names, MAX_NAMES)}, or"
     return f"nothing here is called {command.unknown_name!r}: {hint.strip()} {remedy}"
 
 
 def _fire_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
+    is_take = command.verb == "take"
     if command.about is None and not referents:
-        verb, word = ("take", "") if command.verb == "take" else ("turn", f" {command.verb}")
+        verb, word = ("take", "") if is_take else ("turn", f" {command.verb}")
         return _lacking(context, command, f"{verb} what{word}?", f"point at it, and say `{verb} that{word}`")
     if not referents:
         return ""
-    one = referents[0]
-    thing = context.room.thing(referents[0].name)
-    label = context.room.label(one)
-    if one.kind == "object" and command.verb == "take":
-        return context.packages.problem(one)
-    if one.kind != "thing":
-        return f"{one.name} is no thing of the map: nothing is attached to taking it"
+    referent = referents[0]
+    thing = context.room.thing(referent.name)
+    label = context.room.label(referent)
+    if referent.kind == "object" and is_take:
+        return context.packages.problem(referent)
+    if referent.kind != "thing":
+        return f"{referent.name} is no thing of the map: nothing is attached to taking it"
     if thing is not None and thing.press:
         return f"{label} wants a press: point at it, and press the button"
-    is_switch = one.name in context.room.switches or command.verb == "take"
-    return "" if is_switch else f"{label} is no switch: say `take that`"
+    if is_take or referent.name in context.room.switches:
+        return ""
+    return f"{label} is no switch: say `take that`"
 
 
 async def _fire(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
     """Fire the thing as if the person had pointed at it, or select the object."""
-    if problem := _fire_problem(context, command, referents):
+    problem = _fire_problem(context, command, referents)
+    if problem:
         raise RefusedError(problem)
-    one = referents[0]
-    if one.kind == "object":
-        return await context.packages.take(one)
+    referent = referents[0]
+    if referent.kind == "object":
+        return await context.packages.take(referent)
     on = {"on": True, "off": False}.get(command.verb)
-    thing = context.room.thing(one.name)
+    thing = context.room.thing(referent.name)
     if thing is not None and thing.mode == "button":
         on = True  # a button that staying on it has just fired is meant, not a second time
-    return (await context.bus.call(SET_THING, SetThing(thing=one.name, on=on), context.user)).message
+    reply = await context.bus.call(SET_THING, SetThing(thing=referent.name, on=on), context.user)
+    return reply.message
 
 
 def _send_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
@@ -227,25 +254,33 @@ def _send_problem(context: VerbContext, command: Command, referents: Sequence[Re
         return f"the place of {place.name or 'that'} is not known"
     if about is not None and about.kind == "object":
         return context.packages.problem(about, place.place_m)
-    state = None if about is None else context.room.robots.get(about.name)
+    if about is None:
+        return ""
+    state = context.room.robots.get(about.name)
     if state is not None and state.user not in ("", context.user):
-        return f"{about.name if about else ''} is steered by {state.user}: wait until it is free"
+        return f"{about.name} is steered by {state.user}: wait until it is free"
     return ""
 
 
 async def _send(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
     """Send a robot to a place, by the person's service `goal`, which checks it as a place pointed at."""
     place_m = referents[-1].place_m if referents else None
-    if (problem := _send_problem(context, command, referents)) or place_m is None:
+    problem = _send_problem(context, command, referents)
+    if problem or place_m is None:
         raise RefusedError(problem)
     about = referents[0] if command.about is not None else None
     if about is not None and about.kind == "object":
         return await context.packages.to_bay(about, place_m)
-    robot = about.name if about is not None else next(iter(context.room.robots_of(context.user)), "")
+
+    # The robot that is named, else the one that the person steers, else the only one.
+    if about is not None:
+        robot = about.name
+    else:
+        robot = next(iter(context.room.robots_of(context.user)), "")
     if not robot and len(context.room.robots) == 1:
         robot = next(iter(context.room.robots))
-    query = SendRobot(position_m=place_m, robot=robot)
-    return (await context.bus.call(SEND_ROBOT, query, context.user)).message
+    reply = await context.bus.call(SEND_ROBOT, SendRobot(position_m=place_m, robot=robot), context.user)
+    return reply.message
 
 
 def _what_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
@@ -256,22 +291,24 @@ def _what_problem(context: VerbContext, command: Command, referents: Sequence[Re
 
 async def _what(context: VerbContext, _command: Command, referents: Sequence[Referent]) -> str:
     """Say what it is."""
-    one = referents[0]
-    return f"{one.kind} {context.room.label(one)}, sure by {one.probability:.0%}"
+    referent = referents[0]
+    return f"{referent.kind} {context.room.label(referent)}, sure by {referent.probability:.0%}"
 
 
 async def _stop(context: VerbContext, _command: Command, referents: Sequence[Referent]) -> str:
     """Stop the robot that is meant, those of the person, or all."""
-    named = [one.name for one in referents if one.kind == "robot"]
-    there = sorted(context.room.present_robots.union(context.room.robots))
-    robots = named or context.room.robots_of(context.user) or there
+    named = [referent.name for referent in referents if referent.kind == "robot"]
+    present = sorted(context.room.present_robots.union(context.room.robots))
+    robots = named or context.room.robots_of(context.user) or present
     if not robots:
         raise RefusedError("there is no robot to stop")
     query = StopRobot(reason=f"{context.user} said stop")
-    calls = (context.bus.call(STOP_ROBOT, query, robot) for robot in robots)
-    for done in await asyncio.gather(*calls, return_exceptions=True):  # a refusal leaves no other one driving
-        if isinstance(done, BaseException):
-            raise done
+    calls = [context.bus.call(STOP_ROBOT, query, robot) for robot in robots]
+    # All are asked before a refusal is raised: it leaves no other robot driving.
+    replies = await asyncio.gather(*calls, return_exceptions=True)
+    for reply in replies:
+        if isinstance(reply, BaseException):
+            raise reply
     return f"{', '.join(robots)} stopped"
 
 
@@ -296,11 +333,13 @@ def verb_of_things(
         verb = command.verb
         if command.about is None and not referents:
             return _lacking(context, command, f"{verb} what?", f"point at it, and say `{verb} that`")
-        is_attached = not referents or referents[0].name in things
-        return "" if is_attached else f"nothing is attached to `{verb}` of {context.room.label(referents[0])}"
+        if not referents or referents[0].name in things:
+            return ""
+        return f"nothing is attached to `{verb}` of {context.room.label(referents[0])}"
 
     async def act(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
-        if reason := problem(context, command, referents):
+        reason = problem(context, command, referents)
+        if reason:
             raise RefusedError(reason)
         return await do(context, command.verb, referents[0])
 

@@ -129,33 +129,42 @@ class ActDetector:
         """Begin, continue or end an act."""
         act = self._acts.get(user)
         now_ns = hover.stamp_ns
-        if act is not None and (
-            now_ns - act.last_ns > GAP_S * NS_PER_S or hover.object_id not in ("", act.object_id)
-        ):
-            self._end(user)
-            act = None
+        if act is not None:
+            is_over = now_ns - act.last_ns > GAP_S * NS_PER_S
+            if is_over or hover.object_id not in ("", act.object_id):
+                self._end(user)
+                act = None
         if not hover.object_id:
             return
         if act is None:
             act = self._begin(user, hover.object_id, now_ns)
         act.last_ns = max(act.last_ns, now_ns)
         act.progress = max(act.progress, hover.progress)
-        if hover.miss_rad is not None:
-            act.miss_rad = hover.miss_rad if act.miss_rad is None else min(act.miss_rad, hover.miss_rad)
+        if hover.miss_rad is None:
+            return
+        if act.miss_rad is None:
+            act.miss_rad = hover.miss_rad
+        else:
+            act.miss_rad = min(act.miss_rad, hover.miss_rad)
 
     def on_event(self, event: SelectionEvent) -> None:
         """Note what came of an act, and begin or end a selection."""
-        act = None
-        if event.carriers and not event.takes_back and len(self._pending) < MAX_SELECTED:
+        has_pending_result = bool(event.carriers) and not event.takes_back
+        if has_pending_result and len(self._pending) < MAX_SELECTED:
             self._pending[event.object_id, event.stamp_ns] = None
-        is_own = not event.takes_back and event.cause in ("", "dwell", "button")
-        if is_own and event.event in ("selected", "deselected", "refused"):
+
+        # An event that pointing caused is the result of an act.
+        act = None
+        is_by_pointing = event.cause in ("", "dwell", "button") and not event.takes_back
+        if is_by_pointing and event.event in ("selected", "deselected", "refused"):
             act = self._open_act(event)
+
         if event.event == "selected":
             self._close_selection(event)  # taken over
             self._selected[event.object_id] = self._selection(event, act)
             if len(self._selected) > MAX_SELECTED:
-                self.selections.append(self._selected.pop(next(iter(self._selected))))
+                oldest = next(iter(self._selected))
+                self.selections.append(self._selected.pop(oldest))
         elif event.event != "refused":
             self._close_selection(event)
 
@@ -166,12 +175,18 @@ class ActDetector:
         key = outcome.object_id, outcome.event_ns
         row = self._pending.pop(key, None)
         if outcome.result == "failed":
-            for act in (*self._acts.values(), *self._ended_acts.values()):
-                if act.event is not None and (act.event.object_id, act.event.stamp_ns) == key:
-                    act.event = act.event.model_copy(update={"event": "refused"})
+            self._refuse_acts(key)
+            if row is not None:
+                row = row.model_copy(update={"ended_by": "failed"})
         if row is not None:
-            failed = {"ended_by": "failed"} if outcome.result == "failed" else {}
-            self.selections.append(row.model_copy(update=failed))
+            self.selections.append(row)
+
+    def _refuse_acts(self, key: tuple[str, int]) -> None:
+        """Make the event of `key`, object and stamp, a refusal in the acts that it completed."""
+        for act in (*self._acts.values(), *self._ended_acts.values()):
+            event = act.event
+            if event is not None and (event.object_id, event.stamp_ns) == key:
+                act.event = event.model_copy(update={"event": "refused"})
 
     def end(self) -> None:
         """End everything: the recording is over."""
@@ -198,53 +213,68 @@ class ActDetector:
 
     def _open_act(self, event: SelectionEvent) -> _OpenAct | None:
         """Return the act that `event` completed. A second event on the same object begins another act."""
-        is_open = event.user in self._acts
-        act = self._acts.get(event.user) if is_open else self._ended_acts.get(event.user)
-        if act is not None and act.object_id != event.object_id:
-            is_open = False
+        act = self._acts.get(event.user)
+        is_open = act is not None and act.object_id == event.object_id
+        if not is_open:
             act = self._ended_acts.get(event.user)
-        if (
-            act is None
-            or act.object_id != event.object_id
-            or event.stamp_ns - act.last_ns > AFTER_S * NS_PER_S
-            or (act.event is not None and not is_open)
-        ):
+        if act is None or act.object_id != event.object_id:
             return None
-        if act.event is not None:
-            self._end(event.user)
-            act = self._begin(event.user, event.object_id, act.event.stamp_ns)
-            act.last_ns = max(act.last_ns, event.stamp_ns)
-        act.event = event
-        return act
+        if event.stamp_ns - act.last_ns > AFTER_S * NS_PER_S:
+            return None
+        if act.event is None:
+            act.event = event
+            return act
+
+        # The act has an event already: a further one begins another act, if the cursor is there still.
+        if not is_open:
+            return None
+        self._end(event.user)
+        next_act = self._begin(event.user, event.object_id, act.event.stamp_ns)
+        next_act.last_ns = max(next_act.last_ns, event.stamp_ns)
+        next_act.event = event
+        return next_act
 
     def _selection(self, event: SelectionEvent, act: _OpenAct | None) -> SelectionCsvRow:
-        return SelectionCsvRow(
+        row = SelectionCsvRow(
             user=event.user,
             object_id=event.object_id,
             object_kind=event.kind or self._kind(event.object_id),
             selected_s=self._s(event.stamp_ns),
             selected_ns=event.stamp_ns,
-            pointed_s=None if act is None else (event.stamp_ns - act.begin_ns) / NS_PER_S,
+            pointed_s=None,
             cause=event.cause,
             confidence=event.confidence,
-            range_m=None if act is None else act.range_m,
-            miss_rad=None if act is None else act.miss_rad,
+            range_m=None,
+            miss_rad=None,
         )
+        if act is None:
+            return row
+        of_act = {
+            "pointed_s": (event.stamp_ns - act.begin_ns) / NS_PER_S,
+            "range_m": act.range_m,
+            "miss_rad": act.miss_rad,
+        }
+        return row.model_copy(update=of_act)
 
     def _close_selection(self, event: SelectionEvent) -> None:
         row = self._selected.pop(event.object_id, None)
         if row is None:
             return
-        is_taken = event.event == "selected"
+        ended_by = event.event
+        ended_user = ""
+        if event.event in ("selected", "deselected"):  # taken over by another person, or ended by one
+            ended_by = "deselected"
+            ended_user = event.user
         changes = {
-            "ended_by": "failed" if event.takes_back else "deselected" if is_taken else event.event,
+            "ended_by": "failed" if event.takes_back else ended_by,
             "ended_s": self._s(event.stamp_ns),
-            "ended_user": event.user if is_taken or event.event == "deselected" else "",
+            "ended_user": ended_user,
             "kept_s": (event.stamp_ns - row.selected_ns) / NS_PER_S,
             "bay": event.bay,
         }
         row = row.model_copy(update=changes)
-        if (key := (row.object_id, row.selected_ns)) in self._pending:
+        key = row.object_id, row.selected_ns
+        if key in self._pending:
             self._pending[key] = row
         else:
             self.selections.append(row)
@@ -254,27 +284,33 @@ class ActDetector:
         act = self._ended_acts.pop(user, None)
         if act is None:
             return
-        event = act.event
-        self.acts.append(
-            PointingAct(
-                user=user,
-                begin_s=self._s(act.begin_ns),
-                end_s=self._s(act.last_ns),
-                begin_ns=act.begin_ns,
-                duration_s=(act.last_ns - act.begin_ns) / NS_PER_S,
-                object_id=act.object_id,
-                object_kind=act.kind or ("" if event is None else event.kind),
-                outcome=_outcome(event),
-                outcome_after_s=None if event is None else (event.stamp_ns - act.begin_ns) / NS_PER_S,
-                cause="" if event is None else event.cause,
-                confidence=None if event is None else event.confidence,
-                progress=act.progress,
-                surface=act.surface,
-                surface_id=act.surface_id,
-                range_m=act.range_m,
-                miss_rad=act.miss_rad,
-            )
+        row = PointingAct(
+            user=user,
+            begin_s=self._s(act.begin_ns),
+            end_s=self._s(act.last_ns),
+            begin_ns=act.begin_ns,
+            duration_s=(act.last_ns - act.begin_ns) / NS_PER_S,
+            object_id=act.object_id,
+            object_kind=act.kind,
+            outcome=_outcome(act.event),
+            outcome_after_s=None,
+            cause="",
+            confidence=None,
+            progress=act.progress,
+            surface=act.surface,
+            surface_id=act.surface_id,
+            range_m=act.range_m,
+            miss_rad=act.miss_rad,
         )
+        if act.event is not None:
+            of_event = {
+                "object_kind": act.kind or act.event.kind,
+                "outcome_after_s": (act.event.stamp_ns - act.begin_ns) / NS_PER_S,
+                "cause": act.event.cause,
+                "confidence": act.event.confidence,
+            }
+            row = row.model_copy(update=of_event)
+        self.acts.append(row)
 
     def _kind(self, object_id: str) -> str:
         for message in self._objects.values():

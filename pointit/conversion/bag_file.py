@@ -90,7 +90,8 @@ class OpenBag:
 
 def is_bag(path: Path) -> bool:
     """Return True if `path` has the form of a bag: a file of one, or a folder with such."""
-    return any(map(_is_storage, path.iterdir() if path.is_dir() else [path])) or (path / METADATA).is_file()
+    files = path.iterdir() if path.is_dir() else [path]
+    return any(map(_is_storage, files)) or (path / METADATA).is_file()
 
 
 @contextmanager
@@ -102,14 +103,17 @@ def open_bag(path: Path) -> Generator[OpenBag]:
     """
     metadata = _Metadata(path) if path.is_dir() else None
     with ExitStack() as stack:
+        # Each file is unpacked if need be, and read to its end once: only then is it known to be whole.
         folder: Path | None = None
         readers: list[Any] = []
-        for file in [path] if metadata is None else metadata.files:
+        files = [path] if metadata is None else metadata.files
+        for file in files:
             storage = file
             if file.suffix == COMPRESSED:
                 folder = folder or _temporary_folder(file, stack)
                 storage = _unpack(file, folder)
             readers.append(_open_storage(file, storage, stack))
+
         count = sum(reader.message_count for reader in readers)
         if metadata is not None and count != metadata.count:
             raise ConfigError(
@@ -118,30 +122,46 @@ def open_bag(path: Path) -> Generator[OpenBag]:
             )
         if not count:
             raise ConfigError(f"{path}: has no messages: record it again")
-        digests = {} if metadata is None else metadata.digests
-        topics = {
-            (each.topic, each.msgtype): each.digest for reader in readers for each in reader.connections
-        }
-        counts: Counter[tuple[str, str]] = Counter()
-        for reader in readers:
-            for each in reader.connections:
-                counts[each.topic, each.msgtype] += each.msgcount
-        connections = {
-            key: BagConnection(number, *key, digests.get(key[0], "") or digest, counts[key])
-            for number, (key, digest) in enumerate(topics.items())
-        }
+
+        # A topic that several files have is one.
+        connections = _connections(readers, {} if metadata is None else metadata.digests)
 
         def messages(connections_read: Sequence[BagConnection]) -> Iterator[tuple[BagConnection, int, bytes]]:
             for reader in readers:
                 own = [
-                    each
-                    for each in reader.connections
-                    if connections[each.topic, each.msgtype] in connections_read
+                    connection
+                    for connection in reader.connections
+                    if connections[connection.topic, connection.msgtype] in connections_read
                 ]
-                for each, time_ns, data in reader.messages(own) if own else ():  # none is all to rosbags
-                    yield connections[each.topic, each.msgtype], time_ns, data
+                if not own:  # to rosbags, none means all
+                    continue
+                for connection, time_ns, data in reader.messages(own):
+                    yield connections[connection.topic, connection.msgtype], time_ns, data
 
-        yield OpenBag([*connections.values()], min(reader.start_time for reader in readers), messages)
+        began_ns = min(reader.start_time for reader in readers)
+        yield OpenBag([*connections.values()], began_ns, messages)
+
+
+def _connections(readers: Sequence[Any], digests: Mapping[str, str]) -> dict[tuple[str, str], BagConnection]:
+    """Return the topics of all files by name and type.
+
+    Args:
+        readers: of the files.
+        digests: hashes of types by topic that the bag's metadata states; they come before those of files.
+    """
+    own_digests: dict[tuple[str, str], str] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for reader in readers:
+        for connection in reader.connections:
+            key = connection.topic, connection.msgtype
+            own_digests[key] = connection.digest
+            counts[key] += connection.msgcount
+    connections: dict[tuple[str, str], BagConnection] = {}
+    for number, (key, own_digest) in enumerate(own_digests.items()):
+        topic, msgtype = key
+        digest = digests.get(topic, "") or own_digest
+        connections[key] = BagConnection(number, topic, msgtype, digest, counts[key])
+    return connections
 
 
 class _Metadata:
@@ -157,9 +177,9 @@ class _Metadata:
             self.files = [folder / Path(name).name for name in content["relative_file_paths"]]
             self.count = int(content["message_count"])
             """Number of messages."""
-            topics = [each["topic_metadata"] for each in content["topics_with_message_count"]]
+            topics = [entry["topic_metadata"] for entry in content["topics_with_message_count"]]
             self.digests: Mapping[str, str] = {
-                each["name"]: each.get("type_description_hash", "") for each in topics
+                topic["name"]: topic.get("type_description_hash", "") for topic in topics
             }
             """Hashes of types by topic."""
         except (ConfigError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -167,8 +187,11 @@ class _Metadata:
                 f"{path}: is missing or damaged: `ros2 bag reindex {folder}` writes it again, or give one of "
                 "the bag's files instead of the folder"
             ) from error
-        if missing := [file.name for file in self.files if not file.is_file()]:
-            raise ConfigError(f"{folder}: {missing[0]} is missing: copy it there, or give another file alone")
+        for file in self.files:
+            if not file.is_file():
+                raise ConfigError(
+                    f"{folder}: {file.name} is missing: copy it there, or give another file alone"
+                )
 
 
 def _is_storage(path: Path) -> bool:
@@ -180,24 +203,16 @@ def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
 
     Raises: ConfigError: If it is damaged.
     """
+    _check_closed(file)
     suffix = storage.suffix
-    journals = [file.with_name(file.name + end) for end in ("-wal", "-journal")]
-    if not file.is_file() or not file.stat().st_size:
-        raise ConfigError(f"{file}: is {'empty' if file.is_file() else 'missing'}: record or copy it again")
-    if any(each.is_file() and each.stat().st_size for each in journals):
-        raise ConfigError(
-            f"{file}: its recorder did not close it, and messages are in the journal beside it: "
-            f"`sqlite3 {file} 'PRAGMA integrity_check'` moves them into the file"
-        )
     try:
-        (_check_chunks if suffix == ".mcap" else _check_pages)(storage)
+        # rosbags and SQLite would not notice all damages.
+        if suffix == ".mcap":
+            _check_chunks(storage)
+        else:
+            _check_pages(storage)
         reader: Any = stack.enter_context(Reader(str(storage)))
-        formats = {each.ext.serialization_format for each in reader.connections} - {"cdr"}
-        if formats:
-            raise DamagedError(f"has messages in {min(formats)[:20]!r}, not in 'cdr'")  # noqa: TRY301
-        count = sum(1 for _ in reader.messages())  # the damage may be in the last message
-        if count != reader.message_count:
-            raise DamagedError(f"has {count} messages, and {reader.message_count} by its index")  # noqa: TRY301
+        _check_messages(reader)
     except Exception as error:  # those of rosbags, SQLite and the packings
         if "Profile is not ros2" in str(error):
             raise ConfigError(
@@ -209,6 +224,37 @@ def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
             repair = f"`zstd -dcf {file} > {storage.name}` unpacks what is there, and {repair}"
         raise ConfigError(f"{file}: is damaged ({error}): {repair}") from error
     return reader
+
+
+def _check_closed(file: Path) -> None:
+    """Check that a file has content, and that SQLite keeps none of it beside the file.
+
+    Raises: ConfigError: If not.
+    """
+    if not file.is_file():
+        raise ConfigError(f"{file}: is missing: record or copy it again")
+    if not file.stat().st_size:
+        raise ConfigError(f"{file}: is empty: record or copy it again")
+    for end in ("-wal", "-journal"):
+        journal = file.with_name(file.name + end)
+        if journal.is_file() and journal.stat().st_size:
+            raise ConfigError(
+                f"{file}: its recorder did not close it, and messages are in the journal beside it: "
+                f"`sqlite3 {file} 'PRAGMA integrity_check'` moves them into the file"
+            )
+
+
+def _check_messages(reader: Any) -> None:
+    """Check the format of the messages, and that there are as many as the index states.
+
+    Raises: DamagedError: If not.
+    """
+    formats = {connection.ext.serialization_format for connection in reader.connections} - {"cdr"}
+    if formats:
+        raise DamagedError(f"has messages in {min(formats)[:20]!r}, not in 'cdr'")
+    count = sum(1 for _ in reader.messages())  # the damage may be in the last message
+    if count != reader.message_count:
+        raise DamagedError(f"has {count} messages, and {reader.message_count} by its index")
 
 
 def _check_chunks(path: Path) -> None:
@@ -231,8 +277,10 @@ def _check_pages(path: Path) -> None:
     """
     with path.open("rb") as file:
         head = file.read(100)
-    page_bytes, pages = (int.from_bytes(head[start:end], "big") for start, end in ((16, 18), (28, 32)))
-    page_bytes = 65536 if page_bytes == 1 else page_bytes
+    page_bytes = int.from_bytes(head[16:18], "big")
+    pages = int.from_bytes(head[28:32], "big")
+    if page_bytes == 1:  # the format's code for a size that its two bytes cannot hold
+        page_bytes = 65536
     size = path.stat().st_size
     if not head.startswith(b"SQLite format 3\0") or size != pages * page_bytes:
         raise DamagedError(f"has {size} bytes, and its head states {pages} pages of {page_bytes}")
@@ -251,10 +299,10 @@ def _check_tables(path: Path) -> None:
         kinds = database.execute("SELECT name, type, sql FROM sqlite_schema WHERE type != 'index'").fetchall()
         for name, kind, sql in kinds:
             is_plain = kind == "table" and not str(sql).upper().startswith("CREATE VIRTUAL")
-            columns = (
-                database.execute("SELECT hidden FROM pragma_table_xinfo(?)", [name]) if is_plain else [(1,)]
-            )
-            if any(hidden for (hidden,) in columns):
+            if is_plain:
+                columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", [name])
+                is_plain = not any(hidden for (hidden,) in columns)
+            if not is_plain:
                 raise DamagedError(f"its {kind} {str(name)[:20]!r} is computed, and no plain table")
 
 

@@ -76,9 +76,12 @@ class BidsTable:
         """Yield the lines of `motion.tsv`, in order of time."""
         columns = [self._columns[channel] for channel in self.channels(person)]
         for row in sorted(range(len(self.stamps_ns)), key=self.stamps_ns.__getitem__):
-            cells = (column[row] if row < len(column) else nan for column in columns)
-            latency = f"{(self.stamps_ns[row] - onset_ns) / NS_PER_S:.6f}"
-            yield "\t".join((latency, *(MISSING if isnan(cell) else f"{cell:.6f}" for cell in cells)))
+            latency_s = (self.stamps_ns[row] - onset_ns) / NS_PER_S
+            cells = [f"{latency_s:.6f}"]
+            for column in columns:
+                value = column[row] if row < len(column) else nan
+                cells.append(MISSING if isnan(value) else f"{value:.6f}")
+            yield "\t".join(cells)
 
     def rates_hz(self, duration_s: float) -> tuple[float, float]:
         """Return the nominal and the effective rate in a session of `duration_s`, which are above 0.
@@ -86,13 +89,15 @@ class BidsTable:
         The standard wants a number, and readers divide by it. Samples of one time, such as a pose that was
         set once, have the rate that their number in the whole session gives, as the standard computes it.
         """
-        stamps = sorted(self.stamps_ns)
-        steps = [after - before for before, after in itertools.pairwise(stamps) if after > before]
-        if not steps:
-            rate_hz = _rounded(len(stamps) / max(duration_s, MIN_DURATION_S))
+        stamps_ns = sorted(self.stamps_ns)
+        steps_ns = [end_ns - start_ns for start_ns, end_ns in itertools.pairwise(stamps_ns)]
+        steps_ns = [step_ns for step_ns in steps_ns if step_ns > 0]
+        if not steps_ns:
+            rate_hz = _rounded(len(stamps_ns) / max(duration_s, MIN_DURATION_S))
             return rate_hz, rate_hz
-        effective_hz = (len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0])
-        return _rounded(NS_PER_S / median(steps)), _rounded(effective_hz)
+        nominal_hz = NS_PER_S / median(steps_ns)
+        effective_hz = (len(stamps_ns) - 1) * NS_PER_S / (stamps_ns[-1] - stamps_ns[0])
+        return _rounded(nominal_hz), _rounded(effective_hz)
 
 
 def _rounded(rate_hz: float) -> float:
@@ -112,6 +117,8 @@ def motion_json(
     """Return the content of `motion.json`. `duration_s`: of the session."""
     nominal_hz, effective_hz = table.rates_hz(duration_s)
     kinds = [channel.kind for channel in channels]
+    counts = {f"{kind}ChannelCount": kinds.count(kind) for kind in KINDS}
+    points = {channel.point for channel in channels}
     return {
         "TaskName": task,
         "TaskDescription": "pointing at things with the arm",
@@ -120,10 +127,10 @@ def motion_json(
         "SamplingFrequencyEffective": effective_hz,
         "MissingValues": MISSING,
         "SoftwareVersions": f"PointIt {pointit_version()}".strip(),
-        "MotionChannelCount": len(channels) + 1,
-        "TrackedPointsCount": len({channel.point for channel in channels}),
+        "MotionChannelCount": len(channels) + 1,  # with the latency
+        "TrackedPointsCount": len(points),
         "LATENCYChannelCount": 1,
-        **{f"{kind}ChannelCount": kinds.count(kind) for kind in KINDS},
+        **counts,
     }
 
 
@@ -131,21 +138,29 @@ def channel_lines(channels: Sequence[BidsChannel]) -> Iterator[str]:
     """Yield the lines of `channels.tsv`."""
     yield "name\tcomponent\ttype\ttracked_point\tunits\tplacement\treference_frame"
     yield f"latency\t{MISSING}\tLATENCY\t{MISSING}\ts\t{MISSING}\t{MISSING}"
-    for each in channels:
-        row = (each.name, each.component, each.kind, each.point, each.unit, each.placement, each.frame)
-        yield "\t".join(row)
+    for channel in channels:
+        cells = (
+            channel.name,
+            channel.component,
+            channel.kind,
+            channel.point,
+            channel.unit,
+            channel.placement,
+            channel.frame,
+        )
+        yield "\t".join(cells)
 
 
 def channels_json(channels: Sequence[BidsChannel]) -> dict[str, Any]:
     """Return the content of `channels.json`: frames of reference."""
-    levels = {
-        frame: {
-            "SpatialAxes": axes,
-            "RotationRule": "right-hand",
-            "RotationOrder": MISSING,
-            "Description": text,
-        }
-        for frame, (axes, text) in _FRAMES.items()
-        if any(channel.frame == frame for channel in channels)
-    }
+    used_frames = {channel.frame for channel in channels}
+    levels: dict[str, dict[str, str]] = {}
+    for frame, (axes, text) in _FRAMES.items():
+        if frame in used_frames:
+            levels[frame] = {
+                "SpatialAxes": axes,
+                "RotationRule": "right-hand",
+                "RotationOrder": MISSING,
+                "Description": text,
+            }
     return {"reference_frame": {"Description": "frame in which values are expressed", "Levels": levels}}

@@ -97,41 +97,61 @@ def export_bids(
             tick(count)
     if not recorded.people:
         raise ConfigError("the recording has no motion of a person: record a session with one")
-    entities = "".join((f"_ses-{bids_label(session)}" if session else "", f"_task-{bids_label(task)}"))
-    begins = {name: f"sub-{subject_label(name)}{entities}" for name in sorted(recorded.people)}
+    entities = f"_task-{bids_label(task)}"
+    if session:
+        entities = f"_ses-{bids_label(session)}{entities}"
+    prefixes = {name: f"sub-{subject_label(name)}{entities}" for name in sorted(recorded.people)}
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        existing = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+        existing = _files_in(folder)
         if existing and Path(_DESCRIPTION) not in existing:
             raise ConfigError(f"{folder}: has files and is no BIDS dataset; give an empty folder")
+        # All files are written beside the dataset first, so that nothing stays of an export that fails.
         staging = Path(tempfile.mkdtemp(dir=folder, prefix=".pointit-"))
         try:
             rows: dict[Path, int] = {}
-            for person, begin in begins.items():
-                rows |= recorded.write(person, begin, task, staging, folder)
-            _write_dataset(staging, folder, [begin.partition("_")[0] for begin in begins.values()])
-            outdated = {  # files of other modalities and derivatives begin the same
-                path
-                for begin in begins.values()
-                for path in existing
-                if path.parent == motion_folder(begin) and path.name.startswith(f"{begin}_")
-            }
+            for person, prefix in prefixes.items():
+                rows |= recorded.write(person, prefix, task, staging, folder)
+            _write_dataset(staging, folder, [prefix.partition("_")[0] for prefix in prefixes.values()])
+            outdated = _files_of(prefixes.values(), existing)
             if outdated and not overwrite:
                 raise ConfigError(
                     f"{folder}: has {min(outdated)}; give --session a label, another folder, or --overwrite"
                 )
-            for path in (path.relative_to(staging) for path in staging.rglob("*") if path.is_file()):
-                (folder / path).parent.mkdir(parents=True, exist_ok=True)
-                (staging / path).replace(folder / path)
-                outdated.discard(path)
-            for path in outdated:
-                (folder / path).unlink()
+            _replace_files(folder, staging, outdated)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written ({error.strerror or error})") from error
     by_name = {f"{path}": count for path, count in rows.items()}
     return Exported(rows=by_name, left_out=dict(recorded.left_out))
+
+
+def _files_in(folder: Path) -> set[Path]:
+    """Return the files in `folder`, relative to it."""
+    return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+
+
+def _files_of(prefixes: Iterable[str], existing: Collection[Path]) -> set[Path]:
+    """Return the motion files of `prefixes`: files of other modalities and derivatives begin the same."""
+    files: set[Path] = set()
+    for prefix in prefixes:
+        folder = motion_folder(prefix)
+        for path in existing:
+            if path.parent == folder and path.name.startswith(f"{prefix}_"):
+                files.add(path)
+    return files
+
+
+def _replace_files(folder: Path, staging: Path, outdated: Collection[Path]) -> None:
+    """Move the files in `staging` into `folder`, and delete those that are `outdated` and not replaced."""
+    written = _files_in(staging)
+    for path in sorted(written):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (staging / path).replace(folder / path)
+    for path in set(outdated) - written:
+        (folder / path).unlink()
 
 
 def bids_label(name: str) -> str:
@@ -201,35 +221,43 @@ class _RecordedMotion:
 
     def _add_objects(self, tracker: str, message: TrackedObjects) -> None:
         cells: list[tuple[BidsChannel, float]] = []
-        for each in message.objects:
-            person = each.id if each.kind in PERSON_KINDS else ""
+        for tracked in message.objects:
+            person = tracked.id if tracked.kind in PERSON_KINDS else ""
             if person:
                 self.people.add(person)
             placement = "head" if person else MISSING
-            point = _text_cell(each.id, "object")
-            cells += _cells(point, "POS", each.position_m, "m", placement=placement, owner=person)
-            if each.yaw_rad is not None:
+            point = _text_cell(tracked.id, "object")
+            cells += _cells(point, "POS", tracked.position_m, "m", placement=placement, owner=person)
+            if tracked.yaw_rad is not None:
                 channel = BidsChannel(point, "ORNT", "z", "rad", "room", placement, person)
-                cells.append((channel, each.yaw_rad))
+                cells.append((channel, tracked.yaw_rad))
         system = bids_label(tracker)
-        self._add("", f"{system}objects" if system in SYSTEMS else system, message.stamp_ns, cells)
+        if system in SYSTEMS:  # a tracker that is called as one of ours
+            system = f"{system}objects"
+        self._add("", system, message.stamp_ns, cells)
 
-    def write(self, person: str, begin: str, task: str, staging: Path, folder: Path) -> dict[Path, int]:
-        """Write the files of one person for the dataset in `folder`, and return their rows."""
-        subject, _, session = begin.partition("_task-")[0].partition("_")
-        place = staging / motion_folder(begin)
+    def write(self, person: str, prefix: str, task: str, staging: Path, folder: Path) -> dict[Path, int]:
+        """Write the files of one person for the dataset in `folder`, and return their rows.
+
+        `prefix`: beginning of their names.
+        """
+        place = staging / motion_folder(prefix)
         place.mkdir(parents=True)
+
+        # All files of a session count from the first stamp of any.
         stamps_ns = [event.stamp_ns for event in self._events]
         for table in self._tables.values():
             stamps_ns += min(table.stamps_ns), max(table.stamps_ns)
         onset_ns = min(stamps_ns)
-        duration_s = (max(stamps_ns) - min(stamps_ns)) / NS_PER_S
+        duration_s = (max(stamps_ns) - onset_ns) / NS_PER_S
+
+        # A tracking system is a table with its channels.
         rows: dict[Path, int] = {}
         for (owner, system), table in self._tables.items():
             channels = table.channels(person)
             if owner not in ("", person) or not channels:
                 continue
-            stem = f"{begin}_tracksys-{system}"
+            stem = f"{prefix}_tracksys-{system}"
             path = place / f"{stem}_motion.tsv"
             _write_lines(path, table.rows(person, onset_ns))
             rows[path.relative_to(staging)] = len(table.stamps_ns)
@@ -238,25 +266,41 @@ class _RecordedMotion:
             _write_json(place / f"{stem}_channels.json", channels_json(channels))
         events = [event for event in self._events if event.user == person]
         if events:
-            _write_lines(place / f"{begin}_events.tsv", _event_lines(events, onset_ns))
-            _write_json(place / f"{begin}_events.json", _EVENT_COLUMNS)
-        acquired = datetime.fromtimestamp(onset_ns / NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-        prefix = f"{subject}_{session}" if session else subject
-        scans = place.parent.relative_to(staging) / f"{prefix}_scans.tsv"
-        known = _table(folder / scans, "filename\tacq_time")
-        header, *others = (line for name, line in known.items() if not name.startswith(f"motion/{begin}_"))
-        columns = header.split("\t")
-        cells = ({"filename": f"motion/{path.name}", "acq_time": acquired} for path in rows)
-        new = ["\t".join(each.get(column, MISSING) for column in columns) for each in cells]
-        _write_lines(staging / scans, [header, *others, *new])
+            _write_lines(place / f"{prefix}_events.tsv", _event_lines(events, onset_ns))
+            _write_json(place / f"{prefix}_events.json", _EVENT_COLUMNS)
+
+        subject_and_session = prefix.partition("_task-")[0]
+        scans = place.parent.relative_to(staging) / f"{subject_and_session}_scans.tsv"
+        names = [f"motion/{path.name}" for path in rows]
+        lines = _scan_lines(folder / scans, f"motion/{prefix}_", names, onset_ns)
+        _write_lines(staging / scans, lines)
         return rows
 
 
+def _scan_lines(path: Path, outdated: str, names: Iterable[str], onset_ns: int) -> list[str]:
+    """Return the lines of a table of files with their times of acquisition.
+
+    Args:
+        path: the table of an earlier export, whose further columns and lines stay.
+        outdated: beginning of the names of files whose lines go.
+        names: files to add.
+        onset_ns: when these were acquired, Unix ns.
+    """
+    lines = _table(path, "filename\tacq_time")
+    header, *others = [line for name, line in lines.items() if not name.startswith(outdated)]
+    acquired = datetime.fromtimestamp(onset_ns / NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    columns = header.split("\t")
+    new_lines: list[str] = []
+    for name in names:
+        cells = {"filename": name, "acq_time": acquired}
+        new_lines.append("\t".join(cells.get(column, MISSING) for column in columns))
+    return [header, *others, *new_lines]
+
+
 def _imu_cells(sample: ImuSample) -> list[tuple[BidsChannel, float]]:
-    cells = [
-        (BidsChannel("arm", "ORNT", component, MISSING, "person", "forearm"), value)
-        for component, value in zip(QUATERNION, sample.orientation_xyzw, strict=True)
-    ]
+    cells: list[tuple[BidsChannel, float]] = []
+    for component, value in zip(QUATERNION, sample.orientation_xyzw, strict=True):
+        cells.append((BidsChannel("arm", "ORNT", component, MISSING, "person", "forearm"), value))
     cells += _cells("arm", "GYRO", sample.angular_velocity_radps, "rad/s", "arm", placement="forearm")
     return cells + _cells("arm", "ACCEL", sample.acceleration_mps2, "m/s^2", "arm", placement="forearm")
 
@@ -279,7 +323,7 @@ def _cells(
 
 def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[str]:
     yield "\t".join(("onset", "duration", *_EVENT_COLUMNS))
-    for event in sorted(events, key=lambda each: each.stamp_ns):
+    for event in sorted(events, key=lambda event: event.stamp_ns):
         onset = f"{(event.stamp_ns - onset_ns) / NS_PER_S:.6f}"
         texts = (event.event, event.object_id, event.kind, event.cause)
         yield "\t".join((onset, MISSING, *(_text_cell(text) for text in texts)))
@@ -303,20 +347,23 @@ def _table(path: Path, new_header: str) -> dict[str, str]:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not UTF-8 text; save it as tab-separated text in UTF-8") from error
-    if not lines or lines[0].partition("\t")[0] != first:
+    header = lines[0] if lines else ""
+    if header.partition("\t")[0] != first:
         raise ConfigError(
-            f"{path}: begins with {format_value((lines or [''])[0][:40])}; save it as tab-separated text in "
-            f"UTF-8 whose first column is {first}"
+            f"{path}: begins with {format_value(header[:40])}; save it as tab-separated text in UTF-8 whose "
+            f"first column is {first}"
         )
     return {line.partition("\t")[0]: line for line in lines}
 
 
 def _write_dataset(staging: Path, folder: Path, subjects: Collection[str]) -> None:
     """Write the files about the whole dataset; those of an earlier export stay."""
-    known = _table(folder / _PARTICIPANTS, "participant_id")
-    filler = f"\t{MISSING}" * next(iter(known.values())).count("\t")
-    participants = {subject: f"{subject}{filler}" for subject in subjects if subject not in known}
-    _write_lines(staging / _PARTICIPANTS, {**known, **participants}.values())
+    participants = _table(folder / _PARTICIPANTS, "participant_id")
+    header = next(iter(participants.values()))
+    filler = f"\t{MISSING}" * header.count("\t")
+    for subject in subjects:
+        participants.setdefault(subject, f"{subject}{filler}")
+    _write_lines(staging / _PARTICIPANTS, participants.values())
     if not (folder / _DESCRIPTION).exists():
         generator = {"Name": "PointIt", "Version": pointit_version() or MISSING}
         description = {"Name": folder.resolve().name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}

@@ -130,12 +130,12 @@ class CsvColumn(NamedTuple):
 
 def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[CsvColumn]:
     """Return the columns of the fields of `kind`, except those `without`."""
-    return [
-        column
-        for name, field in kind.model_fields.items()
-        if name not in without
-        for column in _columns_of_field(name, field.annotation, _in_cells(field.description), _getter(name))
-    ]
+    columns: list[CsvColumn] = []
+    for name, field in kind.model_fields.items():
+        if name not in without:
+            about = _in_cells(field.description)
+            columns += _columns_of_field(name, field.annotation, about, _getter(name))
+    return columns
 
 
 def _in_cells(about: str | None) -> str:
@@ -147,15 +147,16 @@ def _columns_of_field(
     name: str, annotation: Any, about: str, get: Callable[[Any], Any]
 ) -> Iterator[CsvColumn]:
     plain = _plain(annotation)
+
+    # A model within the message: its fields.
     if isinstance(plain, type) and issubclass(plain, SchemaModel):
         for part, field in plain.model_fields.items():
-            yield from _columns_of_field(
-                f"{name}_{part}",
-                field.annotation,
-                _in_cells(field.description) or about,
-                _inside(get, _getter(part)),
-            )
+            part_about = _in_cells(field.description) or about
+            part_get = _inside(get, _getter(part))
+            yield from _columns_of_field(f"{name}_{part}", field.annotation, part_about, part_get)
         return
+
+    # One value, a list of any length, or a vector with a column for each component.
     parts = get_args(plain) if get_origin(plain) is tuple else ()
     unit = UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
     if not parts:
@@ -163,23 +164,35 @@ def _columns_of_field(
     elif parts[-1] is Ellipsis:
         yield CsvColumn(name, unit, f"{about}; a JSON list".removeprefix("; "), _inside(get, _json))
     else:
-        for index, (title, one) in enumerate(_titles(name, unit, len(parts))):
-            yield CsvColumn(title, one, about, _inside(get, _component(index)))
+        for index, (title, component_unit) in enumerate(_titles(name, unit, len(parts))):
+            yield CsvColumn(title, component_unit, about, _inside(get, _component(index)))
 
 
 def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
+    """Return title and unit of the columns of a vector with `count` components."""
     if name.endswith("covariance"):
         return [(f"{name}_{pair}_{part}", text) for pair, part, text in COVARIANCE]
-    base, suffix = (name.rpartition("_")[0], f"_{name.rpartition('_')[2]}") if unit else (name, "")
-    head, _, last = base.rpartition("_")
-    if last in AXES:
+
+    # The unit stays the end of the title: `position_m` has `position_x_m`.
+    base = name
+    suffix = ""
+    if unit:
+        base, _, last = name.rpartition("_")
+        suffix = f"_{last}"
+
+    head, _, axes = base.rpartition("_")
+    if axes in AXES:
         base = head
-        parts = AXES[last]
+        components = AXES[axes]
     elif "color" in name:
-        parts = COLORS
+        components = COLORS
+    elif count == 3:
+        components = AXES["xyz"]
+    elif name in PAIRS:
+        components = PAIRS[name]
     else:
-        parts = AXES["xyz"] if count == 3 else PAIRS.get(name) or tuple(map(str, range(count)))
-    return [(f"{base}_{part}{suffix}".removeprefix("_"), unit) for part in parts]
+        components = tuple(map(str, range(count)))
+    return [(f"{base}_{component}{suffix}".removeprefix("_"), unit) for component in components]
 
 
 def _plain(annotation: Any) -> Any:
@@ -188,7 +201,7 @@ def _plain(annotation: Any) -> Any:
         if origin is Annotated:
             annotation = get_args(annotation)[0]
         elif origin in (Union, types.UnionType):
-            annotation = next(each for each in get_args(annotation) if each is not type(None))
+            annotation = next(member for member in get_args(annotation) if member is not type(None))
         else:
             return annotation
 
@@ -212,7 +225,9 @@ def _inside(get: Callable[[Any], Any], of: Callable[[Any], Any]) -> Callable[[An
 def _cell(value: Any) -> Cell:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return neutralize_formula(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return neutralize_formula(value)
+    return value
 
 
 def _json(values: Any) -> str:
@@ -235,12 +250,12 @@ class Tables:
         self._names = {DICTIONARY, *names}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            found = sorted(name for name in self._names if (folder / name).exists())
+            earlier = sorted(name for name in self._names if (folder / name).exists())
         except OSError as error:
             raise ConfigError(f"{folder}: cannot be used as a folder ({error.strerror or error})") from error
-        if found and not overwrite:
+        if earlier and not overwrite:
             raise ConfigError(
-                f"{folder}: has {first_of(found, 1)}; give another folder, or --overwrite to replace tables"
+                f"{folder}: has {first_of(earlier, 1)}; give another folder, or --overwrite to replace tables"
             )
         self._open = ExitStack()
         self._files: dict[str, IO[str]] = {}
@@ -318,6 +333,7 @@ def export_csv(
         ConfigError: If the folder has tables and may not be overwritten, or cannot be written.
     """
     try:
+        # Leaving the context gives the files their names, or removes them after an exception.
         with Tables(folder, NAMES, overwrite=overwrite) as tables:
             export = _Export(tables, began_ns)
             for count, entry in enumerate(entries):
@@ -335,7 +351,8 @@ class _Export:
         self._tables = tables
         self._began_ns = began_ns
         self._detector = ActDetector(began_ns)
-        self._acts, self._selections = columns_of(PointingAct), columns_of(SelectionCsvRow)
+        self._acts = columns_of(PointingAct)
+        self._selections = columns_of(SelectionCsvRow)
         tables.create(SELECTIONS, self._selections)
         tables.create(ACTS, self._acts)
         self._columns: dict[str, list[CsvColumn]] = {}
@@ -358,16 +375,23 @@ class _Export:
         self._write_acts()
 
     def _message(self, row: topics.Topic[Any], name: str, message: Message) -> None:
+        file = FILES[row.key]
         columns = self._columns.get(row.key)
         if columns is None:
-            columns = self._columns[row.key] = _columns(row)
-            self._tables.create(FILES[row.key], columns)
-        time = (neutralize_formula(name),) if row.placeholder else ()
-        first = ((message.stamp_ns - self._began_ns) / NS_PER_S, message.stamp_ns, *time)
+            columns = _columns(row)
+            self._columns[row.key] = columns
+            self._tables.create(file, columns)
+
+        # The first cells are the same in all rows of a message: times, and who or what it is about.
+        time_s = (message.stamp_ns - self._began_ns) / NS_PER_S
+        first: list[Cell] = [time_s, message.stamp_ns]
+        if row.placeholder:
+            first.append(neutralize_formula(name))
         rest = columns[len(first) :]
         parts = message.objects if isinstance(message, TrackedObjects) else (message,)
         for part in parts:
-            self._tables.write(FILES[row.key], (*first, *[column.get(part) for column in rest]))
+            cells = [column.get(part) for column in rest]
+            self._tables.write(file, [*first, *cells])
 
     def _follow(self, name: str, message: Message) -> None:
         match message:

@@ -44,6 +44,8 @@ from pointit.schemas.topics import MAP, check_name
 Taken = Iterator[Entry]
 Stamps = Literal["header", "bag"]
 """Source of the times of capture."""
+LinePlace = tuple[int, str, float]
+"""Time, ns, line and arc length, m, of a package."""
 
 TRACKER = "conveyor"
 WORLD = "world"
@@ -85,67 +87,70 @@ class BagMessages:
         self._counts: dict[tuple[str, str], int] = {}
         self._down: set[str] = set()
         self._selected: set[int] = set()
-        self._before: dict[int, tuple[int, str, float]] = {}
-        """Time, line and arc length of packages in the last list."""
-        belts, strips = ((), ()) if room is None else (room.belts, room.strips)
-        places: list[tuple[SurfaceKind, str, tuple[Vec3, ...]]] = [
-            *(("belt", belt.id, belt.line_m) for belt in belts),
-            *(("strip", strip.id, strip.line_m) for strip in strips),
-        ]
-        for kind, name, line_m in places:
-            with contextlib.suppress(ValueError):  # without a length: the map's author is told elsewhere
-                self._lines[lane_name(kind, name)] = (kind, name, Polyline(line_m))
+        self._last_places: dict[int, LinePlace] = {}
+        """Places of the packages in the last list, by uid."""
+        if room is not None:
+            for belt in room.belts:
+                self._add_line("belt", belt.id, belt.line_m)
+            for strip in room.strips:
+                self._add_line("strip", strip.id, strip.line_m)
+
+    def _add_line(self, kind: SurfaceKind, name: str, line_m: tuple[Vec3, ...]) -> None:
+        """Remember a belt or strip by its name in ROS."""
+        with contextlib.suppress(ValueError):  # without a length: `map check` reports it
+            self._lines[lane_name(kind, name)] = (kind, name, Polyline(line_m))
 
     def rotation(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/QuaternionStamped of an arm."""
-        turned = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
+        orientation = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
         stamp_ns = self._stamp_ns(value.header, time_ns)
-        yield self._numbered_entry(
-            time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned)
-        )
+        sample = ImuSample(stamp_ns=stamp_ns, orientation_xyzw=orientation)
+        yield self._numbered_entry(time_ns, topics.IMU, user, sample)
 
     def button(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a std_msgs/Bool: pressed when it becomes true."""
-        if value.data and user not in self._down:
-            yield self._numbered_entry(
-                time_ns, topics.BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2")
-            )
-        (self._down.add if value.data else self._down.discard)(user)
+        if not value.data:
+            self._down.discard(user)
+            return
+        if user not in self._down:
+            press = ButtonEvent(stamp_ns=time_ns, source="ros2")
+            yield self._numbered_entry(time_ns, topics.BUTTON, user, press)
+        self._down.add(user)
 
     def ray(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of a ray, from the eyes along x."""
         what = f"the ray of {user}"
         _check_frame(value.header.frame_id, f"{user}{PERSON}", what)
         origin_m = _sound(checks.place(value.pose.position, what))
-        turned = _sound(checks.quaternion(value.pose.orientation, what))
-        way = vector.normalized(rotation.rotate(turned, AHEAD))
+        orientation = _sound(checks.quaternion(value.pose.orientation, what))
+        direction = vector.normalized(rotation.rotate(orientation, AHEAD))
         stamp_ns = self._stamp_ns(value.header, time_ns)
-        message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
+        message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=direction)
         yield self._numbered_entry(time_ns, topics.RAY, user, message)
 
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
         _check_frame(value.header.frame_id, WORLD, f"the pose of {user}")
-        at = value.pose.position
-        turned = value.pose.orientation
-        yield self._pose(at, turned, value.header, user, time_ns, method="external")
+        pose = value.pose
+        yield self._pose(pose.position, pose.orientation, value.header, user, time_ns, method="external")
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
         problems: list[UnusableError] = []
-        for each in value.transforms:
-            frame = frame_name(each.child_frame_id)
-            moved = each.transform
+        for stamped in value.transforms:
+            frame = frame_name(stamped.child_frame_id)
             if not frame.endswith(PERSON):
                 continue
             user = frame.removesuffix(PERSON)
+            header = stamped.header
+            transform = stamped.transform
             try:
-                _check_frame(each.header.frame_id, WORLD, f"the pose of {user}")
+                _check_frame(header.frame_id, WORLD, f"the pose of {user}")
                 yield self._pose(
-                    moved.translation, moved.rotation, each.header, user, time_ns, method="fixed"
+                    transform.translation, transform.rotation, header, user, time_ns, method="fixed"
                 )
             except UnusableError as error:
-                problems.append(error)  # the others count
+                problems.append(error)  # the other transforms count
         if problems:
             raise problems[0]
 
@@ -161,26 +166,22 @@ class BagMessages:
         """Convert a conveyor_msgs/PackageList."""
         stamp_ns = self._stamp_ns(value.header, time_ns)
         objects: list[TrackedObject] = []
-        before = self._before
-        self._before = {}
-        for each in value.packages:
-            surface, surface_id, line, along_m = self._along(each.position)
-            name = each.position.name
-            uid = int(each.uid)
-            was_ns, was_on, was_m = before.get(uid, (stamp_ns, name, along_m))
-            apart_s = (stamp_ns - was_ns) / NS_PER_S
-            speed_mps = (along_m - was_m) / apart_s if was_on == name and apart_s > 0.0 else 0.0
-            if abs(speed_mps) > FASTEST_MPS:
-                speed_mps = 0.0
-            self._before[uid] = (stamp_ns, name, along_m)
-            kind = int(each.type)
+        previous_places = self._last_places
+        self._last_places = {}
+        for package in value.packages:
+            surface, surface_id, line, along_m = self._along(package.position)
+            uid = int(package.uid)
+            place = (stamp_ns, package.position.name, along_m)
+            self._last_places[uid] = place
+            speed_mps = _speed_mps(previous_places.get(uid, place), place)
+            kind = int(package.type)
             objects.append(
                 TrackedObject(
                     id=str(uid),
                     kind=KINDS[kind] if kind < len(KINDS) else str(kind),
                     position_m=line.point_at(along_m),
                     velocity_mps=vector.scale(line.tangent_at(along_m), speed_mps),
-                    length_m=max(0.0, float(each.length)),
+                    length_m=max(0.0, float(package.length)),
                     surface=surface,
                     surface_id=surface_id,
                     surface_position_m=along_m,
@@ -192,58 +193,65 @@ class BagMessages:
 
     def selected(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageUIDList: what changed. It does not say who selected."""
-        now = {int(uid) for uid in value.uids}
-        for uid in sorted(now ^ self._selected):
-            event = "selected" if uid in now else "deselected"
-            pose_fields = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
-            yield self._numbered_entry(
-                time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(pose_fields)
+        selected = {int(uid) for uid in value.uids}
+        for uid in sorted(selected ^ self._selected):
+            event = SelectionEvent(
+                stamp_ns=time_ns,
+                event="selected" if uid in selected else "deselected",
+                object_id=str(uid),
             )
-        self._selected = now
+            yield self._numbered_entry(time_ns, topics.SELECTION_EVENTS, "", event)
+        self._selected = selected
 
     def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PointerList: cursors, and what they are on."""
-        for each in value.pointers:
-            user = each.user_name
-            over = [str(int(uid)) for uid in each.overlay.uids]
-            if each.position.name:
-                surface, surface_id, line, along_m = self._along(each.position)
+        for pointer in value.pointers:
+            user = pointer.user_name
+            overlaid = [str(int(uid)) for uid in pointer.overlay.uids]
+            cursor = Cursor(stamp_ns=time_ns)
+            if pointer.position.name:
+                surface, surface_id, line, along_m = self._along(pointer.position)
                 cursor = Cursor(
                     stamp_ns=time_ns,
                     surface=surface,
                     surface_id=surface_id,
                     point_m=line.point_at(along_m),
                     position_m=along_m,
-                    miss_m=max(0.0, float(each.distance)),
+                    miss_m=max(0.0, float(pointer.distance)),
                 )
-            else:
-                cursor = Cursor(stamp_ns=time_ns)
             yield self._numbered_entry(time_ns, topics.CURSOR, user, cursor)
-            hover = Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
+            hover = Hover(stamp_ns=time_ns, object_id=overlaid[0] if overlaid else "")
             yield self._numbered_entry(time_ns, topics.HOVER, user, hover)
 
-    def _pose(self, at: Any, turned: Any, header: Any, user: str, time_ns: int, *, method: str) -> Entry:
+    def _pose(
+        self,
+        position: Any,
+        orientation: Any,
+        header: Any,
+        user: str,
+        time_ns: int,
+        *,
+        method: Literal["external", "fixed"],
+    ) -> Entry:
         what = f"the pose of {user}"
-        position_m = _sound(checks.place(at, what))
-        yaw_rad = _sound(checks.heading(_sound(checks.quaternion(turned, what)), what))
-        pose_fields = {
-            "stamp_ns": self._stamp_ns(header, time_ns),
-            "position_m": position_m,
-            "yaw_rad": yaw_rad,
-        }
-        return self._numbered_entry(
-            time_ns, topics.POSE, user, UserPose.model_validate({**pose_fields, "method": method})
-        )
+        position_m = _sound(checks.place(position, what))
+        orientation_xyzw = _sound(checks.quaternion(orientation, what))
+        yaw_rad = _sound(checks.heading(orientation_xyzw, what))
+        stamp_ns = self._stamp_ns(header, time_ns)
+        pose = UserPose(stamp_ns=stamp_ns, position_m=position_m, yaw_rad=yaw_rad, method=method)
+        return self._numbered_entry(time_ns, topics.POSE, user, pose)
 
     def _along(self, place: Any) -> tuple[SurfaceKind, str, Polyline, float]:
-        found = self._lines.get(place.name)
-        if found is None:
+        """Return kind, name and course of the line of a place, and the place's arc length, m."""
+        known_line = self._lines.get(place.name)
+        if known_line is None:
             raise UnusableError(f"the map has no line {checks.named(place.name)}; give the room's by --map")
-        kind, name, line = found
+        kind, name, line = known_line
         share = float(place.position)
-        if not abs(share - 0.5) <= 0.5 + ROUNDED:
+        if not abs(share - 0.5) <= 0.5 + ROUNDED:  # also if it is not a number
             raise UnusableError(f"the place {share:g} on {place.name} is not between 0 and 1")
-        return kind, name, line, min(max(share, 0.0), 1.0) * line.length_m
+        share = min(max(share, 0.0), 1.0)
+        return kind, name, line, share * line.length_m
 
     def _stamp_ns(self, header: Any, time_ns: int) -> int:
         """Return the time of capture: that of the header, or that of the bag if it states none.
@@ -255,8 +263,9 @@ class BagMessages:
         if self._stamps == "bag" or stamp_ns == 0:
             return time_ns
         if abs(stamp_ns - time_ns) > checks.LATE_NS:
+            apart_s = abs(stamp_ns - time_ns) / NS_PER_S
             raise UnusableError(
-                f"the stamp {stamp_ns / NS_PER_S:.1f} s is {abs(stamp_ns - time_ns) / NS_PER_S:.1f} s from "
+                f"the stamp {stamp_ns / NS_PER_S:.1f} s is {apart_s:.1f} s from "
                 f"the bag's time, limit {checks.LATE_NS / NS_PER_S:g} s; give --stamps bag if it is of "
                 "another clock"
             )
@@ -281,6 +290,17 @@ ROUTES = (
     BagRoute("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
 )
 """Topics of the ROS toolkit that a recording has a place for."""
+
+
+def _speed_mps(previous: LinePlace, place: LinePlace) -> float:
+    """Return the speed along a line, m/s. 0 on another line, or if it is no speed of a package."""
+    previous_ns, previous_line, previous_m = previous
+    time_ns, line, along_m = place
+    step_s = (time_ns - previous_ns) / NS_PER_S
+    if line != previous_line or step_s <= 0.0:
+        return 0.0
+    speed_mps = (along_m - previous_m) / step_s
+    return speed_mps if abs(speed_mps) <= FASTEST_MPS else 0.0
 
 
 def _check_frame(name: str, wanted: str, what: str) -> None:
@@ -345,14 +365,18 @@ class Bag:
         messages = BagMessages(self.room, self.stamps)
         routes: dict[int, tuple[BagRoute, str]] = {}
         for connection in bag.connections:
-            why, route, user = self._route(types, connection)
+            reason, route, user = self._route(types, connection)
             if route is None:
-                self.left_out[connection.topic] = why
+                self.left_out[connection.topic] = reason
                 self.left_out_messages[connection.topic] += connection.messages
             else:
                 routes[connection.id] = route, user
-        wanted = [each for each in bag.connections if each.id in routes]
-        for connection, time_ns, data in bag.messages(wanted) if wanted else ():
+
+        # What is left out of a topic is counted, and its first reason is kept.
+        usable = [connection for connection in bag.connections if connection.id in routes]
+        if not usable:
+            return
+        for connection, time_ns, data in bag.messages(usable):
             route, user = routes[connection.id]
             try:
                 value = types.decode(route.type, unpack_message(data), max_bytes=MAX_BYTES)
@@ -367,15 +391,15 @@ class Bag:
                 self.taken[connection.topic] += 1
 
     def _route(self, types: Types, connection: Any) -> tuple[str, BagRoute | None, str]:
+        """Return the route of a topic and the person's name, or the reason why it is left out."""
         for route in ROUTES:
-            head, opening, tail = route.name.partition("{user}")
-            name: str = connection.topic
-            user = name[len(head) : len(name) - len(tail)] if opening else ""
-            if f"{head}{user}{tail}" != name or bool(user) != bool(opening) or "/" in user:
+            user = _user_in(connection.topic, route.name)
+            if user is None:
                 continue
             if connection.msgtype != route.type:
                 return f"its type is {connection.msgtype}, not {route.type}", None, ""
-            if connection.digest.startswith("RIHS01_") and connection.digest != types.kind(route.type).hash:
+            has_hash = connection.digest.startswith("RIHS01_")
+            if has_hash and connection.digest != types.kind(route.type).hash:
                 return f"its definition of {route.type} is another one", None, ""
             if route.needs_map and self.room is None:
                 return "its places need the room; give it by --map", None, ""
@@ -384,3 +408,14 @@ class Bag:
             except KeyNameError as error:
                 return str(error), None, ""
         return "a recording has no place for it", None, ""
+
+
+def _user_in(topic: str, pattern: str) -> str | None:
+    """Return the name in place of `{user}`, `""` if the pattern has none, or None if it does not match."""
+    head, placeholder, tail = pattern.partition("{user}")
+    if not placeholder:
+        return "" if topic == pattern else None
+    user = topic[len(head) : len(topic) - len(tail)]
+    if f"{head}{user}{tail}" != topic:
+        return None
+    return user if user and "/" not in user else None

@@ -1,5 +1,6 @@
 """Comparisons of conditions with intervals: medians, outcomes, learning, a linear mixed model."""
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
@@ -25,11 +26,11 @@ def values_of(trials: Trials, measure: str) -> list[TrialRow]:
     Raises: ConfigError: If no counted trial has one.
     """
     outcomes = ("hit", "wrong") if measure.startswith("error") else ("hit",)
-    rows = [row for row in trials.counted if measure in row.numbers and row.outcome in outcomes]
+    measured = [row for row in trials.counted if measure in row.numbers]
+    rows = [row for row in measured if row.outcome in outcomes]
     if not rows:
-        raise ConfigError(
-            f"{trials.folder}: no trial has {measure}; measures are {', '.join(filter(trials.has, MEASURES))}"
-        )
+        measures = ", ".join(filter(trials.has, MEASURES))
+        raise ConfigError(f"{trials.folder}: no trial has {measure}; measures are {measures}")
     return rows
 
 
@@ -41,15 +42,18 @@ def participant_medians(
     Where a study has further factors, it is the mean over their levels of the medians, so that each level
     weighs the same however many trials were hit. Raises: ConfigError: If nothing is known of `measure`.
     """
-    kept = [trials.index(factor) for factor in factors]
+    indices = [trials.index(factor) for factor in factors]
     cells: dict[tuple[tuple[str, ...], str], dict[tuple[str, ...], list[float]]] = {}
     for row in values_of(trials, measure):
-        key = (tuple(row.levels[index] for index in kept), row.participant)
-        cells.setdefault(key, {}).setdefault(row.levels, []).append(row.numbers[measure])
-    found: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
-    for (levels, participant), values in cells.items():
-        found[levels][participant] = float(np.mean([np.median(each) for each in values.values()]))
-    return found
+        levels = tuple(row.levels[index] for index in indices)
+        by_all_levels = cells.setdefault((levels, row.participant), {})
+        by_all_levels.setdefault(row.levels, []).append(row.numbers[measure])
+
+    results: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
+    for (levels, participant), by_all_levels in cells.items():
+        cell_medians = [np.median(values) for values in by_all_levels.values()]
+        results[levels][participant] = float(np.mean(cell_medians))
+    return results
 
 
 def medians(trials: Trials, measure: str = "selection_s") -> Table:
@@ -57,10 +61,12 @@ def medians(trials: Trials, measure: str = "selection_s") -> Table:
 
     Raises: ConfigError: If nothing is known of `measure`.
     """
-    found = participant_medians(trials, measure, *trials.factors)
-    people = ([*found.get(levels, {}).values()] for levels in trials.conditions)
-    rows = zip(trials.conditions, people, strict=True)
-    return Table({**trials.named(levels), **summary(values, "median")} for levels, values in rows)
+    by_condition = participant_medians(trials, measure, *trials.factors)
+    table = Table()
+    for levels in trials.conditions:
+        values = [*by_condition.get(levels, {}).values()]
+        table.append({**trials.named(levels), **summary(values, "median")})
+    return table
 
 
 def differences(trials: Trials, measure: str = "selection_s") -> Table:
@@ -72,31 +78,43 @@ def differences(trials: Trials, measure: str = "selection_s") -> Table:
     """
     table = Table()
     for factor in trials.factors:
-        found = participant_medians(trials, measure, factor)
+        by_level = participant_medians(trials, measure, factor)
         rows: list[dict[str, Any]] = []
         for a, b in combinations(trials.levels(factor), 2):
-            first = found.get((a,), {})
-            second = found.get((b,), {})
-            rows.append(
-                {"factor": factor, "difference": f"{b} - {a}", **_difference(trials, factor, first, second)}
-            )
+            first = by_level.get((a,), {})
+            second = by_level.get((b,), {})
+            row = {"factor": factor, "difference": f"{b} - {a}"}
+            rows.append(row | _difference(first, second, is_within=trials.is_within(factor)))
         _holm(rows)
         table += rows
     return table
 
 
+def paired_values(
+    first: Mapping[str, float], second: Mapping[str, float], *, is_within: bool
+) -> tuple[Array, Array]:
+    """Return the values at two levels, which are by participant.
+
+    Within participants they are of those who have both, in the same order.
+    """
+    if not is_within:
+        return np.array([*first.values()]), np.array([*second.values()])
+    people = sorted(first.keys() & second.keys())
+    return np.array([first[name] for name in people]), np.array([second[name] for name in people])
+
+
 def _difference(
-    trials: Trials, factor: str, first: dict[str, float], second: dict[str, float]
+    first: Mapping[str, float], second: Mapping[str, float], *, is_within: bool
 ) -> dict[str, Any]:
-    is_within = trials.is_within(factor)
+    a, b = paired_values(first, second, is_within=is_within)
+    row: dict[str, Any] = {"test": "Welch's t", "participants": len(a) + len(b)}
     if is_within:
-        both = sorted(first.keys() & second.keys())
-        first, second = ({name: one[name] for name in both} for one in (first, second))
-    a, b = (np.array([*one.values()]) for one in (first, second))
-    row: dict[str, Any] = {"test": "paired t" if is_within else "Welch's t"}
-    row["participants"] = len(a) if is_within else len(a) + len(b)
-    row["mean"] = float(b.mean() - a.mean()) if a.size and b.size else None
-    row |= {"low": None, "high": None, "p": None}
+        row = {"test": "paired t", "participants": len(a)}
+    row |= {"mean": None, "low": None, "high": None, "p": None}
+    if a.size and b.size:
+        row["mean"] = float(b.mean() - a.mean())
+
+    # A test needs a spread.
     if min(a.size, b.size) < 2 or _is_constant(a, b, is_within=is_within):
         return row
     result: Any = stats.ttest_rel(b, a) if is_within else stats.ttest_ind(b, a, equal_var=False)
@@ -107,17 +125,22 @@ def _difference(
 def _is_constant(a: NDArray[np.float64], b: NDArray[np.float64], *, is_within: bool) -> bool:
     """Return True if there is no spread that a test could compare with."""
     scale = 1e-12 * max(abs(a).max(), abs(b).max(), 1e-300)
-    return bool(np.ptp(b - a) <= scale if is_within else max(np.ptp(a), np.ptp(b)) <= scale)
+    if is_within:
+        return bool(np.ptp(b - a) <= scale)
+    return bool(max(np.ptp(a), np.ptp(b)) <= scale)
 
 
 def _holm(rows: list[dict[str, Any]]) -> None:
-    tested = sorted((row for row in rows if row["p"] is not None), key=lambda row: row["p"])
-    worst = 0.0
+    """Add the corrected p of each row: the least first, and none below one before it."""
     for row in rows:
         row["p_holm"] = None
+    tested = [row for row in rows if row["p"] is not None]
+    tested.sort(key=lambda row: row["p"])
+    largest_p = 0.0
     for index, row in enumerate(tested):
-        worst = max(worst, min(1.0, row["p"] * (len(tested) - index)))
-        row["p_holm"] = worst
+        corrected_p = min(1.0, row["p"] * (len(tested) - index))
+        largest_p = max(largest_p, corrected_p)
+        row["p_holm"] = largest_p
 
 
 def outcomes(trials: Trials) -> Table:
@@ -128,19 +151,25 @@ def outcomes(trials: Trials) -> Table:
     """
     table = Table()
     for levels in trials.conditions:
-        counts: dict[str, dict[str, int]] = defaultdict(lambda: dict.fromkeys(OUTCOMES, 0))
+        people: dict[str, Counter[str]] = defaultdict(Counter)
         for row in trials.counted:
             if row.levels == levels:
-                counts[row.participant][row.outcome] += 1
-        shares = {
-            name: float(np.mean([one[name] / sum(one.values()) for one in counts.values()]))
-            for name in OUTCOMES
-        }
-        done = [(one, sum(one.values()) - one["skipped"]) for one in counts.values()]
-        missed = [1 - one["hit"] / total for one, total in done if total]
-        attempts = sum(sum(one.values()) for one in counts.values())
+                people[row.participant][row.outcome] += 1
+
+        # Participants weigh the same, however many trials they did.
+        shares: dict[str, float] = {}
+        for outcome in OUTCOMES:
+            own_shares = [counts[outcome] / counts.total() for counts in people.values()]
+            shares[outcome] = float(np.mean(own_shares))
+
+        missed: list[float] = []
+        for counts in people.values():
+            done = counts.total() - counts["skipped"]
+            if done:
+                missed.append(1 - counts["hit"] / done)
+        attempts = sum(counts.total() for counts in people.values())
         columns = summary(missed, "missed", np.mean, trials=attempts, **shares)
-        table.append({**trials.named(levels), **columns, "participants": len(counts)})
+        table.append({**trials.named(levels), **columns, "participants": len(people)})
     return table
 
 
@@ -159,17 +188,26 @@ def names(trials: Trials) -> Table:
         for row in spoken:
             if row.levels == levels:
                 people[row.participant].append(row)
-        if people:
-            means = {name: _mean_of_means(people, name) for name in SPOKEN}
-            shares = [np.mean([row.numbers["stepped"] > 0 for row in rows]) for rows in people.values()]
-            count = sum(map(len, people.values()))
-            columns = summary([*map(float, shares)], "with_step", np.mean, trials=count, **means)
-            table.append({**trials.named(levels), **columns})
+        if not people:
+            continue
+        means = {name: _mean_of_means(people, name) for name in SPOKEN}
+        # Participants weigh the same, however many trials they did.
+        shares: list[float] = []
+        for rows in people.values():
+            has_step = [row.numbers["stepped"] > 0 for row in rows]
+            shares.append(float(np.mean(has_step)))
+        count = sum(map(len, people.values()))
+        columns = summary(shares, "with_step", np.mean, trials=count, **means)
+        table.append({**trials.named(levels), **columns})
     return table
 
 
 def _mean_of_means(people: Mapping[str, Iterable[TrialRow]], column: str) -> float:
-    return float(np.mean([np.mean([row.numbers[column] for row in rows]) for rows in people.values()]))
+    """Return the mean over participants of their means."""
+    means: list[np.floating[Any]] = []
+    for rows in people.values():
+        means.append(np.mean([row.numbers[column] for row in rows]))
+    return float(np.mean(means))
 
 
 def learning(trials: Trials, measure: str = "selection_s") -> Table:
@@ -178,26 +216,34 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
     Each value is the median over participants of their medians. Numbers count trials of all outcomes. Raises:
     ConfigError: If nothing is known of `measure`.
     """
-    known = {id(row) for row in values_of(trials, measure)}
-    seen: Counter[tuple[tuple[str, ...], str]] = Counter()
+    # Trials of all outcomes are numbered within condition and participant.
+    used_rows = {id(row) for row in values_of(trials, measure)}
+    counts: Counter[tuple[tuple[str, ...], str]] = Counter()
     numbered: list[tuple[TrialRow, int]] = []
     for row in trials.counted:
-        seen[row.levels, row.participant] += 1
-        numbered.append((row, seen[row.levels, row.participant]))
-    max_trials = max(seen.values())
-    width = -(-max_trials // BINS)
+        counts[row.levels, row.participant] += 1
+        numbered.append((row, counts[row.levels, row.participant]))
+    max_trials = max(counts.values())
+    width = math.ceil(max_trials / BINS)
+
+    # The values of a group of trials, by participant.
     cells: dict[tuple[tuple[str, ...], int], dict[str, list[float]]] = {}
     for row, number in numbered:
-        if id(row) in known:
+        if id(row) in used_rows:
             people = cells.setdefault((row.levels, (number - 1) // width), {})
             people.setdefault(row.participant, []).append(row.numbers[measure])
+
     table = Table()
     for levels in trials.conditions:
-        for group in range(-(-max_trials // width)):
-            values = [float(np.median(one)) for one in cells.get((levels, group), {}).values()]
-            ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, max_trials)}
-            if values:
-                table.append({**trials.named(levels), **summary(values, "median", np.median, **ends)})
+        for group in range(math.ceil(max_trials / width)):
+            people = cells.get((levels, group), {})
+            values = [float(np.median(own_values)) for own_values in people.values()]
+            if not values:
+                continue
+            first_trial = group * width + 1
+            last_trial = min((group + 1) * width, max_trials)
+            columns = summary(values, "median", first_trial=first_trial, last_trial=last_trial)
+            table.append({**trials.named(levels), **columns})
     return table
 
 
@@ -222,11 +268,13 @@ def fit(values: Array, design: Array, groups: Sequence[str]) -> ModelFit:
     n, p = design.shape
     if n <= p or np.linalg.matrix_rank(design) < p:
         raise ConfigError("the factors' effects cannot be told apart: some levels occur only together")
+
+    # The sums of products do not depend on the ratio of the variances; those of groups enter with weights.
     _, member, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     sums = np.zeros((len(sizes), p + 1))
-    whole = np.column_stack([design, values])
-    np.add.at(sums, member, whole)
-    products = whole.T @ whole
+    design_and_values = np.column_stack([design, values])
+    np.add.at(sums, member, design_and_values)
+    products = design_and_values.T @ design_and_values
 
     def solved(ratio: float) -> tuple[float, Array, Array, float]:
         """Return minus two log likelihoods, effects, the inverse of X'V⁻¹X and the residual variance."""
@@ -234,20 +282,25 @@ def fit(values: Array, design: Array, groups: Sequence[str]) -> ModelFit:
         a = products - sums.T @ (weights[:, None] * sums)
         inverse = np.linalg.inv(a[:p, :p])
         effects = inverse @ a[:p, p]
-        variance = max(float(a[p, p] - a[:p, p] @ effects), 1e-300) / (n - p)
-        determinant = float(np.linalg.slogdet(a[:p, :p])[1])
-        deviance = (n - p) * np.log(variance) + float(np.sum(np.log1p(ratio * sizes))) + determinant
+        residual_sum = max(float(a[p, p] - a[:p, p] @ effects), 1e-300)
+        variance = residual_sum / (n - p)
+        log_determinant = float(np.linalg.slogdet(a[:p, :p])[1])
+        log_weights = float(np.sum(np.log1p(ratio * sizes)))
+        deviance = (n - p) * np.log(variance) + log_weights + log_determinant
         return float(deviance), effects, np.asarray(inverse, dtype=np.float64), variance
 
-    found = optimize.minimize_scalar(
-        lambda log_ratio: solved(float(np.exp(log_ratio)))[0], bounds=(-18, 18), method="bounded"
-    )
-    ratio = float(np.exp(found.x))
-    if solved(0.0)[0] <= found.fun:
+    def deviance_of(log_ratio: float) -> float:
+        return solved(float(np.exp(log_ratio)))[0]
+
+    # The logarithm never reaches a ratio of 0, people who do not differ, so this is tried beside it.
+    minimum = optimize.minimize_scalar(deviance_of, bounds=(-18, 18), method="bounded")
+    ratio = float(np.exp(minimum.x))
+    if solved(0.0)[0] <= minimum.fun:
         ratio = 0.0
     _, effects, inverse, variance = solved(ratio)
     errors = np.sqrt(variance * np.diag(inverse))
-    return ModelFit(effects, errors, float(np.sqrt(ratio * variance)), float(np.sqrt(variance)))
+    between = float(np.sqrt(ratio * variance))
+    return ModelFit(effects, errors, between, float(np.sqrt(variance)))
 
 
 def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
@@ -264,27 +317,34 @@ def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
     people = [row.participant for row in rows]
     if len(set(people)) < 2 or not trials.factors:
         raise ConfigError(f"{trials.folder}: a mixed model needs two participants and a factor")
-    names = ["(Intercept)"]
+
+    # Each level but the first of its factor is a column of 0 and 1.
+    terms = ["(Intercept)"]
     columns = [np.ones(len(rows))]
     for index, factor in enumerate(trials.factors):
         present = {row.levels[index] for row in rows}
         first, *others = [level for level in trials.levels(factor) if level in present]
         for level in others:
-            names.append(f"{factor}: {level} / {first}")
+            terms.append(f"{factor}: {level} / {first}")
             columns.append(np.array([float(row.levels[index] == level) for row in rows]))
-    made = fit(np.log([row.numbers[measure] for row in rows]), np.column_stack(columns), people)
+    logarithms = np.log([row.numbers[measure] for row in rows])
+    model = fit(logarithms, np.column_stack(columns), people)
+
     quantile = float(stats.norm.ppf((1 + LEVEL) / 2))
     table = Table()
-    for name, effect, error in zip(names, made.effects, made.errors, strict=True):
-        table.append(
-            {
-                "term": name,
-                "ratio": float(np.exp(effect)),
-                "low": float(np.exp(effect - quantile * error)),
-                "high": float(np.exp(effect + quantile * error)),
-                "p": None if name == names[0] else float(2 * stats.norm.sf(abs(effect / error))),
-            }
-        )
-    for name, size in (("SD between participants (log)", made.between), ("SD within (log)", made.residual)):
-        table.append({"term": name, "ratio": size, "low": None, "high": None, "p": None})
+    for term, effect, error in zip(terms, model.effects, model.errors, strict=True):
+        p: float | None = None
+        if term != terms[0]:
+            p = float(2 * stats.norm.sf(abs(effect / error)))
+        row = {
+            "term": term,
+            "ratio": float(np.exp(effect)),
+            "low": float(np.exp(effect - quantile * error)),
+            "high": float(np.exp(effect + quantile * error)),
+            "p": p,
+        }
+        table.append(row)
+    deviations = {"SD between participants (log)": model.between, "SD within (log)": model.residual}
+    for term, deviation in deviations.items():
+        table.append({"term": term, "ratio": deviation, "low": None, "high": None, "p": None})
     return table

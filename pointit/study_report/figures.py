@@ -44,8 +44,10 @@ def medians(trials: Trials, measure: str = "selection_s") -> Figure:
     figure, axes = _axes(len(table))
     for place, (row, levels) in enumerate(zip(table, trials.conditions, strict=True)):
         values = [*people.get(levels, {}).values()]
-        spread = np.linspace(-0.25, 0.25, len(values)) if len(values) > 1 else [0.0] * len(values)
-        axes.plot(values, place + np.array(spread), "o", color=COLOURS[place % 7], ms=3, alpha=0.55)
+        offsets = np.zeros(len(values))
+        if len(values) > 1:
+            offsets = np.linspace(-0.25, 0.25, len(values))
+        axes.plot(values, place + offsets, "o", color=COLOURS[place % 7], ms=3, alpha=0.55)
         _interval(axes, place, row, "median")
     _rows(axes, [trials.label(levels) for levels in trials.conditions])
     axes.set_xlim(left=0)
@@ -84,12 +86,16 @@ def outcomes(trials: Trials) -> Figure:
 def learning(trials: Trials, measure: str = "selection_s") -> Figure:
     """Return the table `learning` as a figure, a line for each condition."""
     figure, axes = _axes(6)
-    for place, (label, rows) in enumerate(_by_condition(trials, comparisons.learning(trials, measure))):
-        number = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
-        axes.plot(number, [row["median"] for row in rows], "o-", ms=4, color=COLOURS[place % 7], label=label)
-        if all(row["low"] is not None for row in rows):
-            limits = [[row[name] for row in rows] for name in ("low", "high")]
-            axes.fill_between(number, *limits, color=COLOURS[place % 7], alpha=0.15, lw=0)
+    by_condition = _by_condition(trials, comparisons.learning(trials, measure))
+    for place, (label, rows) in enumerate(by_condition):
+        colour = COLOURS[place % 7]
+        numbers = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
+        medians = [row["median"] for row in rows]
+        axes.plot(numbers, medians, "o-", ms=4, color=colour, label=label)
+        low = [row["low"] for row in rows]
+        high = [row["high"] for row in rows]
+        if None not in low:
+            axes.fill_between(numbers, low, high, color=colour, alpha=0.15, lw=0)
     axes.set_ylim(bottom=0)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("number of the trial within its condition")
@@ -105,13 +111,15 @@ def fitts(trials: Trials, index: Index = "m") -> Figure:
     for place, row in enumerate(tapping_movements.fitts(trials, index)):
         group = tuple((factor, row[factor]) for factor in trials.factors if factor in row)
         bits = points[group].bits
-        whole = points[group].times.mean(axis=0)
+        mean_times = points[group].times.mean(axis=0)
         colour = COLOURS[place % 7]
-        axes.plot(bits, whole, "o", color=colour, ms=5, label=trials.label(level for _, level in group))
+        label = trials.label(level for _, level in group)
+        axes.plot(bits, mean_times, "o", color=colour, ms=5, label=label)
         ends = np.array([bits.min(), bits.max()])
         axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=colour)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("index of difficulty" + (", bit" if index != "kopper" else " of Kopper et al."))
+    unit = " of Kopper et al." if index == "kopper" else ", bit"
+    axes.set_xlabel(f"index of difficulty{unit}")
     axes.set_ylabel(MEASURES["selection_s"])
     _key(axes)
     return figure
@@ -125,16 +133,20 @@ def svg(figure: Figure, name: str) -> str:
         warnings.filterwarnings("ignore", "Glyph .* missing")  # the page has fonts of its own
         saved: Any = figure
         saved.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
-    shown = text.getvalue()[text.getvalue().index("<svg") :].replace(INK, "currentColor")
-    shown = re.sub(r"<metadata>.*?</metadata>", "", shown, flags=re.DOTALL)
-    shown = re.sub(r"font: (\S+) [^;\"]+", r"font-size: \1; font-family: inherit", shown)
-    return re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", shown)
+
+    # An element of the page: without a head, in the page's colour and font, with ids of its own.
+    document = text.getvalue()
+    element = document[document.index("<svg") :].replace(INK, "currentColor")
+    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
+    element = re.sub(r"font: (\S+) [^;\"]+", r"font-size: \1; font-family: inherit", element)
+    return re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", element)
 
 
 def _axes(rows: int, *, legend: bool = False) -> tuple[Figure, Any]:
     settings: Any = mpl
     with settings.rc_context(STYLE):
-        figure: Any = Figure(figsize=(WIDE_IN, 0.9 + 0.42 * max(rows, 1) + 0.3 * legend))
+        height_in = 0.9 + 0.42 * max(rows, 1) + 0.3 * legend
+        figure: Any = Figure(figsize=(WIDE_IN, height_in))
         axes: Any = figure.add_subplot()
     return figure, axes
 
@@ -155,10 +167,11 @@ def _interval(axes: Any, place: int, row: dict[str, Any], column: str) -> None:
 
 
 def _by_condition(trials: Trials, table: Table) -> list[tuple[str, list[dict[str, Any]]]]:
-    found: dict[str, list[dict[str, Any]]] = {}
+    rows_by_label: dict[str, list[dict[str, Any]]] = {}
     for row in table:
-        found.setdefault(trials.label(row[factor] for factor in trials.factors), []).append(row)
-    return [*found.items()]
+        label = trials.label(row[factor] for factor in trials.factors)
+        rows_by_label.setdefault(label, []).append(row)
+    return [*rows_by_label.items()]
 
 
 def _key(axes: Any) -> None:

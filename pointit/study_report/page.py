@@ -42,7 +42,7 @@ class ReportStep:
     def code(self) -> str:
         """The line of Python that makes the result from `trials`."""
         module = "figures." if self.call.__module__ == figures.__name__ else ""
-        arguments = "".join(f', "{each}"' for each in self.arguments)
+        arguments = "".join(f', "{argument}"' for argument in self.arguments)
         return f"study_report.{module}{self.call.__name__}(trials{arguments})"
 
     def run(self, trials: Trials) -> Any:
@@ -71,19 +71,27 @@ def sections(trials: Trials) -> Iterator[Section]:
     if trials.has(SPOKEN[0]):
         yield Section("Spoken names", ABOUT["names"], (ReportStep(comparisons.names),))
     yield Section("Learning", ABOUT["learning"], _both("learning"))
-    for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
-        if trials.has(f"target_width_{unit}"):
-            steps = [
-                ReportStep(tapping_movements.throughput, (unit,)),
-                ReportStep(tapping_movements.omissions, (unit,)),
-            ]
-            for index in ("m",) if unit == "m" else ("deg", "kopper"):
-                steps += [ReportStep(figures.fitts, (index,)), ReportStep(tapping_movements.fitts, (index,))]
-            yield Section(title, ABOUT[unit], tuple(steps))
+    if trials.has("target_width_m"):
+        yield Section("Throughput and Fitts' law", ABOUT["m"], _tapping_steps("m", "m"))
+    if trials.has("target_width_deg"):
+        steps = _tapping_steps("deg", "deg", "kopper")
+        yield Section("Throughput and Fitts' law of angles", ABOUT["deg"], steps)
     if trials.answers:
         yield Section("Questionnaires", ABOUT["questionnaires"], (ReportStep(table.questionnaires),))
     if trials.factors and len(trials.participants) > 1:
         yield Section("Linear mixed model", ABOUT["mixed"], (ReportStep(comparisons.mixed_model),))
+
+
+def _tapping_steps(unit: str, *indices: str) -> tuple[ReportStep, ...]:
+    """Return the steps of tapping in `unit`, with a regression over each of the indices of difficulty."""
+    steps = [
+        ReportStep(tapping_movements.throughput, (unit,)),
+        ReportStep(tapping_movements.omissions, (unit,)),
+    ]
+    for index in indices:
+        steps.append(ReportStep(figures.fitts, (index,)))
+        steps.append(ReportStep(tapping_movements.fitts, (index,)))
+    return tuple(steps)
 
 
 def _both(name: str, *arguments: str) -> tuple[ReportStep, ReportStep]:
@@ -107,18 +115,21 @@ def report(trials: Trials, folder: str, tell: Callable[[str], object] = lambda _
         tell(section.title)
         parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
         cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
+        # What the study has no data for is a sentence, once, and no step.
         missing = dict[str, None]()
         for number, step in enumerate(section.steps):
             try:
                 result = step.run(trials)
             except ConfigError as error:
-                missing[capital(str(error).removeprefix(f"{trials.folder}: ")) + "."] = None
+                reason = str(error).removeprefix(f"{trials.folder}: ")
+                missing[f"{capital(reason)}."] = None
                 continue
             parts.append(_shown(result, f"s{place}-{number}", section.title))
             parts.append(f"<pre><code>{escape(step.code)}</code></pre>")
             cells.append(_cell("code", step.code))
         parts += [f"<p>{escape(sentence)}</p>" for sentence in missing]
         cells += [_cell("markdown", sentence) for sentence in missing]
+
     read = escape(f"trials = study_report.trials({str(trials.folder)!r})")
     parts.append(
         f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws,"
@@ -130,7 +141,8 @@ def report(trials: Trials, folder: str, tell: Callable[[str], object] = lambda _
         cell["id"] = f"cell-{number}"
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     book = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
-    return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
+    notebook = json.dumps(book, indent=1, ensure_ascii=False)
+    return "\n".join(parts), f"{notebook}\n"
 
 
 def notes_of(trials: Trials) -> list[str]:
@@ -148,24 +160,25 @@ def _head(trials: Trials) -> str:
     notes = notes_of(trials)
     if count == 1:
         notes.append("One participant: there are no intervals over participants and no tests.")
-    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    notes_list = f"<ul>{items}</ul>" if items else ""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(trials.title)}</title><style>{STYLE}</style></head><body>"
-        f"<h1>{escape(trials.title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
+        f"<h1>{escape(trials.title)}</h1><p>{escape(facts)}.</p>{notes_list}"
     )
 
 
 def _shown(result: Any, name: str, title: str) -> str:
-    if isinstance(result, Table):
-        shown = (
-            f'<div class="wide" tabindex="0" role="region" aria-label="{escape(title)}">{result.html()}</div>'
-        )
-        long = f"<details><summary>Table of {len(result)} rows</summary>{shown}</details>"
-        return long if len(result) > LONG else shown
-    picture = figures.svg(result, name).replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1)
-    return f"<figure>{picture}</figure>"
+    label = f'aria-label="{escape(title)}"'
+    if not isinstance(result, Table):
+        picture = figures.svg(result, name).replace("<svg", f'<svg role="img" {label}', 1)
+        return f"<figure>{picture}</figure>"
+    table_element = f'<div class="wide" tabindex="0" role="region" {label}>{result.html()}</div>'
+    if len(result) <= LONG:
+        return table_element
+    return f"<details><summary>Table of {len(result)} rows</summary>{table_element}</details>"
 
 
 def _cell(kind: str, text: str) -> dict[str, Any]:

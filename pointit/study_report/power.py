@@ -9,7 +9,7 @@ from scipy import stats
 
 from pointit.errors import ConfigError
 from pointit.geometry.array_types import Array
-from pointit.study_report.comparisons import participant_medians
+from pointit.study_report.comparisons import paired_values, participant_medians
 from pointit.study_report.reading import Trials
 from pointit.study_report.table import LEVEL, Table
 
@@ -49,27 +49,32 @@ def spread(trials: Trials, factor: str, first: str, second: str, measure: str = 
     for level in (first, second):
         if level not in levels:
             raise ConfigError(f"{trials.folder}: {factor} has no level {level!r}, but {', '.join(levels)}")
-    found = participant_medians(trials, measure, factor)
-    one = found.get((first,), {})
-    other = found.get((second,), {})
+
+    by_level = participant_medians(trials, measure, factor)
     is_within = trials.is_within(factor)
-    if is_within:
-        both = sorted(one.keys() & other.keys())
-        one, other = ({name: each[name] for name in both} for each in (one, other))
-    if (count := min(len(one), len(other))) < 4:
+    first_values, second_values = paired_values(
+        by_level.get((first,), {}), by_level.get((second,), {}), is_within=is_within
+    )
+    count = min(len(first_values), len(second_values))
+    if count < 4:
         raise ConfigError(
             f"{trials.folder}: {count} participants with {first} and {second}; a pilot needs 4, better 12"
         )
-    values = [np.array([*each.values()]) for each in (one, other)]
-    mean = float(values[0].mean())
-    centred = [(each - each.mean()) * np.sqrt(len(each) / (len(each) - 1)) for each in values]
+
+    mean = float(first_values.mean())
     return Spread(
-        first=centred[0],
-        second=centred[1],
+        first=_centred(first_values),
+        second=_centred(second_values),
         is_within=is_within,
         mean=mean,
-        difference=float(values[1].mean()) - mean,
+        difference=float(second_values.mean()) - mean,
     )
+
+
+def _centred(values: Array) -> Array:
+    """Return values less their mean, scaled to the variance of the population."""
+    count = len(values)
+    return np.asarray((values - values.mean()) * np.sqrt(count / (count - 1)))
 
 
 def significant(people: Spread, effect: float, count: int, runs: int, random: np.random.Generator) -> int:
@@ -77,22 +82,28 @@ def significant(people: Spread, effect: float, count: int, runs: int, random: np
 
     `count` is the number of participants, of each group if groups differ. They are drawn with replacement.
     """
+    freedom: Any
     if people.is_within:
-        drawn = (people.second - people.first)[random.integers(len(people.first), size=(runs, count))]
+        # Paired t-test: differences of the same people.
+        differences = people.second - people.first
+        drawn = differences[random.integers(len(differences), size=(runs, count))]
         mean = drawn.mean(axis=1)
         variance = drawn.var(axis=1, ddof=1) / count
-        freedom: Any = count - 1
+        freedom = count - 1
     else:
-        groups = [
-            each[random.integers(len(each), size=(runs, count))] for each in (people.first, people.second)
-        ]
-        mean = groups[1].mean(axis=1) - groups[0].mean(axis=1)
-        parts = np.array([each.var(axis=1, ddof=1) / count for each in groups])
-        variance = parts.sum(axis=0)
-        freedom = (count - 1) * variance**2 / np.maximum((parts**2).sum(axis=0), 1e-300)
-    spread_there = variance > 0  # none if a small study draws one participant only
-    score = np.divide(np.abs(mean + effect), np.sqrt(variance), out=np.zeros(runs), where=spread_there)
-    return int(np.sum(2 * stats.t.sf(score, np.maximum(freedom, 1)) < ALPHA))
+        # Welch's t-test, with its degrees of freedom.
+        first = people.first[random.integers(len(people.first), size=(runs, count))]
+        second = people.second[random.integers(len(people.second), size=(runs, count))]
+        mean = second.mean(axis=1) - first.mean(axis=1)
+        variances = np.array([first.var(axis=1, ddof=1), second.var(axis=1, ddof=1)]) / count
+        variance = variances.sum(axis=0)
+        freedom = (count - 1) * variance**2 / np.maximum((variances**2).sum(axis=0), 1e-300)
+
+    # Without a spread, as if a small study draws one participant only, nothing is found.
+    has_spread = variance > 0
+    score = np.divide(np.abs(mean + effect), np.sqrt(variance), out=np.zeros(runs), where=has_spread)
+    p = 2 * stats.t.sf(score, np.maximum(freedom, 1))
+    return int(np.sum(p < ALPHA))
 
 
 def power(
@@ -113,9 +124,11 @@ def power(
     above = 0
     for count in counts:
         tell(count)
-        found = significant(people, effect, count, runs, np.random.default_rng((seed, count)))
-        limits = stats.binomtest(found, runs).proportion_ci(LEVEL)
-        row = {"participants": count, "power": found / runs}
+        # Each size has random numbers of its own: its result does not depend on the sizes before.
+        random = np.random.default_rng((seed, count))
+        significant_runs = significant(people, effect, count, runs, random)
+        limits = stats.binomtest(significant_runs, runs).proportion_ci(LEVEL)
+        row = {"participants": count, "power": significant_runs / runs}
         table.append({**row, "low": float(limits.low), "high": float(limits.high)})
         above += int(limits.low >= GOALS[-1])
         if above > 2:
@@ -131,6 +144,9 @@ def needed(table: Table, goal: float) -> tuple[int | None, int | None, int | Non
     """
 
     def first_reaching(column: str) -> int | None:
-        return next((row["participants"] for row in table if row[column] >= goal), None)
+        for row in table:
+            if row[column] >= goal:
+                return int(row["participants"])
+        return None
 
     return first_reaching("power"), first_reaching("high"), first_reaching("low")

@@ -3,10 +3,11 @@
 import csv
 import importlib
 import importlib.util
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from pointit.errors import ConfigError
 from pointit.runtime.host.state_file import replaced_file
@@ -22,7 +23,10 @@ MEASURES: Mapping[str, str] = {
     "corrections": "corrections",
 }
 """Columns that a report compares, with their titles."""
-TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
+TARGET = [f"target_{axis}_m" for axis in "xyz"]
+"""Columns of the position of a trial's target."""
+SELECTED = [f"selected_{axis}_m" for axis in "xyz"]
+"""Columns of the selected position."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,23 +74,28 @@ class Trials:
     @cached_property
     def counted(self) -> tuple[TrialRow, ...]:
         """The last attempt at each trial, without practice and attempts to be repeated."""
-        last = {(row.participant, row.block, row.trial): row for row in self.rows if row.counts}
-        return tuple(last.values())
+        last_attempts: dict[tuple[str, int, int], TrialRow] = {}
+        for row in self.rows:
+            if row.counts:
+                last_attempts[row.participant, row.block, row.trial] = row
+        return tuple(last_attempts.values())
 
     @cached_property
     def conditions(self) -> tuple[tuple[str, ...], ...]:
         """Combinations of levels with a counted trial, in the order of their factors' levels."""
-        places = [{level: place for place, level in enumerate(self.levels(each))} for each in self.factors]
-        found = {row.levels for row in self.counted}
-        return tuple(
-            sorted(found, key=lambda each: [at[level] for at, level in zip(places, each, strict=True)])
-        )
+        levels_of_factors = [self.levels(factor) for factor in self.factors]
+
+        def place(condition: tuple[str, ...]) -> list[int]:
+            pairs = zip(levels_of_factors, condition, strict=True)
+            return [levels.index(level) for levels, level in pairs]
+
+        return tuple(sorted({row.levels for row in self.counted}, key=place))
 
     def levels(self, factor: str) -> tuple[str, ...]:
         """Return the levels of `factor` in their order. Raises: ConfigError: If there is no such factor."""
         index = self.index(factor)
-        found = {row.levels[index] for row in self.counted}
-        return tuple(level for level in self.stated[factor] if level in found)
+        used = {row.levels[index] for row in self.counted}
+        return tuple(level for level in self.stated[factor] if level in used)
 
     def index(self, factor: str) -> int:
         """Return the position of `factor`. Raises: ConfigError: If the study has no such factor."""
@@ -99,7 +108,8 @@ class Trials:
         """Return True if a participant has more than one level of `factor`."""
         index = self.index(factor)
         pairs = {(row.participant, row.levels[index]) for row in self.counted}
-        return len(pairs) > len({participant for participant, _ in pairs})
+        participants = {participant for participant, _ in pairs}
+        return len(pairs) > len(participants)
 
     def has(self, measure: str) -> bool:
         """Return True if a counted trial has a value of `measure`."""
@@ -128,15 +138,17 @@ def trials(folder: str | Path) -> Trials:
     rows: list[TrialRow] = []
     answers: list[Row] = []
     for path in sorted(folder.glob(f"*/{TRIALS}")):
-        lines = read_trials(study, path.parent, notes.append)
+        participant = path.parent
+        lines = read_trials(study, participant, notes.append)
+        # What contradicts the record of the sessions is noted, and counts nevertheless.
         try:
-            check_record(path.parent, read_about(path.parent), lines)
+            check_record(participant, read_about(participant), lines)
         except ConfigError as error:
             notes.append(f"{error}.")
         if not lines:
-            notes.append(f"{path.parent.name} has no trial.")
+            notes.append(f"{participant.name} has no trial.")
         rows += [_trial(line, levels) for line in lines]
-        answers += read_answers(study, path.parent, notes.append)
+        answers += read_answers(study, participant, notes.append)
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
     all_trials = Trials(
         folder=folder, title=study.name, stated=levels, rows=tuple(rows), answers=tuple(answers)
@@ -156,8 +168,10 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     study = study_in(Path(folder))
     names = [name for name, _, _ in columns_of(list(study.factors))]
     paths = sorted(Path(folder).glob(f"*/{TRIALS}"))
-    tables = [read_trials(study, path.parent) for path in paths]
-    rows = [row for table in tables for row in sorted(table, key=_attempt)]
+    rows: list[Row] = []
+    for path in paths:
+        rows += sorted(read_trials(study, path.parent), key=_attempt)
+
     target = Path(to) / "all_trials.csv"
     with replaced_file(target) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
@@ -165,18 +179,25 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
         writer.writerows(map(spreadsheet_row, rows))
     if importlib.util.find_spec("pyarrow") is None:
         return [target]
-    arrow = importlib.import_module("pyarrow")
-    kinds = dict.fromkeys(COUNTS, arrow.int64()) | dict.fromkeys(NUMBERS, arrow.float64())
-    columns = {
-        name: arrow.array([row[name] for row in rows], arrow.string())
-        if name not in kinds
-        else arrow.array([float(row[name]) if row[name] else None for row in rows]).cast(kinds[name])
-        for name in names
-    }
     parquet = target.with_suffix(".parquet")
-    with replaced_file(parquet) as part:
-        importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), part)
+    _write_parquet(rows, names, parquet)
     return [target, parquet]
+
+
+def _write_parquet(rows: Sequence[Row], names: Iterable[str], path: Path) -> None:
+    """Write rows as a table with a type for each column. Needs pyarrow."""
+    arrow = importlib.import_module("pyarrow")
+    number_types = dict.fromkeys(COUNTS, arrow.int64()) | dict.fromkeys(NUMBERS, arrow.float64())
+    columns: dict[str, Any] = {}
+    for name in names:
+        texts = [row[name] for row in rows]
+        if name in number_types:
+            numbers = [float(text) if text else None for text in texts]
+            columns[name] = arrow.array(numbers).cast(number_types[name])
+        else:
+            columns[name] = arrow.array(texts, arrow.string())
+    with replaced_file(path) as part:
+        importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), part)
 
 
 def _attempt(line: Row) -> tuple[int, int]:
@@ -184,6 +205,8 @@ def _attempt(line: Row) -> tuple[int, int]:
 
 
 def _trial(line: Row, levels: Iterable[str]) -> TrialRow:
+    is_practice = line["practice"] != "0"
+    numbers = {name: float(line[name]) for name in NUMBERS if line[name]}
     return TrialRow(
         participant=line["participant"],
         block=int(line["block"]),
@@ -191,8 +214,8 @@ def _trial(line: Row, levels: Iterable[str]) -> TrialRow:
         attempt=int(line["attempt"]),
         levels=tuple(line[factor] for factor in levels),
         outcome=line["outcome"],
-        counts=line["practice"] == "0" and counts(line),
-        numbers={name: float(line[name]) for name in NUMBERS if line[name]},
+        counts=not is_practice and counts(line),
+        numbers=numbers,
     )
 
 
@@ -203,10 +226,11 @@ def _gaps(trials: Trials) -> list[str]:
         index = trials.index(factor)
         levels = trials.levels(factor)
         for participant in trials.participants:
-            own = {row.levels[index] for row in trials.counted if row.participant == participant}
-            if lacking := [level for level in levels if level not in own]:
+            own_levels = {row.levels[index] for row in trials.counted if row.participant == participant}
+            missing = [level for level in levels if level not in own_levels]
+            if missing:
                 notes.append(
-                    f"{participant} has no trial with {factor} {', '.join(lacking)},"
+                    f"{participant} has no trial with {factor} {', '.join(missing)},"
                     " and is left out of comparisons with it."
                 )
     return notes

@@ -1,7 +1,7 @@
 """Tables of results, scores of questionnaires, and intervals over participants."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -27,9 +27,12 @@ class Table(list[dict[str, Any]]):
         """Return the table in HTML, which notebooks show."""
         if not self:
             return "<p>No row.</p>"
-        head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in self[0])
-        rows = ["".join(_cell(value) for value in row.values()) for row in self]
-        body = "".join(f"<tr>{cells}</tr>" for cells in rows)
+        titles = [name.replace("_", " ") for name in self[0]]
+        head = "".join(f"<th>{escape(title)}</th>" for title in titles)
+        body = ""
+        for row in self:
+            cells = "".join(_cell(value) for value in row.values())
+            body += f"<tr>{cells}</tr>"
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
     html = _repr_html_
@@ -84,9 +87,14 @@ def system_usability(values: Sequence[float]) -> float:
     """
     if len(values) != len(SUS.items):
         raise ConfigError(f"SUS has {len(SUS.items)} items, not {len(values)}; complete its answers")
-    if wrong := [value for value in values if not SUS.points[0] <= value <= SUS.points[1]]:
-        raise ConfigError(f"SUS: answer {wrong[0]:g} is not from 1 to 5; correct it")
-    return 2.5 * sum(value - 1 if item % 2 else 5 - value for item, value in enumerate(values, 1))
+    least, most = SUS.points
+    total = 0.0
+    for item, value in enumerate(values, 1):
+        if not least <= value <= most:
+            raise ConfigError(f"SUS: answer {value:g} is not from 1 to 5; correct it")
+        # Odd items are favourable, even ones unfavourable.
+        total += value - 1 if item % 2 else 5 - value
+    return 2.5 * total
 
 
 def questionnaires(trials: Trials) -> Table:
@@ -98,6 +106,7 @@ def questionnaires(trials: Trials) -> Table:
 
     Raises: ConfigError: If there is no answer that is a number, or one of SUS cannot be used.
     """
+    # A sheet is what a participant filled in once: numbers by item.
     sheets: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
     for row in trials.answers:
         if NUMBER.fullmatch(row["value"]):
@@ -105,20 +114,27 @@ def questionnaires(trials: Trials) -> Table:
             sheets[key][row["item"]] = float(row["value"])
     if not sheets:
         raise ConfigError(f"{trials.folder}: no answer to a questionnaire that is a number")
+
+    # The scores of a participant in a condition, which may have several blocks.
     scores: dict[tuple[str, str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for (name, condition, _, participant), answers in sheets.items():
-        items = dict(answers)
-        if name == SUS.name:
-            numbers = map(str, range(1, len(SUS.items) + 1))
-            values = [answers[number] for number in numbers if number in answers]
-            items = {"score, 0 to 100": system_usability(values)}
-        elif name == NASA_TLX.name:
-            items = {"raw TLX": float(np.mean([*answers.values()])), **answers}
-        for item, value in items.items():
+        for item, value in _scores_of(name, answers).items():
             scores[name, item, condition][participant].append(value)
+
     table = Table()
     for (name, item, condition), people in scores.items():
         means = [float(np.mean(values)) for values in people.values()]
         row = {"questionnaire": name, "item": item, "condition": condition or "all"}
         table.append({**row, **summary(means, "mean", np.mean)})
     return table
+
+
+def _scores_of(name: str, answers: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the scores of one sheet of the questionnaire `name`. Raises ConfigError."""
+    if name == SUS.name:
+        numbers = map(str, range(1, len(SUS.items) + 1))
+        values = [answers[number] for number in numbers if number in answers]
+        return {"score, 0 to 100": system_usability(values)}
+    if name == NASA_TLX.name:
+        return {"raw TLX": float(np.mean([*answers.values()])), **answers}
+    return answers

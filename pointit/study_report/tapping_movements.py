@@ -10,6 +10,7 @@
   distal pointing tasks in virtual reality. IEEE TVCG (arXiv 2505.03027): Fitts' index of angles fits best.
 """
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -32,6 +33,8 @@ Group = tuple[tuple[str, str], ...]
 
 WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
+ANGLES = ("target_distance_deg", "target_width_deg")
+"""Columns of a trial's size in degrees."""
 KOPPER_EXPONENT = 3
 """k of Kopper et al. (2010), for angles in degrees."""
 MAX_SIZE_RATIO = 1.05
@@ -55,43 +58,67 @@ class Movement(NamedTuple):
 
 def movements(trials: Trials) -> list[Movement]:
     """Return the movements of all counted trials with a width, a target and a target before, by condition."""
+    measured = _measured_movements(trials.counted)
+    measured.sort(key=lambda movement: trials.conditions.index(movement.trial.levels))
+
+    # Sizes that are nearly equal become one: targets are built by hand.
+    distances = _merged([movement.distance_m for movement in measured])
+    widths = _merged([movement.trial.numbers["target_width_m"] for movement in measured])
+    sizes: list[tuple[float, float]] = []
+    for movement in measured:
+        width_m = movement.trial.numbers["target_width_m"]
+        sizes.append((distances[movement.distance_m], widths[width_m]))
+
+    # A factor that sets the size is no condition: its levels are points of one regression.
+    factors = [factor for factor in trials.factors if not _sets_size(trials.index(factor), measured, sizes)]
+    results: list[Movement] = []
+    for movement, size in zip(measured, sizes, strict=True):
+        group = _group_of(trials, movement.trial, factors)
+        results.append(movement._replace(size_m=size, group=group))
+    return results
+
+
+def _measured_movements(rows: Sequence[TrialRow]) -> list[Movement]:
+    """Return the movements between trials that follow each other in a block, without size and group."""
     results: list[Movement] = []
     error_m = np.nan
-    for start, row in zip(trials.counted, trials.counted[1:], strict=False):
-        before_m = error_m
+    for start, row in itertools.pairwise(rows):
+        previous_error_m = error_m
         error_m = np.nan
         is_next = (start.participant, start.block) == (row.participant, row.block)
-        if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
+        if not is_next or not _has_numbers(start, TARGET) or not _has_numbers(row, TARGET):
             continue
         target = _point(row, TARGET)
         line = target - _point(start, TARGET)
         distance_m = float(np.linalg.norm(line))
-        if distance_m > 0 and row.numbers.get("target_width_m", 0) > 0:
-            if all(name in row.numbers for name in SELECTED):
-                error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
-            results.append(Movement(row, distance_m, error_m, before_m))
-    results.sort(key=lambda each: trials.conditions.index(each.trial.levels))
-    distances = _merged([each.distance_m for each in results])
-    widths = _merged([each.trial.numbers["target_width_m"] for each in results])
-    sizes = [(distances[each.distance_m], widths[each.trial.numbers["target_width_m"]]) for each in results]
-    kept = [factor for factor in trials.factors if not _sets_size(trials.index(factor), results, sizes)]
-    groups = (tuple((name, each.trial.levels[trials.index(name)]) for name in kept) for each in results)
-    return [
-        each._replace(size_m=size, group=group)
-        for each, size, group in zip(results, sizes, groups, strict=True)
-    ]
+        has_size = distance_m > 0 and row.numbers.get("target_width_m", 0) > 0
+        if not has_size:
+            continue
+        if _has_numbers(row, SELECTED):
+            error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
+        results.append(Movement(row, distance_m, error_m, previous_error_m))
+    return results
+
+
+def _group_of(trials: Trials, row: TrialRow, factors: Iterable[str]) -> Group:
+    return tuple((factor, row.levels[trials.index(factor)]) for factor in factors)
 
 
 def _sets_size(factor: int, all_movements: Sequence[Movement], sizes: Sequence[tuple[float, float]]) -> bool:
     """Return True if each level of a factor has one distance of its own, or one width."""
     for part in (0, 1):
         by_level: dict[str, set[float]] = defaultdict(set)
-        for each, size in zip(all_movements, sizes, strict=True):
-            by_level[each.trial.levels[factor]].add(size[part])
-        values = {value for found in by_level.values() for value in found}
-        if 1 < len(by_level) == len(values) and all(len(found) == 1 for found in by_level.values()):
+        for movement, size in zip(all_movements, sizes, strict=True):
+            by_level[movement.trial.levels[factor]].add(size[part])
+        values = set[float]().union(*by_level.values())
+        has_one_each = all(len(own_values) == 1 for own_values in by_level.values())
+        if has_one_each and 1 < len(by_level) == len(values):
             return True
     return False
+
+
+def _has_numbers(trial: TrialRow, names: Iterable[str]) -> bool:
+    return all(name in trial.numbers for name in names)
 
 
 def _point(trial: TrialRow, names: Sequence[str]) -> NDArray[np.float64]:
@@ -105,7 +132,12 @@ def _merged(values: Sequence[float]) -> dict[float, float]:
         if not groups or value > groups[-1][0] * MAX_SIZE_RATIO:
             groups.append([])
         groups[-1].append(value)
-    return {value: sum(group) / len(group) for group in groups for value in group}
+    means: dict[float, float] = {}
+    for group in groups:
+        mean = sum(group) / len(group)
+        for value in group:
+            means[value] = mean
+    return means
 
 
 class Effective(NamedTuple):
@@ -134,25 +166,29 @@ def effective(distance: Array, error: Array, before: Array, seconds: Array) -> E
     movement before ended, where this one begins: it is added to the distance. NaN if not known, or if the
     trial begins at the centre of the target before.
     """
-    moved = distance + error + np.nan_to_num(before)
-    known = ~np.isnan(error)
-    width = WIDTHS_PER_SD * float(error[known].std(ddof=1))
-    return Effective(float(moved[known].mean()), width, float(seconds[known].mean()))
+    amplitudes = distance + error + np.nan_to_num(before)
+    is_used = ~np.isnan(error)
+    width = WIDTHS_PER_SD * float(error[is_used].std(ddof=1))
+    mean_distance = float(amplitudes[is_used].mean())
+    return Effective(mean_distance, width, float(seconds[is_used].mean()))
 
 
 def groups_of_participants(trials: Trials, groups: Iterable[Group]) -> dict[str, list[Group]]:
     """Return the groups that each participant should have: by its between-subject levels."""
     between = [factor for factor in trials.factors if not trials.is_within(factor)]
-    own = {
-        row.participant: {name: row.levels[trials.index(name)] for name in between} for row in trials.counted
-    }
+    own_levels: dict[str, dict[str, str]] = {}
+    for row in trials.counted:
+        own_levels[row.participant] = dict(_group_of(trials, row, between))
     all_groups = list(dict.fromkeys(groups))
-    return {
-        participant: [
-            group for group in all_groups if all(levels.get(name, level) == level for name, level in group)
-        ]
-        for participant, levels in own.items()
-    }
+    own_groups: dict[str, list[Group]] = {}
+    for participant, levels in own_levels.items():
+        own_groups[participant] = [group for group in all_groups if _is_group_of(group, levels)]
+    return own_groups
+
+
+def _is_group_of(group: Group, levels: Mapping[str, str]) -> bool:
+    """Return True if a group has the levels that a participant has of factors between participants."""
+    return all(levels.get(name, level) == level for name, level in group)
 
 
 def bits(distance: Array, width: Array, index: Index = "m") -> Array:
@@ -175,38 +211,52 @@ class FittsPoints(NamedTuple):
 
 def fitts_points(trials: Trials, index: Index = "m") -> dict[Group, FittsPoints]:
     """Return the points of the regression of each condition that has three indices of difficulty."""
-    names = ("target_distance_deg", "target_width_deg")
-    cells: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
-    for each in movements(trials):
-        if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
-            cells[each.group][each.size_m].append(each.trial)
-    difficulty = {group: _difficulty(sizes, index) for group, sizes in cells.items()}
-    cells = {group: cells[group] for group, values in difficulty.items() if len({*values.tolist()}) >= 3}
-    own_groups = groups_of_participants(trials, cells)
-    times = {group: _times(sizes) for group, sizes in cells.items()}
-    whole = {
-        group: {name for name, own in people.items() if None not in own} for group, people in times.items()
-    }
+    # Hits by condition and size; for an index of angles, those whose angles are known.
+    needed = () if index == "m" else ANGLES
+    hits: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
+    for movement in movements(trials):
+        trial = movement.trial
+        if trial.outcome == "hit" and _has_numbers(trial, needed):
+            hits[movement.group][movement.size_m].append(trial)
+
+    # A regression needs three difficulties.
+    difficulties: dict[Group, Array] = {}
+    for group, sizes in hits.items():
+        difficulty = _difficulty(sizes, index)
+        if len({*difficulty.tolist()}) >= 3:
+            difficulties[group] = difficulty
+
+    # Conditions are compared over the same participants: those with a hit of each size in each of theirs.
+    own_groups = groups_of_participants(trials, difficulties)
+    times = {group: _times(hits[group]) for group in difficulties}
+    complete: dict[Group, set[str]] = {}
+    for group, people in times.items():
+        complete[group] = {name for name, own_times in people.items() if None not in own_times}
+
     points_by_group: dict[Group, FittsPoints] = {}
     for group, people in times.items():
-        own = [
-            people[name] for name in sorted(people) if all(name in whole[each] for each in own_groups[name])
-        ]
-        points = np.array(own, dtype=np.float64).reshape(-1, len(cells[group]))
-        points_by_group[group] = FittsPoints(difficulty[group], points, len(people) - len(own))
+        used_times: list[list[float | None]] = []
+        for name in sorted(people):
+            if all(name in complete[own_group] for own_group in own_groups[name]):
+                used_times.append(people[name])
+        points = np.array(used_times, dtype=np.float64).reshape(-1, len(hits[group]))
+        left_out = len(people) - len(used_times)
+        points_by_group[group] = FittsPoints(difficulties[group], points, left_out)
     return points_by_group
 
 
 def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str, list[float | None]]:
     """Return each participant's mean time for each of the sorted `sizes`, s, None if they have no hit."""
-    found: dict[str, list[float | None]] = {}
-    for name in {row.participant for rows in sizes.values() for row in rows}:
-        own = [
-            [row.numbers["selection_s"] for row in sizes[size] if row.participant == name]
-            for size in sorted(sizes)
-        ]
-        found[name] = [float(np.mean(each)) if each else None for each in own]
-    return found
+    all_rows = [row for rows in sizes.values() for row in rows]
+    times: dict[str, list[float | None]] = {row.participant: [] for row in all_rows}
+    for size in sorted(sizes):
+        own_times: dict[str, list[float]] = defaultdict(list)
+        for row in sizes[size]:
+            own_times[row.participant].append(row.numbers["selection_s"])
+        for participant, means in times.items():
+            seconds = own_times.get(participant)
+            means.append(float(np.mean(seconds)) if seconds else None)
+    return times
 
 
 def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: Index) -> Array:
@@ -214,11 +264,10 @@ def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: 
     if index == "m":
         distance, width = np.array(sorted(sizes)).T
         return bits(distance, width)
-    names = ("target_distance_deg", "target_width_deg")
-    means = [
-        np.mean([[row.numbers[name] for name in names] for row in sizes[size]], axis=0)
-        for size in sorted(sizes)
-    ]
+    means: list[Array] = []
+    for size in sorted(sizes):
+        angles = np.array([_point(row, ANGLES) for row in sizes[size]])
+        means.append(np.mean(angles, axis=0))
     distance, width = np.array(means).T
     return bits(distance, width, index)
 
@@ -232,27 +281,36 @@ def fitts(trials: Trials, index: Index = "m") -> Table:
     Raises: ConfigError: If no condition has three indices of difficulty.
     """
     table = Table()
-    for group, (difficulty, whole, left_out) in fitts_points(trials, index).items():
-        if not len(whole):
+    for group, (difficulty, times, left_out) in fitts_points(trials, index).items():
+        if not len(times):
             continue
-        fit = stats.linregress(difficulty, whole.mean(axis=0))
-        limits: list[float | None] = [None] * 4
-        if len(whole) > 1:
-            resampled = whole[resample_indices(len(whole))].mean(axis=1)
+        fit = stats.linregress(difficulty, times.mean(axis=0))
+
+        # The least-squares line of each resampled group of participants, all at once.
+        intercept_limits: tuple[float | None, float | None] = (None, None)
+        slope_limits: tuple[float | None, float | None] = (None, None)
+        if len(times) > 1:
+            resampled = times[resample_indices(len(times))].mean(axis=1)
             centred = difficulty - difficulty.mean()
             slopes = resampled @ centred / (centred @ centred)
-            limits = [
-                *percentile_interval(resampled.mean(axis=1) - slopes * difficulty.mean()),
-                *percentile_interval(slopes),
-            ]
+            intercepts = resampled.mean(axis=1) - slopes * difficulty.mean()
+            intercept_limits = percentile_interval(intercepts)
+            slope_limits = percentile_interval(slopes)
+
         row: dict[str, Any] = {
-            "participants": len(whole),
+            **dict(group),
+            "participants": len(times),
             "points": len(difficulty),
             "intercept_s": float(fit.intercept),
+            "intercept_low": intercept_limits[0],
+            "intercept_high": intercept_limits[1],
+            "slope_s_per_bit": float(fit.slope),
+            "slope_low": slope_limits[0],
+            "slope_high": slope_limits[1],
+            "r2": float(fit.rvalue) ** 2,
+            "left_out": left_out,
         }
-        row |= {"intercept_low": limits[0], "intercept_high": limits[1], "slope_s_per_bit": float(fit.slope)}
-        row |= {"slope_low": limits[2], "slope_high": limits[3], "r2": float(fit.rvalue) ** 2}
-        table.append({**dict(group), **row, "left_out": left_out})
+        table.append(row)
     if not table:
         raise ConfigError(
             f"{trials.folder}: no condition has three different distances or widths of all its"
@@ -267,7 +325,9 @@ def length_in(movement: Movement, unit: Unit) -> tuple[float, float, float]:
         return movement.distance_m, movement.error_m, movement.before_m
     numbers = movement.trial.numbers
     degrees_per_m = numbers["target_width_deg"] / numbers["target_width_m"]
-    return numbers["target_distance_deg"], movement.error_m * degrees_per_m, movement.before_m * degrees_per_m
+    error_deg = movement.error_m * degrees_per_m
+    before_deg = movement.before_m * degrees_per_m
+    return numbers["target_distance_deg"], error_deg, before_deg
 
 
 class TapSequence(NamedTuple):
@@ -310,26 +370,38 @@ def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
     dwell. Errors in degrees are those in metres, at the distance of the target.
     """
     all_movements = movements(trials)
-    kept = [name for name, _ in all_movements[0].group] if all_movements else []
-    by_trial = [tuple((name, row.levels[trials.index(name)]) for name in kept) for row in trials.counted]
+    factors = [name for name, _ in all_movements[0].group] if all_movements else []
+    trial_groups = [_group_of(trials, row, factors) for row in trials.counted]
+
     by_key: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
-    for each in all_movements:
-        by_key[each.trial.participant, each.trial.block, each.trial.levels, each.size_m].append(each)
-    found = [_sequence(each, unit) for each in by_key.values()]
-    valid = [each for each in found if each.effective is not None]
-    own_groups = groups_of_participants(trials, [each.group for each in valid])
-    there = {(each.group, each.participant, each.size_m) for each in valid}
-    is_matched = [
-        all((group, each.participant, each.size_m) in there for group in own_groups[each.participant])
-        for each in valid
-    ]
+    for movement in all_movements:
+        trial = movement.trial
+        by_key[trial.participant, trial.block, trial.levels, movement.size_m].append(movement)
+    all_sequences = [_sequence(own_movements, unit) for own_movements in by_key.values()]
+    valid = [sequence for sequence in all_sequences if sequence.effective is not None]
+
+    # Conditions are compared over the same participants and sizes.
+    own_groups = groups_of_participants(trials, [sequence.group for sequence in valid])
+    valid_keys = {(sequence.group, sequence.participant, sequence.size_m) for sequence in valid}
+    used: list[TapSequence] = []
+    unmatched: list[TapSequence] = []
+    for sequence in valid:
+        participant = sequence.participant
+        counterparts = {(group, participant, sequence.size_m) for group in own_groups[participant]}
+        if counterparts <= valid_keys:
+            used.append(sequence)
+        else:
+            unmatched.append(sequence)
+
+    groups = sorted(set(trial_groups), key=lambda group: _place(trials, group))
+    movement_counts = Counter(movement.group for movement in all_movements)
     return Sequences(
-        groups=tuple(dict.fromkeys(sorted(by_trial, key=lambda group: _place(trials, group)))),
-        used=[each for each, is_used in zip(valid, is_matched, strict=True) if is_used],
-        unmatched=[each for each, is_used in zip(valid, is_matched, strict=True) if not is_used],
-        short=[each for each in found if each.effective is None],
-        trials=Counter(by_trial),
-        movements=Counter(each.group for each in all_movements),
+        groups=tuple(groups),
+        used=used,
+        unmatched=unmatched,
+        short=[sequence for sequence in all_sequences if sequence.effective is None],
+        trials=Counter(trial_groups),
+        movements=movement_counts,
     )
 
 
@@ -338,25 +410,31 @@ def _place(trials: Trials, group: Group) -> list[int]:
 
 
 def _sequence(own_movements: Sequence[Movement], unit: Unit) -> TapSequence:
-    needed = {"selection_s", f"target_distance_{unit}", f"target_width_{unit}"}
-    measured = [
-        each
-        for each in own_movements
-        if each.trial.outcome in ("hit", "wrong")
-        and not np.isnan(each.error_m)
-        and each.trial.numbers.keys() >= needed
-    ]
-    parts = np.array([length_in(each, unit) for each in measured]).reshape(-1, 3)
-    distance, error, before = parts.T
-    far = np.abs(error) > distance / 2
-    error[far] = np.nan
-    found = None
-    if np.sum(~far) >= MIN_SEQUENCE_TRIALS and np.nanstd(error) > 0:
-        seconds = np.array([each.trial.numbers["selection_s"] for each in measured])
-        found = effective(distance, error, before, seconds)
+    needed = ("selection_s", f"target_distance_{unit}", f"target_width_{unit}")
+    measured: list[Movement] = []
+    for movement in own_movements:
+        has_selection = movement.trial.outcome in ("hit", "wrong") and not np.isnan(movement.error_m)
+        if has_selection and _has_numbers(movement.trial, needed):
+            measured.append(movement)
+
+    lengths = np.array([length_in(movement, unit) for movement in measured]).reshape(-1, 3)
+    distance, error, before = lengths.T
+    is_gross = np.abs(error) > distance / 2
+    error[is_gross] = np.nan
+
+    # A few selections, or all at one place, have no effective width.
+    result: Effective | None = None
+    if np.sum(~is_gross) >= MIN_SEQUENCE_TRIALS and np.nanstd(error) > 0:
+        seconds = np.array([movement.trial.numbers["selection_s"] for movement in measured])
+        result = effective(distance, error, before, seconds)
     first = own_movements[0]
     return TapSequence(
-        first.group, first.trial.participant, first.size_m, len(measured), int(far.sum()), found
+        group=first.group,
+        participant=first.trial.participant,
+        size_m=first.size_m,
+        measured=len(measured),
+        gross=int(is_gross.sum()),
+        effective=result,
     )
 
 
@@ -368,29 +446,44 @@ def throughput(trials: Trials, unit: Unit = "m") -> Table:
 
     Raises: ConfigError: If no participant has a sequence in each of their conditions.
     """
-    found = sequences(trials, unit)
-    if not found.used:
-        total = len(found.short) + len(found.unmatched)
+    all_sequences = sequences(trials, unit)
+    if not all_sequences.used:
+        short = len(all_sequences.short)
+        unmatched = len(all_sequences.unmatched)
         raise ConfigError(
             f"{trials.folder}: no participant has {MIN_SEQUENCE_TRIALS} selections in a row with one distance"
             f" and width in {unit} in each condition, so there is no throughput (it is of tapping tasks): of"
-            f" {total} sequences {len(found.short)} are shorter, {len(found.unmatched)} have no counterpart"
+            f" {short + unmatched} sequences {short} are shorter, {unmatched} have no counterpart"
         )
     names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
     table = Table()
-    for group in found.groups:
-        own = [each for each in found.used if each.group == group]
+    for group in all_sequences.groups:
+        own = _of_group(all_sequences.used, group)
         people: dict[str, list[tuple[float, ...]]] = defaultdict(list)
-        for each in own:
-            if (made := each.effective) is not None:
-                people[each.participant].append((made.throughput, made.bits, *made))
-        means = np.array([np.mean(each, axis=0) for each in people.values()]).reshape(-1, 5)
+        for sequence in own:
+            result = sequence.effective
+            if result is not None:
+                people[sequence.participant].append((result.throughput, result.bits, *result))
+
+        # Means of the sequences of each participant, then over participants.
+        means = np.array([np.mean(values, axis=0) for values in people.values()]).reshape(-1, 5)
         columns = summary(means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=len(own))
-        mean = means.mean(axis=0)[1:].tolist() if len(means) else [None] * len(names)
-        used = sum(each.measured - each.gross for each in own)
-        left_out = {"left_out": found.movements[group] - used}
-        table.append({**dict(group), **columns, **dict(zip(names, mean, strict=True)), **left_out})
+        mean: list[float | None] = [None] * len(names)
+        if len(means):
+            mean = means.mean(axis=0)[1:].tolist()
+        left_out = all_sequences.movements[group] - _used_count(own)
+        further = dict(zip(names, mean, strict=True))
+        table.append({**dict(group), **columns, **further, "left_out": left_out})
     return table
+
+
+def _of_group(all_sequences: Iterable[TapSequence], group: Group) -> list[TapSequence]:
+    return [sequence for sequence in all_sequences if sequence.group == group]
+
+
+def _used_count(own_sequences: Iterable[TapSequence]) -> int:
+    """Return the number of selections in sequences without gross errors."""
+    return sum(sequence.measured - sequence.gross for sequence in own_sequences)
 
 
 def omissions(trials: Trials, unit: Unit = "m") -> Table:
@@ -401,38 +494,51 @@ def omissions(trials: Trials, unit: Unit = "m") -> Table:
     `MIN_SEQUENCE_TRIALS`. `in_unmatched_sequences`: the participant has none of that size in another
     condition.
     """
-    found = sequences(trials, unit)
+    all_sequences = sequences(trials, unit)
     table = Table()
-    for group in found.groups:
-        used, unmatched, short = (
-            [each for each in kind if each.group == group]
-            for kind in (found.used, found.unmatched, found.short)
-        )
-        measured = sum(each.measured for each in (*used, *unmatched, *short))
-        row: dict[str, Any] = {**dict(group), "trials": found.trials[group]}
-        row["used"] = sum(each.measured - each.gross for each in used)
-        row["no_start"] = found.trials[group] - found.movements[group]
-        row["no_selection"] = found.movements[group] - measured
-        row["gross_errors"] = sum(each.gross for each in (*used, *unmatched, *short))
-        row["in_short_sequences"] = sum(each.measured - each.gross for each in short)
-        row["in_unmatched_sequences"] = sum(each.measured - each.gross for each in unmatched)
-        row |= {"sequences": len(used), "short_sequences": len(short)}
-        table.append({**row, "unmatched_sequences": len(unmatched)})
+    for group in all_sequences.groups:
+        used = _of_group(all_sequences.used, group)
+        unmatched = _of_group(all_sequences.unmatched, group)
+        short = _of_group(all_sequences.short, group)
+        trial_count = all_sequences.trials[group]
+        movement_count = all_sequences.movements[group]
+
+        # Each trial is counted once: used, or by the first reason for which it is not.
+        own = [*used, *unmatched, *short]
+        measured = sum(sequence.measured for sequence in own)
+        gross_errors = sum(sequence.gross for sequence in own)
+        row: dict[str, Any] = {
+            **dict(group),
+            "trials": trial_count,
+            "used": _used_count(used),
+            "no_start": trial_count - movement_count,
+            "no_selection": movement_count - measured,
+            "gross_errors": gross_errors,
+            "in_short_sequences": _used_count(short),
+            "in_unmatched_sequences": _used_count(unmatched),
+            "sequences": len(used),
+            "short_sequences": len(short),
+            "unmatched_sequences": len(unmatched),
+        }
+        table.append(row)
     return table
 
 
 def omission_notes(trials: Trials, unit: Unit = "m") -> list[str]:
     """Return a sentence for each condition whose throughput lacks sequences, none without a throughput."""
-    notes: list[str] = []
     table = omissions(trials, unit)
-    for row in table if any(row["used"] for row in table) else ():
+    if not any(row["used"] for row in table):
+        return []
+    notes: list[str] = []
+    for row in table:
         short = row["short_sequences"]
         unmatched = row["unmatched_sequences"]
-        if short or unmatched:
+        left_out = short + unmatched
+        if left_out:
             name = trials.label(row[factor] for factor in trials.factors if factor in row)
-            total = row["sequences"] + short + unmatched
+            total = row["sequences"] + left_out
             notes.append(
-                f"Throughput of {name} in {unit}: {short + unmatched} of {total} sequences are left out,"
+                f"Throughput of {name} in {unit}: {left_out} of {total} sequences are left out,"
                 f" {short} with fewer than {MIN_SEQUENCE_TRIALS} selections and {unmatched} without a"
                 " counterpart in another condition."
             )

@@ -1,4 +1,4 @@
-"""Acts that carriers have not told the result of yet, and the states that they report. Pure."""
+"""Acts whose result their carriers have not reported yet, and the states that they report. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ MAX_LATE_NS = 10 * NS_PER_S
 
 @dataclass
 class PendingAct:
-    """An act whose carriers have not all told a final result."""
+    """An act whose carriers have not all reported a final result."""
 
     record: Record
     waits_for: dict[str, bool]
@@ -55,7 +55,9 @@ class PendingAct:
     @property
     def result(self) -> ResultKind:
         """Return its result up to now."""
-        return "failed" if self.problem[0] else "started" if self.waits_for else "done"
+        if self.problem[0]:
+            return "failed"
+        return "started" if self.waits_for else "done"
 
     def outcome(self, now_ns: int) -> ActOutcome:
         """Return the message of its result, without a number."""
@@ -88,7 +90,8 @@ class _Carrier:
 
         One that is older by more than `MAX_LATE_NS` is newer: the carrier's clock was set back.
         """
-        if 0 < self.newest_ns.get(thing, 0) - stamp_ns <= MAX_LATE_NS:
+        late_ns = self.newest_ns.get(thing, 0) - stamp_ns
+        if 0 < late_ns <= MAX_LATE_NS:
             return False
         self.newest_ns[thing] = stamp_ns
         return True
@@ -106,7 +109,10 @@ class Acts:
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
-        return any(name == object_id and not act.is_reported for (name, _), act in self._pending.items())
+        for (pending_id, _stamp_ns), act in self._pending.items():
+            if pending_id == object_id and not act.is_reported:
+                return True
+        return False
 
     def refusal(self, object_id: str, event: str, mode: ThingMode) -> str:
         """Return the reason for which an act on the object would fail now, or `""`."""
@@ -114,37 +120,48 @@ class Acts:
             state = carrier.states.get(object_id)
             if state is None or not _is_act(event, mode, state):
                 continue
-            if reason := self._reason(name, carrier, state):
+            reason = self._refusal_reason(name, carrier, state)
+            if reason:
                 return reason
         return ""
 
     def carrier_warnings(self) -> dict[str, str]:
         """Return a sentence on each carrier that cannot carry out the acts on one of its things."""
-        return {
-            name: f"acts on {state.id} are refused: {reason}"
-            for name, carrier in self._carriers.items()
-            for state in carrier.states.values()
-            if (reason := self._reason(name, carrier, state))
-        }
+        warnings: dict[str, str] = {}
+        for name, carrier in self._carriers.items():
+            for state in carrier.states.values():
+                reason = self._refusal_reason(name, carrier, state)
+                if reason:
+                    warnings[name] = f"acts on {state.id} are refused: {reason}"
+        return warnings
 
-    def _reason(self, name: str, carrier: _Carrier, state: ThingState) -> str:
+    def _refusal_reason(self, name: str, carrier: _Carrier, state: ThingState) -> str:
+        """Return the reason for which a carrier would refuse acts on the thing of `state`, or `""`."""
         if carrier.is_present is False and not self._is_carried(state.id):
             return f"{name} has ended: start it again"
-        is_refused = carrier.is_present and state.state == "unavailable"
-        return (state.reason or f"{name} tells that it is unavailable") if is_refused else ""
+        if not carrier.is_present or state.state != "unavailable":
+            return ""
+        return state.reason or f"{name} tells that it is unavailable"
 
     def _is_carried(self, object_id: str) -> bool:
-        return any(each.is_present and object_id in each.states for each in self._carriers.values())
+        """Return True if a carrier that is present has the object."""
+        for carrier in self._carriers.values():
+            if carrier.is_present and object_id in carrier.states:
+                return True
+        return False
 
     def replace(self, object_id: str, mode: ThingMode) -> list[PendingAct]:
         """Note that an object changes. Return the acts on a switch that this replaces."""
-        acts = [act for act in self._pending.values() if act.record.object_id == object_id]
-        for act in acts:
+        replaced: list[PendingAct] = []
+        for act in list(self._pending.values()):
+            if act.record.object_id != object_id:
+                continue
             act.is_newest = False
             if mode == "switch":
                 act.problem = ("replaced", "it was switched again before it was done")
                 del self._pending[act.key]
-        return acts if mode == "switch" else []
+                replaced.append(act)
+        return replaced
 
     def begin(self, record: Record, mode: ThingMode) -> Record:
         """Return the record of an event with its carriers: all but the one whose report caused it."""
@@ -153,9 +170,9 @@ class Acts:
         names: list[str] = []
         for name, carrier in self._carriers.items():
             state = carrier.states.get(record.object_id)
-            if state is None or not carrier.is_present or name == record.user:
+            if state is None or not carrier.is_present:
                 continue
-            if _is_act(record.event, mode, state):
+            if name != record.user and _is_act(record.event, mode, state):
                 names.append(name)
         record = record._replace(carriers=" ".join(names))
         if names:
@@ -164,133 +181,185 @@ class Acts:
 
     def resume(self, record: Record, *, is_newest: bool) -> None:
         """Wait for the carriers of `record`."""
-        act = PendingAct(record, dict.fromkeys(record.carriers.split(), False), is_newest=is_newest)
+        waits_for = dict.fromkeys(record.carriers.split(), False)
+        act = PendingAct(record, waits_for, is_newest=is_newest)
         self._pending[act.key] = act
 
     def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
         """Note a result. Return the act if it is complete, or runs for long in all that are left."""
-        known = self._carriers.get(carrier)
-        state = None if known is None else known.states.get(result.object_id)
-        is_final = result.result != "started"
-        if is_final and known is not None and state is not None and known.is_newer(state.id, result.stamp_ns):
-            known.states[state.id] = state.model_copy(update={"state": result.state})
+        if result.result != "started":
+            self._note_final_state(carrier, result)
         return self.settle(carrier, result)
+
+    def _note_final_state(self, name: str, result: ActResult) -> None:
+        """Give the thing of a final result the state that this tells, unless a newer report came before."""
+        carrier = self._carriers.get(name)
+        if carrier is None:
+            return
+        state = carrier.states.get(result.object_id)
+        if state is None or not carrier.is_newer(state.id, result.stamp_ns):
+            return
+        carrier.states[state.id] = state.model_copy(update={"state": result.state})
 
     def settle(self, carrier: str, result: ActResult) -> PendingAct | None:
         """Give the act of a result its result, as `on_result` without a look at the state of the thing."""
         act = self._pending.get((result.object_id, result.event_ns))
         if act is None or carrier not in act.waits_for:
             return None
-        if result.result != "started":
-            is_failed = result.result == "failed"
-            return self._end(act, carrier, (result.code or "error", result.text) if is_failed else None)
-        act.waits_for[carrier] = True
-        return self._advance(act)
+        if result.result == "started":
+            act.waits_for[carrier] = True
+            return self._advance(act)
+        if result.result != "failed":
+            return self._end(act, carrier, None)
+        return self._end(act, carrier, (result.code or "error", result.text))
 
     def on_states(self, carrier: str, states: ThingStates) -> set[str]:
         """Note what a carrier reports. Return the things whose state was known before."""
         known = self._carriers.setdefault(carrier, _Carrier())
-        before = known.states
-        known.states = {
-            each.id: each if known.is_newer(each.id, states.stamp_ns) else before.get(each.id, each)
-            for each in states.things
-        }
-        known.newest_ns = {name: known.newest_ns[name] for name in known.states}
-        return {name for name, each in before.items() if each.state in ("on", "off")}
+        previous_states = known.states
+        new_states: dict[str, ThingState] = {}
+        for state in states.things:
+            new_state = state
+            if not known.is_newer(state.id, states.stamp_ns):  # a result has overtaken this report
+                new_state = previous_states.get(state.id, state)
+            new_states[state.id] = new_state
+        known.states = new_states
+        known.newest_ns = {name: known.newest_ns[name] for name in new_states}
+        return {name for name, state in previous_states.items() if state.state in ("on", "off")}
 
     def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
         """Note that a carrier runs, or has ended. Return the acts that have failed by that."""
         known = self._carriers.setdefault(carrier, _Carrier())
         known.is_present = present
         known.newest_ns.clear()
-        if not present and not known.states:  # it took leave
-            del self._carriers[carrier]
         if present:
             return []
-        problem: tuple[FailureCode, str] = (
-            "unavailable",
-            f"{carrier} has ended before it was done: start it again",
-        )
-        acts = [each for each in self._pending.values() if carrier in each.waits_for]
-        return [act for act in acts if self._end(act, carrier, problem) is not None]
+        if not known.states:  # it took leave
+            del self._carriers[carrier]
+
+        # What it had to do has failed, at once or when the last of the others has reported
+        text = f"{carrier} has ended before it was done: start it again"
+        problem: tuple[FailureCode, str] = ("unavailable", text)
+        failed: list[PendingAct] = []
+        for act in list(self._pending.values()):
+            if carrier in act.waits_for and self._end(act, carrier, problem) is not None:
+                failed.append(act)
+        return failed
 
     def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
-        """Return the acts whose carriers have not told a result in time. `speed`: of the site's time."""
+        """Return the acts whose carriers have not reported in time. `speed`: of the site's time."""
         self._follow_clock(now_ns, speed)
+        late: list[PendingAct] = []
         for act in self._pending.values():
             act.began_ns = act.began_ns or now_ns
-        late = [
-            act
-            for act in self._pending.values()
-            if now_ns - act.began_ns > (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
-        ]
+            limit_ns = (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
+            if now_ns - act.began_ns > limit_ns:
+                late.append(act)
+
         for act in late:
-            wanted = "on" if act.event == "selected" else "off"
-            for name in [*act.waits_for]:  # started again with the selector, a carrier has no last result
-                carrier = self._carriers.get(name, _Carrier())
-                state = carrier.states.get(act.record.object_id)
-                if carrier.is_present and state is not None and (state.state, state.last) == (wanted, None):
-                    self._end(act, name, None)
-            if names := ", ".join(sorted(act.waits_for)):
-                act.problem = (
-                    "no_answer",
-                    f"{names} did not tell the result in time: look at `pointit doctor`",
-                )
+            self._end_where_done(act)
+            names = ", ".join(sorted(act.waits_for))
+            if names:
+                text = f"{names} did not tell the result in time: look at `pointit doctor`"
+                act.problem = ("no_answer", text)
             self._pending.pop(act.key, None)
         return late
+
+    def _end_where_done(self, act: PendingAct) -> None:
+        """End a late act for each carrier whose thing has the wanted state.
+
+        A carrier that started again with the selector has no last result that it could repeat.
+        """
+        wanted_state = "on" if act.event == "selected" else "off"
+        for name in list(act.waits_for):
+            carrier = self._carriers.get(name)
+            if carrier is None or not carrier.is_present:
+                continue
+            state = carrier.states.get(act.record.object_id)
+            if state is not None and (state.state, state.last) == (wanted_state, None):
+                self._end(act, name, None)
 
     def _follow_clock(self, now_ns: int, speed: float) -> None:
         """Move the times of what runs with a clock that was set, or that stood still meanwhile."""
         passed_ns = now_ns - self._checked_ns
         if not 0 <= passed_ns <= MAX_LATE_NS * speed:
             for act in self._pending.values():
-                act.began_ns += passed_ns if act.began_ns else 0
+                if act.began_ns:
+                    act.began_ns += passed_ns
             for carrier in self._carriers.values():
-                carrier.absent_ns += passed_ns if carrier.absent_ns else 0
+                if carrier.absent_ns:
+                    carrier.absent_ns += passed_ns
         self._checked_ns = now_ns
 
     def forget_absent(self, now_ns: int) -> None:
         """Forget the carriers that have been absent for `MAX_ABSENCE_NS`."""
-        for name, carrier in [*self._carriers.items()]:
-            carrier.absent_ns = 0 if carrier.is_present else carrier.absent_ns or now_ns
-            if carrier.absent_ns and now_ns - carrier.absent_ns > MAX_ABSENCE_NS:
+        for name, carrier in list(self._carriers.items()):
+            if carrier.is_present:
+                carrier.absent_ns = 0
+                continue
+            carrier.absent_ns = carrier.absent_ns or now_ns
+            if now_ns - carrier.absent_ns > MAX_ABSENCE_NS:
                 del self._carriers[name]
 
     def reported(self) -> Iterable[tuple[str, str, bool]]:
         """Return thing, carrier and state of all things without an act under way whose targets agree."""
-        reports: dict[str, tuple[str, set[bool]]] = {}
-        pending = {name for name, _stamp_ns in self._pending}
+        first_carriers: dict[str, str] = {}
+        values: dict[str, set[bool]] = {}
+        pending_ids = {object_id for object_id, _stamp_ns in self._pending}
         for name, carrier in self._carriers.items():
-            for thing, each in carrier.states.items() if carrier.is_present else ():
-                if each.state in ("on", "off") and thing not in pending:
-                    reports.setdefault(thing, (name, set()))[1].add(each.state == "on")
-        return [(thing, name, True in is_on) for thing, (name, is_on) in reports.items() if len(is_on) == 1]
+            if not carrier.is_present:
+                continue
+            for thing, state in carrier.states.items():
+                if state.state not in ("on", "off") or thing in pending_ids:
+                    continue
+                first_carriers.setdefault(thing, name)
+                values.setdefault(thing, set()).add(state.state == "on")
+
+        # Targets that differ have no state in common, so their thing keeps its own
+        reports: list[tuple[str, str, bool]] = []
+        for thing, is_on in values.items():
+            if len(is_on) == 1:
+                reports.append((thing, first_carriers[thing], True in is_on))
+        return reports
 
     def has_state(self, object_id: str, state: str) -> bool:
         """Return True if a target reports that the object is `on`, or `off`."""
-        states = (
-            each.states.get(object_id) for each in self._carriers.values() if each.is_present is not False
-        )
-        return any(each is not None and each.state == state for each in states)
+        for carrier in self._carriers.values():
+            if carrier.is_present is False:
+                continue
+            reported = carrier.states.get(object_id)
+            if reported is not None and reported.state == state:
+                return True
+        return False
 
     def _limit_s(self, act: PendingAct) -> float:
-        """Return the limit that its carriers tell, which are not known just after a restart."""
-        carriers = (self._carriers[name].states for name in act.waits_for if name in self._carriers)
-        states = [states[act.record.object_id] for states in carriers if act.record.object_id in states]
-        return max((each.limit_s for each in states), default=DEFAULT_LIMIT_S)
+        """Return the limit that its carriers report, which are not known just after a restart."""
+        limits_s: list[float] = []
+        for name in act.waits_for:
+            carrier = self._carriers.get(name)
+            state = None if carrier is None else carrier.states.get(act.record.object_id)
+            if state is not None:
+                limits_s.append(state.limit_s)
+        return max(limits_s, default=DEFAULT_LIMIT_S)
 
     def _end(
         self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
     ) -> PendingAct | None:
+        """End the part of `carrier` in an act. The first problem counts. Returns as `_advance`."""
         del act.waits_for[carrier]
-        act.problem = act.problem if problem is None or act.problem[0] else problem
+        if problem is not None and not act.problem[0]:
+            act.problem = problem
         return self._advance(act)
 
     def _advance(self, act: PendingAct) -> PendingAct | None:
+        """Return `act` if it is complete, or if its start is to be reported now, else None."""
         if not act.waits_for:
             del self._pending[act.key]
             return act
-        if act.problem[0] or act.is_reported or not all(act.waits_for.values()):
+        if act.problem[0] or act.is_reported:
+            return None
+        has_started = all(act.waits_for.values())
+        if not has_started:
             return None
         act.is_reported = True
         return act
@@ -298,4 +367,6 @@ class Acts:
 
 def _is_act(event: str, mode: ThingMode, state: ThingState) -> bool:
     """Return True if a target has something to do. It has nothing to do when a button or a claim is over."""
-    return event == "selected" or (event == "deselected" and (mode == "switch" or state.state != ""))
+    if event != "deselected":
+        return event == "selected"
+    return mode == "switch" or state.state != ""

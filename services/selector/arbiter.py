@@ -4,7 +4,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import NS_PER_S, ActResult, Claim, ConveyorState, Selection, SetThing, ThingStates
+from pointit.schemas import (
+    NS_PER_S,
+    ActResult,
+    Claim,
+    ConveyorState,
+    SelectedObject,
+    Selection,
+    SetThing,
+    ThingStates,
+)
 from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.config import SelectorConfig
@@ -68,8 +77,10 @@ class ClaimBudget:
         return False
 
     def problem(self, now_ns: int) -> str:
-        """Return a warning about people who claimed too much lately, or `""`."""
-        self._exceeded = {user: ns for user, ns in self._exceeded.items() if now_ns - ns < WARNING_NS}
+        """Return a warning about people who have claimed too much recently, or `""`."""
+        for user, exceeded_ns in list(self._exceeded.items()):
+            if now_ns - exceeded_ns >= WARNING_NS:
+                del self._exceeded[user]
         if not self._exceeded:
             return ""
         names = ", ".join(sorted(self._exceeded))
@@ -95,6 +106,7 @@ class Arbiter:
             latch: called with each object that is changed other than by dwelling or pressing here, and with
                 the person who changed it, or `""` if everybody is to leave it first.
         """
+        # Objects, and what is decided on them
         self._ownership = ownership
         self._ledger = ownership.ledger
         self._reservations = ownership.reservations
@@ -102,6 +114,8 @@ class Arbiter:
         self._acts = ownership.acts
         self._latch = latch
         self._departures = Departures(config.unseen_after_s)
+
+        # Messages
         self._publisher = SelectionPublisher(record, method=config.method)
         self._dwell_s = config.dwell_s
         self._tells_method = False
@@ -109,6 +123,8 @@ class Arbiter:
         """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
         self._has_changed = False
         """True if reservations have changed since the last selection that was returned."""
+
+        # Claims of each person
         self._dwelt: dict[str, tuple[str, int]] = {}
         """Object that each person changed last by staying on it, and the time, ns."""
         self._decided: dict[str, deque[int]] = {}
@@ -144,13 +160,17 @@ class Arbiter:
             events: number of the last event.
             now_ns: time, ns.
             decided: persons and stamps of the last claims, which may come again.
-            pending: events whose carriers have not told a result, and whether each is its object's last one.
+            pending: events whose result was not reported, and whether each is the last one of its object.
         """
         self._ledger.restore(entries)
         self._publisher.resume_numbering(events)
+
+        # Owners and objects get their full time to appear again
         for entry in entries.values():
             self._ownership.presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
+
+        # What was under way goes on
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
@@ -170,15 +190,19 @@ class Arbiter:
         self._has_changed = False
         self._selected_ns = now_ns
         dwell_s = self._dwell_s if self._tells_method else None
-        objects = tuple(
-            each.model_copy(update={"is_pending": True}) if self._acts.is_pending(each.id) else each
-            for each in self._ledger.objects()
-        )
-        return self._publisher.selection(now_ns, objects, self._reservations.objects(), dwell_s)
+        objects: list[SelectedObject] = []
+        for selected in self._ledger.objects():
+            if self._acts.is_pending(selected.id):
+                objects.append(selected.model_copy(update={"is_pending": True}))
+            else:
+                objects.append(selected)
+        return self._publisher.selection(now_ns, tuple(objects), self._reservations.objects(), dwell_s)
 
     def changed_selection(self, now_ns: int) -> list[Output]:
         """Return the selection if it has changed since it was returned last."""
-        return [Output("", self.selection(now_ns))] if self._has_changed else []
+        if not self._has_changed:
+            return []
+        return [Output("", self.selection(now_ns))]
 
     def on_activity(self, user: str, now_ns: int) -> None:
         """Note that `user` is active, and free expired reservations."""
@@ -204,16 +228,22 @@ class Arbiter:
             return []
         if self._is_decided(user, at_ns):
             return []
+
+        # Reasons against it. The first counts
         tracked = self._positions.objects.get(object_id)
         kind = "" if tracked is None else tracked.kind
-        if taken_by and not self._ownership.is_selected(object_id):
-            taken = f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
-            refused = refused or taken
-        if self._tells_method and cause == "dwell" and self._is_twice(user, claim):
-            refused = refused or f"{kind or 'object'} was changed by you just now: leave it, then point again"
-        if refused:
+        name = kind or "object"
+        reason = refused
+        if not reason and taken_by and not self._ownership.is_selected(object_id):
+            reason = f"{name} is being selected by {taken_by}; wait or choose another one"
+        is_shard_dwell = self._tells_method and cause == "dwell"
+        if not reason and is_shard_dwell and self._is_twice(user, claim):
+            reason = f"{name} was changed by you just now: leave it, then point again"
+
+        # Without one the ledger decides, which refuses what belongs to another person
+        if reason:
             change = self._ledger.refuse(
-                object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence, reason=refused
+                object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence, reason=reason
             )
         else:
             change = self._ledger.toggle(
@@ -241,8 +271,12 @@ class Arbiter:
 
     def _is_twice(self, user: str, claim: Claim) -> bool:
         """Return True if nobody can have stayed on the object a second time since they changed it."""
-        object_id, stamp_ns = self._dwelt.get(user, ("", 0))
-        return object_id == claim.object_id and 2 * abs(claim.stamp_ns - stamp_ns) < self._dwell_s * NS_PER_S
+        if user not in self._dwelt:
+            return False
+        object_id, stamp_ns = self._dwelt[user]
+        if object_id != claim.object_id:
+            return False
+        return 2 * abs(claim.stamp_ns - stamp_ns) < self._dwell_s * NS_PER_S
 
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
         """Decide on a claim of a shard, which may come late and know less.
@@ -255,13 +289,16 @@ class Arbiter:
         if claim.wish == "toggle" and not self._positions.has_trackers:
             return []
         self.on_activity(user, now_ns)
-        outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
+        refusal = self._refusal(user, claim, now_ns)
+        outputs = self.claim(user, claim, now_ns, refusal)
         if claim.wish == "toggle":
             self._latch(claim.object_id, user)
             return outputs + self.changed_selection(now_ns)
         self._has_changed |= self._reservations.keep_last(user, MAX_RESERVED)
-        is_soon = 0 <= now_ns - self._selected_ns < MIN_PERIOD_NS  # else with the next cursor, claim or tick
-        return outputs if is_soon else outputs + self.changed_selection(now_ns)
+        is_soon = 0 <= now_ns - self._selected_ns < MIN_PERIOD_NS
+        if is_soon:  # the selection is returned with the next cursor, claim or tick
+            return outputs
+        return outputs + self.changed_selection(now_ns)
 
     def excess(self, now_ns: int) -> str:
         """Return a warning about people whose claims are ignored, or `""`."""
@@ -274,7 +311,11 @@ class Arbiter:
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
         tracked = self._positions.objects.get(claim.object_id)
-        kind = "object" if tracked is None else tracked.kind or "object"
+        kind = "object"
+        if tracked is not None and tracked.kind:
+            kind = tracked.kind
+
+        # It came too late, or by a wrong clock
         age_ns = (now_ns - claim.stamp_ns) / max(1.0, self.speed)
         age_s = age_ns / NS_PER_S
         if age_ns > MAX_CLAIM_AGE_NS:
@@ -286,26 +327,32 @@ class Arbiter:
             return f"{kind} cannot be given: the clock of your machine is {-age_s:.0f} s ahead, set it right"
         if tracked is None:
             return f"{kind} has left"
+
+        # It would have no effect
         action, taken_by = self._ownership.action(user, claim.object_id, now_ns)
         if not action:
             return f"{kind} is selected already"
-        if taken_by:
+        if taken_by:  # `claim` gives the reason
             return ""
-        late = self._ownership.refusal(claim.object_id, now_ns)
-        is_other = claim.action is not None and claim.action != action
-        if not late and (is_other or claim.stamp_ns < self._ledger.changed_ns(claim.object_id)):
+        refusal = self._ownership.refusal(claim.object_id, now_ns)
+        if refusal:
+            return refusal
+
+        # It would have another effect than the person has seen
+        has_other_effect = claim.action is not None and claim.action != action
+        if has_other_effect or claim.stamp_ns < self._ledger.changed_ns(claim.object_id):
             status = "selected" if self._ownership.is_selected(claim.object_id) else "deselected"
             return f"{kind} was {status} in the meantime: point again to change that"
-        return late
+        return ""
 
     def on_conveyor(self, state: ConveyorState) -> list[Output]:
         """Close the entries of objects that have left the conveyor, with time and bay of departure."""
-        left: list[Record] = []
-        for gone in state.departures:
-            if gone.object_id in self._ledger.entries:
-                where = f"left at bay {gone.bay}" if gone.bay else ""
-                left += self._ledger.drop((gone.object_id,), gone.stamp_ns, where)
-        return self._close(left, state.stamp_ns)
+        records: list[Record] = []
+        for departure in state.departures:
+            if departure.object_id in self._ledger.entries:
+                reason = f"left at bay {departure.bay}" if departure.bay else ""
+                records += self._ledger.drop((departure.object_id,), departure.stamp_ns, reason)
+        return self._close_entries(records, state.stamp_ns)
 
     def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[Output]:
         """Note the result of an act by a carrier."""
@@ -315,58 +362,88 @@ class Arbiter:
     def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[Output]:
         """Note the states that a carrier reports, and give its switches these.
 
-        They have the last results, too, which it may have told while no selector ran.
+        They have the last results, too, which it may have reported while no selector ran.
         """
         known = self._acts.on_states(carrier, states)
-        results = [self._acts.settle(carrier, each.last) for each in states.things if each.last]
-        ended = [act for act in results if act is not None]
-        outputs = [output for act in ended for output in self._conclude(act, now_ns)]
+
+        # All are noted before the first is concluded, which follows the targets of all others
+        ended_acts: list[PendingAct] = []
+        for state in states.things:
+            if state.last:
+                act = self._acts.settle(carrier, state.last)
+                if act is not None:
+                    ended_acts.append(act)
+        outputs: list[Output] = []
+        for act in ended_acts:
+            outputs += self._conclude(act, now_ns)
         return outputs + self._follow_targets(now_ns, known)
 
     def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:
         """Note that a carrier runs, or has ended."""
-        acts = self._acts.on_presence(carrier, present=present)
-        outputs = [output for act in acts for output in self._conclude(act, now_ns)]
+        outputs: list[Output] = []
+        for act in self._acts.on_presence(carrier, present=present):
+            outputs += self._conclude(act, now_ns)
         return outputs + self._follow_targets(now_ns)
 
     def _conclude(self, act: PendingAct, now_ns: int, newer_user: str = "") -> list[Output]:
-        """Tell the result of an act. A switch that failed goes back, unless a target says that it did not.
+        """Report the result of an act. A switch that failed goes back, unless a target has done it.
 
-        `newer_user`: who replaced it, whom the cue of the newer act tells enough.
+        `newer_user`: person who replaced it. They get the cue of the newer act only.
         """
         object_id = act.record.object_id
-        kind = act.record.kind
-        name = kind or object_id
-        code, text = act.problem
+        name = act.record.kind or object_id
+        code, _text = act.problem
         outputs = [self._publisher.outcome(act.outcome(now_ns))]
+
+        # Replaced: the newer act decides on the state
         if code == "replaced":
-            return outputs if act.user == newer_user else [*outputs, self._cue_of(act, now_ns)]
+            if act.user != newer_user:
+                outputs.append(self._failure_cue(act, now_ns))
+            return outputs
+
+        # Failed, started or done
         if code:
-            is_back = not self._acts.has_state(object_id, "on" if act.event == "selected" else "off")
-            if is_back and act.is_newest and self._positions.mode(object_id) != "button":
-                after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
-                record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
-                if record is not None:  # targets that have done it, or may do it yet, go back, too
-                    outputs += self._publisher.event(record, act.record.carriers)
-            outputs.append(self._cue_of(act, now_ns))
+            outputs += self._take_back(act, now_ns)
+            outputs.append(self._failure_cue(act, now_ns))
             self._latch(object_id, "")
         elif act.result == "started" or not act.is_reported:
             status = act.event if act.result == "done" else "started"
             outputs.append(self._publisher.cue(act.record.user, act.event, f"{name} {status}", now_ns))
-        first = Output("", self.selection(now_ns))
-        return [first, *outputs, *self._follow_targets(now_ns, {object_id})]
 
-    def _cue_of(self, act: PendingAct, now_ns: int) -> Output:
+        # The selection comes first, as in `_publish`. Other targets react last
+        selection = Output("", self.selection(now_ns))
+        return [selection, *outputs, *self._follow_targets(now_ns, {object_id})]
+
+    def _take_back(self, act: PendingAct, now_ns: int) -> list[Output]:
+        """Give the object of a failed act its previous state. Return the event, if there is one."""
+        object_id = act.record.object_id
+        wanted_state = "on" if act.event == "selected" else "off"
+        if self._acts.has_state(object_id, wanted_state):
+            return []
+        if not act.is_newest or self._positions.mode(object_id) == "button":
+            return []
+        _code, text = act.problem
+        after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
+        record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
+        if record is None:
+            return []
+        # targets that have done it, or may do it yet, go back, too
+        return self._publisher.event(record, act.record.carriers)
+
+    def _failure_cue(self, act: PendingAct, now_ns: int) -> Output:
         """Return the cue of an act that failed."""
-        text = f"{act.record.kind or act.record.object_id}: {act.problem[1]}"
-        return self._publisher.cue(act.record.user, "refused", text, now_ns)
+        _code, reason = act.problem
+        name = act.record.kind or act.record.object_id
+        return self._publisher.cue(act.record.user, "refused", f"{name}: {reason}", now_ns)
 
     def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[Output]:
         """Give switches the states that their targets report. Others react to those of `changed`."""
         outputs: list[Output] = []
         for thing, carrier, is_on in self._acts.reported():
             tracked = self._positions.objects.get(thing)
-            if tracked is None or tracked.mode != "switch" or is_on is self._ownership.is_selected(thing):
+            if tracked is None or tracked.mode != "switch":
+                continue
+            if is_on is self._ownership.is_selected(thing):
                 continue
             reason = "" if thing in changed else REPORTED
             change = self._ledger.follow(thing, tracked.kind, carrier, now_ns, reason=reason)
@@ -378,37 +455,45 @@ class Arbiter:
         entries = self._ledger.entries
         if not entries:
             return []
-        left = self._departures.step(entries, self._positions.objects, now_ns, clock)
-        return self._close(self._ledger.drop(left, now_ns), now_ns)
+        left_ids = self._departures.step(entries, self._positions.objects, now_ns, clock)
+        records = self._ledger.drop(left_ids, now_ns)
+        return self._close_entries(records, now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
         """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
         self._has_changed |= self._reservations.expire(now_ns)
-        outputs: list[Output] = []
-        self._shown_ns = {
-            (object_id, entry.since_ns): self._shown_ns.get(
-                (object_id, entry.since_ns), max(entry.since_ns, now_ns - MAX_PRESS_DELAY_NS)
-            )
-            for object_id, entry in self._ledger.entries.items()
-            if self._positions.mode(object_id) == "button"
-        }
-        for (object_id, _), shown_ns in self._shown_ns.items():
-            if now_ns - shown_ns >= SHOWN_NS:
-                outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
+        outputs = self._end_shown_buttons(now_ns)
         self._has_changed |= bool(outputs)
         for act in self._acts.expire(now_ns, max(1.0, self.speed)):
             outputs += self._conclude(act, now_ns)
         outputs += self._follow_targets(now_ns)
         return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))
 
+    def _end_shown_buttons(self, now_ns: int) -> list[Output]:
+        """Deselect the buttons that were shown for `SHOWN_NS`. Return the events."""
+        new_shown_ns: dict[tuple[str, int], int] = {}
+        for object_id, entry in self._ledger.entries.items():
+            if self._positions.mode(object_id) == "button":
+                key = (object_id, entry.since_ns)
+                earliest_ns = max(entry.since_ns, now_ns - MAX_PRESS_DELAY_NS)
+                new_shown_ns[key] = self._shown_ns.get(key, earliest_ns)
+        self._shown_ns = new_shown_ns
+        outputs: list[Output] = []
+        for (object_id, _since_ns), shown_ns in new_shown_ns.items():
+            if now_ns - shown_ns >= SHOWN_NS:
+                outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
+        return outputs
+
     def undo(self, user: str, now_ns: int) -> list[Output]:
         """Undo `user`'s last step. Refused with a cue if there is none."""
         changes = self._ledger.undo(user, now_ns, self._positions.objects)
-        if not changes:
-            there = self._ownership.presences.there(now_ns)
-            who = f"{user} is not there, but {', '.join(there)}: " if there and user not in there else ""
-            return [self._publisher.cue(user, "refused", f"{who}there is nothing to take back", now_ns)]
-        return self._publish(user, changes, now_ns)
+        if changes:
+            return self._publish(user, changes, now_ns)
+        text = "there is nothing to take back"
+        present_users = self._ownership.presences.there(now_ns)
+        if present_users and user not in present_users:  # the name may be a wrong one
+            text = f"{user} is not there, but {', '.join(present_users)}: {text}"
+        return [self._publisher.cue(user, "refused", text, now_ns)]
 
     def clear(self, user: str, now_ns: int) -> list[Output]:
         """Deselect all objects of `user`."""
@@ -417,7 +502,7 @@ class Arbiter:
     def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:
         """Deselect `object_id`, regardless of its owner, or take it over.
 
-        `user` is the caller: an operator, or the person for whom one takes it.
+        `user` is the caller: an operator, or the person for whom an operator takes it.
         """
         entry = self._ledger.entries.get(object_id)
         change = self._ledger.release(object_id, user, now_ns, take_over=take_over)
@@ -426,26 +511,33 @@ class Arbiter:
             return [self._publisher.cue(user, "refused", f"object {object_id} {status}", now_ns)]
         outputs = self._publish(user, [change], now_ns)
         if entry.user != user and not change.is_refused:
-            text = f"{entry.kind or 'object'} was {'taken over' if take_over else 'released'} by {user}"
+            kind = entry.kind or "object"
+            done = "taken over" if take_over else "released"
+            text = f"{kind} was {done} by {user}"
             outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
     def set_thing(self, user: str, query: SetThing, now_ns: int) -> list[Output]:
         """Fire a button or switch a switch, as `user`. Returns nothing if its state is that already."""
         thing = query.thing
-        on = query.on
         tracked = self._positions.objects.get(thing)
         is_on = self._ownership.is_selected(thing)
         if tracked is None or tracked.mode == "claim":
             return [self._publisher.cue(user, "refused", f"no button or switch {thing} is placed", now_ns)]
-        if on is is_on:
+        if query.on is is_on:
             return []
-        if tracked.mode == "button" and (is_on or on is False):
-            just_fired = "has just fired: try again in a second"
-            status = just_fired if on is None else "is a button: it goes off by itself"
+
+        # A button is on for a moment only, and cannot be switched off
+        if tracked.mode == "button" and (is_on or query.on is False):
+            status = "is a button: it goes off by itself"
+            if query.on is None:
+                status = "has just fired: try again in a second"
             return [self._publisher.cue(user, "refused", f"{thing} {status}", now_ns)]
-        if reason := self._ownership.refusal(thing, now_ns):
+        reason = self._ownership.refusal(thing, now_ns)
+        if reason:
             return [self._publisher.cue(user, "refused", reason, now_ns)]
+
+        # Switch it, also if somebody has reserved it by pointing
         self._reservations.free(thing)
         change = self._ledger.toggle(
             thing,
@@ -458,16 +550,19 @@ class Arbiter:
         )
         return self._publish(user, [change], now_ns)
 
-    def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
+    def _close_entries(self, records: Sequence[Record], now_ns: int) -> list[Output]:
         """Free and journal objects that have left. Return the selection if there are any."""
-        for record in left:
+        for record in records:
             self._reservations.free(record.object_id)
             self._acts.replace(record.object_id, "claim")
             self._publisher.write(record)
-        return [Output("", self.selection(now_ns))] if left else []
+        if not records:
+            return []
+        return [Output("", self.selection(now_ns))]
 
     def _publish(self, user: str, changes: Sequence[Change], now_ns: int) -> list[Output]:
         """Begin the acts of `changes`. Return the selection, earlier results, events and cues of `user`."""
+        # An act that carriers have to carry out ends the earlier ones on its object
         earlier_outputs: list[Output] = []
         events: list[Record] = []
         for change in changes:
@@ -479,12 +574,18 @@ class Arbiter:
                 for act in self._acts.replace(record.object_id, mode):
                     earlier_outputs += self._conclude(act, now_ns, record.user)
                 events.append(self._acts.begin(record, mode))
-        has_changed = not all(change.is_refused for change in changes)
-        outputs = [Output("", self.selection(now_ns))] if has_changed else []
+
+        # Messages: the selection, then what has led to it
+        outputs: list[Output] = []
+        is_refused = all(change.is_refused for change in changes)
+        if not is_refused:
+            outputs.append(Output("", self.selection(now_ns)))
         outputs += earlier_outputs
         for record in events:
             outputs += self._publisher.event(record)
             if record.cause not in ACTIONS:
                 self._latch(record.object_id, "")
+
+        # Those with carriers get their cue with the result
         done = [record for record in events if not record.carriers]
         return outputs + self._publisher.cues(user, done, now_ns)

@@ -1,11 +1,22 @@
-"""Pointing of people: cursors and objects in; hovers and claims to objects out. It decides on no object."""
+"""Pointing of people: from cursors and objects to hovers and claims. It decides on no object."""
 
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, Step, TrackedObjects
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Environment,
+    Hover,
+    Step,
+    TrackedObject,
+    TrackedObjects,
+)
 from pointit.schemas.base import unchecked
 from pointit.schemas.selection import MAX_PRESSED, SelectionManner, SelectsBy
 from pointit.services.selector.config import SelectorConfig
@@ -39,7 +50,7 @@ class HoverEngine:
 
         Args:
             config: parameters.
-            ownership: tells what each person may do with an object. Its objects are updated here.
+            ownership: right of each person to change an object. Its objects are updated here.
             make: makes the method of each person.
             is_reserved: returns True if a person need not claim, at a time, ns, a reservation of an object
                 that they are about to change.
@@ -48,6 +59,8 @@ class HoverEngine:
         self._make = make
         self._is_reserved = is_reserved
         self._ownership = ownership
+
+        # Objects: by metres for the methods of the paper, and as people see them
         self._positions = ownership.positions
         self._is_by_metres = not is_by_angle(config)
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
@@ -61,6 +74,8 @@ class HoverEngine:
         """Fields that the map gives tracked objects, by id."""
         self._pressed_things: dict[str, tuple[str, bool]] = {}
         """Name of each thing of the map, and whether it wants a press, by id."""
+
+        # People
         self._people: dict[str, PersonPointer] = {}
         self._sent: Counter[str] = Counter()
         """Number of hovers by person."""
@@ -76,41 +91,66 @@ class HoverEngine:
 
     def fault(self) -> str:
         """Return the reason why the method fails for a person, or `""`."""
-        return next((pointer.fault for pointer in self._people.values() if pointer.fault), "")
+        for pointer in self._people.values():
+            fault = pointer.fault
+            if fault:
+                return fault
+        return ""
 
     def on_map(self, environment: Environment) -> None:
         """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
-        self._things = {each.id: each.object_fields for each in environment.things if each.is_tracked}
-        self._pressed_things = {each.id: (each.label or each.id, each.press) for each in environment.things}
+        tracked_things: dict[str, Mapping[str, object]] = {}
+        pressed_things: dict[str, tuple[str, bool]] = {}
+        for thing in environment.things:
+            pressed_things[thing.id] = (thing.label or thing.id, thing.press)
+            if thing.is_tracked:
+                tracked_things[thing.id] = thing.object_fields
+        self._things = tracked_things
+        self._pressed_things = pressed_things
 
     def manner(self, stamp_ns: int) -> SelectionManner:
         """Return the manner of selecting the present objects, and the map things before they are present."""
+        # The same for everybody, and for those to whom names are spoken
         by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
-        announcer = next((each.announcer for each in self._people.values() if each.announcer), None)
-        names_by: SelectsBy | None = (
-            None if announcer is None else "press" if announcer.is_pressed else "stay"
-        )
+        names_by: SelectsBy | None = None
+        for pointer in self._people.values():
+            if pointer.announcer:
+                names_by = "press" if pointer.announcer.is_pressed else "stay"
+                break
+
+        # Objects that are pressed alone: listed, unless there are no others
         wants_press = dict(self._pressed_things)
-        for one in self._positions.objects.values():
-            wants_press[one.id] = (one.kind or one.id, one.press)
+        for tracked in self._positions.objects.values():
+            wants_press[tracked.id] = (tracked.kind or tracked.id, tracked.press)
         pressed = [name for name, is_pressed in wants_press.values() if is_pressed]
-        if by == "press" or not pressed or len(pressed) == len(wants_press):
-            by = "press" if pressed else by
+        if not pressed:
             return SelectionManner(stamp_ns=stamp_ns, by=by, names_by=names_by)
-        few = tuple(sorted(set(pressed)))[:MAX_PRESSED]
+        if by == "press" or len(pressed) == len(wants_press):
+            return SelectionManner(stamp_ns=stamp_ns, by="press", names_by=names_by)
+        first_names = tuple(sorted(set(pressed)))[:MAX_PRESSED]
         return SelectionManner(
-            stamp_ns=stamp_ns, by=by, pressed=few, pressed_count=len(pressed), names_by=names_by
+            stamp_ns=stamp_ns, by=by, pressed=first_names, pressed_count=len(pressed), names_by=names_by
         )
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""
-        if self._things and any(one.id in self._things for one in objects.objects):
-            listed = tuple(one.model_copy(update=self._things.get(one.id)) for one in objects.objects)
-            objects = objects.model_copy(update={"objects": listed})
+        if self._things:
+            objects = self._with_map_fields(objects)
         for forgotten in self._positions.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
+
+    def _with_map_fields(self, objects: TrackedObjects) -> TrackedObjects:
+        """Return `objects` with the fields that the map gives to some of them."""
+        is_in_map = any(tracked.id in self._things for tracked in objects.objects)
+        if not is_in_map:
+            return objects
+        completed: list[TrackedObject] = []
+        for tracked in objects.objects:
+            fields = self._things.get(tracked.id)
+            completed.append(tracked.model_copy(update=fields))
+        return objects.model_copy(update={"objects": tuple(completed)})
 
     def forget_ended(self, now_ns: int) -> list[Output]:
         """Forget the objects of trackers and carriers that have ended. End the names of people likewise."""
@@ -119,7 +159,8 @@ class HoverEngine:
         self._ownership.acts.forget_absent(now_ns)
         outputs: list[Output] = []
         for user, pointer in self._people.items():
-            if (announcer := pointer.announcer) is not None and announcer.is_silent(now_ns):
+            announcer = pointer.announcer
+            if announcer is not None and announcer.is_silent(now_ns):
                 outputs += self._announce(user, announcer, "", now_ns)
         return outputs
 
@@ -137,12 +178,15 @@ class HoverEngine:
         """
         pointer = self._people[user]
         now_ns = cursor.stamp_ns
+
+        # Apply the person's method to the objects around the ray, or else to the one under the cursor
         view = None if self._is_by_metres else self._scene.view_from(cursor)
         tracked = self._positions.hit_test(cursor) if view is None else None
+        under = None if tracked is None else tracked.id
         pointed = pointer.step(
             cursor,
             view,
-            None if tracked is None else tracked.id,
+            under,
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
             self._positions.is_pressed,
         )
@@ -153,20 +197,28 @@ class HoverEngine:
                 pointer.latch(object_id)  # another selector may have selected it just now
         if self._is_by_metres and (object_id is not None or fired is not None):
             view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
-        standing: tuple[Action, str] = ("", "")
+
+        # Show the hovered object, with the effect of staying on it
+        action: Action = ""
+        taken_by = ""
         if object_id is not None:
-            standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)
-        hover = self._hover(user, cursor, view, pointed, standing)
+            action, taken_by = self._effect_of_staying(user, pointer, object_id, pointed.progress, now_ns)
+        hover = self._hover(user, cursor, view, pointed, (action, taken_by))
         outputs = [] if hover is None else [Output(user, hover)]
         if pointer.announcer is not None:
             outputs += self._announce(user, pointer.announcer, object_id or "", now_ns)
-        wanted = object_id if is_shown and standing[0] in CHANGES else None
-        if wanted is not None and not self._is_reserved(user, wanted, now_ns):
-            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
+
+        # Reserve it once others can see that it is about to change
+        is_about_to_change = is_shown and action in CHANGES
+        if object_id is not None and is_about_to_change and not self._is_reserved(user, object_id, now_ns):
+            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=object_id, wish="reserve")))
         if rival is not None:
-            names = " or ".join(self._name(each) for each in (object_id, rival))
+            names = f"{self._name(object_id)} or {self._name(rival)}"
             unclear = f"{names}? From here both may be meant: step closer, or point beside the other one"
-            outputs.append(Output(user, make_cue("refused", unclear, now_ns, 0)))
+            cue = make_cue("refused", unclear, now_ns, 0)
+            outputs.append(Output(user, cue))
+
+        # Claim the object on which the person stayed long enough
         if fired is not None:
             if confidence is None and view is not None:
                 confidence = view.confidence(fired, self._aim_rad)
@@ -179,9 +231,12 @@ class HoverEngine:
         if pointer is None or button.gesture != "press":
             return []
         object_id = pointer.press(button.stamp_ns)
-        if object_id == "" and pointer.is_confirmed_by_press:
+        is_confirmed_by_press = pointer.is_confirmed_by_press
+        if object_id == "" and is_confirmed_by_press:
             return [Output(user, make_cue("refused", "wait for the name", button.stamp_ns, 0))]
-        if not object_id or not (pointer.is_confirmed_by_press or self._positions.is_pressed(object_id)):
+        if not object_id:
+            return []
+        if not is_confirmed_by_press and not self._positions.is_pressed(object_id):
             return []
         pointer.latch(object_id)
         return self._toggle(user, object_id, button.stamp_ns, "button")
@@ -189,13 +244,16 @@ class HoverEngine:
     def on_step(self, user: str, step: Step) -> list[Output]:
         """Move `user` from the announced object to the one beside it, or to the nearest one."""
         pointer = self._people.get(user)
-        if pointer is None or (announcer := pointer.announcer) is None:
+        if pointer is None or pointer.announcer is None:
             return []
+        announcer = pointer.announcer
         object_id, now_ns = announcer.step(self._positions.objects.values(), step)
         return self._announce(user, announcer, object_id, now_ns) if object_id else []
 
     def _announce(self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int) -> list[Output]:
-        announced = announcer.announce(object_id, self._name(object_id) if object_id else "", now_ns)
+        """Return the message about the name of the hovered object, or `""`, if one is due."""
+        label = self._name(object_id) if object_id else ""
+        announced = announcer.announce(object_id, label, now_ns)
         return [] if announced is None else [Output(user, announced)]
 
     def forget(self, user: str) -> None:
@@ -204,12 +262,12 @@ class HoverEngine:
         self._empty_ns.pop(user, None)
 
     def renew(self) -> None:
-        """Note that what people rest on may be selected already, since owners are known only now."""
+        """Note that the objects that people point at may be selected already: owners are known only now."""
         for pointer in self._people.values():
             pointer.is_new = True
 
     def latch(self, object_id: str, user: str = "") -> None:
-        """Keep `user`, or everybody, from changing an object that they rest on again unintentionally."""
+        """Keep `user`, or everybody, from changing an object again unintentionally while they stay on it."""
         for name, pointer in self._people.items():
             if pointer.hovered == object_id and user in ("", name):
                 pointer.latch(object_id)
@@ -223,7 +281,7 @@ class HoverEngine:
         confidence: float | None = None,
     ) -> list[Output]:
         """Return the claim to toggle an object. None if it has left, or it has no effect."""
-        action = self._ownership.action(user, object_id, now_ns)[0]
+        action, _taken_by = self._ownership.action(user, object_id, now_ns)
         if object_id not in self._positions.objects or not action:
             return []
         claim = Claim(
@@ -237,10 +295,13 @@ class HoverEngine:
         return [Output(user, claim)]
 
     def _name(self, object_id: str | None) -> str:
+        """Return the name of an object for people: its kind, or else its id."""
         tracked = self._positions.objects.get(object_id or "")
-        return (tracked.kind if tracked is not None else "") or object_id or "nothing"
+        if tracked is not None and tracked.kind:
+            return tracked.kind
+        return object_id or "nothing"
 
-    def _standing(
+    def _effect_of_staying(
         self, user: str, pointer: PersonPointer, object_id: str, progress: float, now_ns: int
     ) -> tuple[Action, str]:
         """Return the effect of staying on the hovered object, and the other person who has it, or `""`."""
@@ -254,10 +315,13 @@ class HoverEngine:
         cursor: Cursor,
         view: View | None,
         pointed: PointerResult,
-        standing: tuple[Action, str],
+        effect: tuple[Action, str],
     ) -> Hover | None:
+        """Return the hover of `cursor`, or None if it is one without an object that is not due."""
         object_id = pointed.object_id
         stamp_ns = cursor.stamp_ns
+
+        # Most cursors are on nothing: those are sent at a lower rate
         if object_id is None:
             empty_ns = self._empty_ns.get(user)
             if empty_ns is not None and 0 <= stamp_ns - empty_ns < EMPTY_PERIOD_NS:
@@ -269,18 +333,28 @@ class HoverEngine:
         seq = self._sent[user]
         if object_id is None:
             return _empty_hover(stamp_ns=stamp_ns, seq=seq)
-        snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
+
+        # On an object: where the cursor is shown on it, and how far the ray misses it
+        snapped_m: Vec3 | None = None
+        snapped_position_m: float | None = None
+        miss_rad: float | None = None
+        if view is not None:
+            snapped = view.snapped(object_id, cursor, self._snap_rad)
+            if snapped is not None:
+                snapped_m, snapped_position_m = snapped
+            miss_rad = view.miss_rad(object_id, cursor)
+        action, taken_by = effect
         return Hover(
             stamp_ns=stamp_ns,
             seq=seq,
             object_id=object_id,
             progress=pointed.progress,
-            action=standing[0],
-            taken_by=standing[1],
+            action=action,
+            taken_by=taken_by,
             is_selected=self._ownership.is_selected(object_id),
-            snapped_m=None if snapped is None else snapped[0],
-            snapped_position_m=None if snapped is None else snapped[1],
-            miss_rad=None if view is None else view.miss_rad(object_id, cursor),
+            snapped_m=snapped_m,
+            snapped_position_m=snapped_position_m,
+            miss_rad=miss_rad,
         )
 
 
@@ -299,11 +373,11 @@ class PointingEngine:
         return self._hovers.on_step(user, step)
 
     def manner(self, now_ns: int) -> SelectionManner:
-        """Return the way in which people select the objects that are there."""
+        """Return the way in which people select the present objects."""
         return self._hovers.manner(now_ns)
 
     def stale_trackers(self, now_ns: int) -> list[str]:
-        """Return the trackers silent for a time after which their objects cannot be hovered."""
+        """Return the trackers that are silent, so that their objects cannot be hovered."""
         return self._ownership.positions.silent(now_ns)
 
     def on_map(self, environment: Environment) -> list[Output]:

@@ -41,12 +41,12 @@ LAYOUT = StoreLayout(
 )
 
 FIELDS = Record._fields[:-1]
-"""Fields of a record that are columns. Carriers stand in another table until they have told the result."""
+"""Fields of a record that are columns. Carriers are in another table until they have reported the result."""
 COLUMNS = ", ".join(FIELDS)
 # All parts of these statements are constants of this file; what varies are their parameters.
 INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(FIELDS))})"  # noqa: S608
 INSERT_ACT = "INSERT OR REPLACE INTO acts VALUES (last_insert_rowid(), ?)"
-"""Note the carriers of the event before. The row is deleted when they have told the result."""
+"""Note the carriers of the previous event. The row is deleted when they have reported the result."""
 IS_ACT = "id IN (SELECT id FROM acts JOIN events USING (id) WHERE object_id = ? AND stamp_ns = ?)"
 TELL_RESULT = f"UPDATE events SET reason = ? WHERE {IS_ACT}"  # noqa: S608 - see above
 END_ACT = f"DELETE FROM acts WHERE {IS_ACT}"  # noqa: S608 - see above
@@ -109,12 +109,13 @@ ENVELOPE_BYTES = 1024
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
     """Return the last `last` records that were published, not before `since_ns`, the oldest first.
 
-    Acts are among them when their carriers have told that they are done.
+    Acts are among them when their carriers have reported that they are done.
 
     Raises:
         sqlite3.Error: If the file cannot be read.
     """
-    return list(read_rows(path, RECENT, (since_ns, last), record_of))[::-1]
+    newest_first = list(read_rows(path, RECENT, (since_ns, last), record_of))
+    return newest_first[::-1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +129,7 @@ class JournalContents:
     unpublished: Sequence[Record] = ()
     """Events that may not have been published, the oldest first."""
     pending: Sequence[tuple[Record, bool]] = ()
-    """Events whose carriers have not told a result, and whether each is the last one of its object."""
+    """Events whose result was not reported, and whether each is the last one of its object."""
     decided: Sequence[tuple[str, int]] = ()
     """Persons and stamps of the last claims, the oldest first. They may come again."""
 
@@ -152,7 +153,8 @@ class Journal:
         self._within_ns = int(restore_within_s * NS_PER_S)
         self._max_bytes = int(max_mb * 1e6)
         self._pending: list[Record | ActOutcome] = []
-        self._published = self._published_on_disk = 0
+        self._published = 0
+        self._published_on_disk = 0
         self._alive_ns: int | None = None
         self._pruned = 0
         """Row up to which old events were pruned last."""
@@ -187,8 +189,9 @@ class Journal:
 
     def maintain(self, now_ns: int, *, is_selected: bool) -> None:
         """Store what was published and a sign of life, and delete old events. Called periodically."""
-        lives = is_selected and self._is_sign_due(now_ns)
-        if self._pending or lives or self._published != self._published_on_disk:
+        is_sign_due = is_selected and self._is_sign_due(now_ns)
+        has_published = self._published != self._published_on_disk
+        if self._pending or is_sign_due or has_published:
             self._write(now_ns)
 
     def close(self) -> None:
@@ -196,39 +199,57 @@ class Journal:
         self._store.close()
 
     def _is_sign_due(self, now_ns: int) -> bool:
+        """Return True if it is time for a sign of life."""
         return self._alive_ns is None or abs(now_ns - self._alive_ns) >= ALIVE_EVERY_NS
 
     def _read(self, db: sqlite3.Connection, now_ns: int) -> JournalContents:
-        told, alive_ns = _LIFE.validate_python(db.execute("SELECT told, alive_ns FROM life").fetchone())
-        events = int(db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0])
+        """Return the contents of the file. Selections are closed if its last sign of life is too old.
+
+        Raises:
+            ValueError: If a value is damaged.
+        """
+        # Every row is validated, since SQLite has no checksums
+        published, alive_ns = _LIFE.validate_python(db.execute("SELECT told, alive_ns FROM life").fetchone())
+        events = _single_number(db, "SELECT COALESCE(MAX(seq), 0) FROM events")
         if not 0 <= events <= MAX_EVENTS:
             raise ValueError("the number of events is damaged")
         opened = [record_of(row) for row in db.execute(OPEN)]
-        self._published = self._published_on_disk = told
+        self._published = published
+        self._published_on_disk = published
+
+        # Too old: close open selections. Their events are not published, and nobody waits for results
         if abs(now_ns - alive_ns) > self._within_ns:
-            self._published = events  # too old to be news
+            self._published = events
             self._pending = [_closed(record, now_ns) for record in opened]
             db.execute(NOT_FOLLOWED)
             db.execute("DELETE FROM acts")
             self._write(now_ns)
             return JournalContents(events=events)
-        entries = {
-            record.object_id: Owned(record.owner, record.kind, record.since_ns, record.confidence)
-            for record in opened
-        }
-        unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
-        last = db.execute(DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
-        decided = [(user.decode(errors="replace"), stamp_ns) for user, stamp_ns in last]
-        pending = [(record_of(row[:-1]), bool(row[-1])) for row in db.execute(PENDING)]
+
+        # Otherwise go on with it
+        entries: dict[str, Owned] = {}
+        for record in opened:
+            entry = Owned(record.owner, record.kind, record.since_ns, record.confidence)
+            entries[record.object_id] = entry
+        unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (published,))]
+        decided: list[tuple[str, int]] = []
+        for user, stamp_ns in reversed(db.execute(DECIDED, (MAX_DECIDED,)).fetchall()):
+            decided.append((user.decode(errors="replace"), stamp_ns))
+        pending: list[tuple[Record, bool]] = []
+        for *fields, is_newest in db.execute(PENDING):
+            pending.append((record_of(tuple(fields)), bool(is_newest)))
         return JournalContents(
             entries=entries, events=events, unpublished=unpublished, decided=decided, pending=pending
         )
 
     def _write(self, now_ns: int) -> None:
+        """Write what is pending, what was published and a sign of life in one transaction."""
+
         def write(db: sqlite3.Connection) -> None:
             for entry in self._pending:
                 _insert(db, entry)
-            if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
+            # if the file is too large, delete more than was added: first of refusals, then of other events
+            if self._pending and _single_number(db, BYTES) > self._max_bytes:
                 rows = PRUNED_AT_ONCE + 2 * len(self._pending)
                 for shrink in SHRINK:
                     rows -= db.execute(shrink, (rows,)).rowcount
@@ -245,19 +266,27 @@ class Journal:
 
     def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
         """Delete old events among the next few rows: all at once would take too long."""
-        end = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
+        (end,) = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()
         if end is None:
             self._pruned = 0  # restart at the first row
             return
-        db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
+        oldest_ns = now_ns - self._keep_ns
+        db.execute(PRUNE, (self._pruned, end, oldest_ns))
         self._pruned = end
 
 
+def _single_number(db: sqlite3.Connection, query: str) -> int:
+    """Return the result of a query for one number."""
+    (number,) = db.execute(query).fetchone()
+    return int(number)
+
+
 def _insert(db: sqlite3.Connection, entry: Record | ActOutcome) -> None:
+    """Insert a record, or give one the final outcome of its act."""
     if isinstance(entry, ActOutcome):
-        act = entry.object_id, entry.event_ns
-        db.execute(TELL_RESULT, (f"{NOT_DONE}{entry.text}" if entry.result == "failed" else "", *act))
-        db.execute(END_ACT, act)
+        reason = f"{NOT_DONE}{entry.text}" if entry.result == "failed" else ""
+        db.execute(TELL_RESULT, (reason, entry.object_id, entry.event_ns))
+        db.execute(END_ACT, (entry.object_id, entry.event_ns))
         return
     db.execute(INSERT, entry[:-1])
     if entry.carriers:
@@ -265,6 +294,7 @@ def _insert(db: sqlite3.Connection, entry: Record | ActOutcome) -> None:
 
 
 def _closed(record: Record, now_ns: int) -> Record:
+    """Return the event that closes a selection that was not restored."""
     reason = "nobody saw it while no selector ran"
     return record._replace(stamp_ns=now_ns, event="left", cause="", reason=reason, seq=None)
 
@@ -297,18 +327,21 @@ class History:
 
 
 def _read(path: Path, query: ReadHistory) -> tuple[SelectionEvent, ...]:
-    records = recent(path, query.last, since_ns=query.since_ns)
-    events = (event_of(record, record.seq or 0) for record in records)
-    return fitting([event for event in events if event is not None])
+    events: list[SelectionEvent] = []
+    for record in recent(path, query.last, since_ns=query.since_ns):
+        event = event_of(record, record.seq or 0)
+        if event is not None:
+            events.append(event)
+    return fitting(events)
 
 
 def fitting(
     events: list[SelectionEvent], max_bytes: int = ReadHistoryReply.max_bytes - ENVELOPE_BYTES
 ) -> tuple[SelectionEvent, ...]:
     """Return the newest of `events`, which are in order, that fit into `max_bytes` together."""
-    room = max_bytes
+    remaining_bytes = max_bytes
     for index in reversed(range(len(events))):
-        room -= len(encode(events[index]))
-        if room < 0:
+        remaining_bytes -= len(encode(events[index]))
+        if remaining_bytes < 0:
             return tuple(events[index + 1 :])
     return tuple(events)

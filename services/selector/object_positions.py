@@ -51,10 +51,10 @@ class Departures:
             if object_id in present:
                 self._missed.pop(object_id, None)
                 continue
-            wait_ns, since_ns = self._missed.setdefault(object_id, (LEFT_AFTER_NS, {}))
-            began_ns = since_ns.setdefault(clock, now_ns)
+            wait_ns, missing_since_ns = self._missed.setdefault(object_id, (LEFT_AFTER_NS, {}))
+            began_ns = missing_since_ns.setdefault(clock, now_ns)
             if began_ns > now_ns + NS_PER_S:  # the tracker's clock was set back
-                since_ns[clock] = now_ns
+                missing_since_ns[clock] = now_ns
             elif now_ns - began_ns >= wait_ns:
                 del self._missed[object_id]
                 left.append(object_id)
@@ -65,20 +65,23 @@ class _OnLine:
     """Objects on one strip or belt."""
 
     def __init__(self, objects: Sequence[TrackedObject], margin_m: float) -> None:
-        self._objects = [
-            (o.surface_position_m, o.surface_speed_mps, o.length_m / 2.0 + margin_m, o) for o in objects
-        ]
+        self._objects: list[tuple[float, float, float, TrackedObject]] = []
         """Position, speed and reach of each; plain numbers, as a line has few objects."""
+        for tracked in objects:
+            reach_m = tracked.length_m / 2.0 + margin_m
+            position_m = tracked.surface_position_m
+            self._objects.append((position_m, tracked.surface_speed_mps, reach_m, tracked))
 
     def nearest(self, position_m: float, elapsed_s: float) -> tuple[float, TrackedObject] | None:
-        best: tuple[float, TrackedObject] | None = None
+        """Return the object nearest to an arc length after a time, and the distance, m. None: none is."""
+        nearest: tuple[float, TrackedObject] | None = None
         min_m = math.inf
-        for at_m, speed_mps, reach_m, tracked in self._objects:
-            gap_m = abs(at_m + speed_mps * elapsed_s - position_m)
+        for start_m, speed_mps, reach_m, tracked in self._objects:
+            gap_m = abs(start_m + speed_mps * elapsed_s - position_m)
             if gap_m <= reach_m and gap_m < min_m:
-                best = (gap_m, tracked)
+                nearest = (gap_m, tracked)
                 min_m = gap_m
-        return best
+        return nearest
 
 
 class _InSpace:
@@ -86,11 +89,12 @@ class _InSpace:
 
     def __init__(self, objects: Sequence[TrackedObject], margin_m: float) -> None:
         self.objects = objects
-        self._positions_m: Array = np.array([o.position_m for o in objects])
-        self._velocities_mps: Array = np.array([o.velocity_mps for o in objects])
-        self._reaches_m: Array = np.array([o.length_m / 2.0 + margin_m for o in objects])
+        self._positions_m: Array = np.array([tracked.position_m for tracked in objects])
+        self._velocities_mps: Array = np.array([tracked.velocity_mps for tracked in objects])
+        self._reaches_m: Array = np.array([tracked.length_m / 2.0 + margin_m for tracked in objects])
 
     def nearest(self, point_m: Vec3, elapsed_s: float) -> tuple[float, TrackedObject] | None:
+        """Return the object nearest to a point after a time, and the distance, m. None: none is near."""
         offsets_m = self._positions_m + self._velocities_mps * elapsed_s - np.asarray(point_m)
         gaps_m = np.linalg.norm(offsets_m, axis=1)
         gaps_m[~(gaps_m <= self._reaches_m)] = math.inf  # NaN, too
@@ -104,7 +108,7 @@ class _Listing:
 
     def __init__(self, message: TrackedObjects, margin_m: float) -> None:
         self.stamp_ns = message.stamp_ns
-        self.objects = {o.id: o for o in message.objects}
+        self.objects = {tracked.id: tracked for tracked in message.objects}
         lines: dict[tuple[str, str], list[TrackedObject]] = {}
         free: list[TrackedObject] = []
         for tracked in message.objects:
@@ -156,20 +160,20 @@ class ObjectPositions:
         self._trackers[tracker] = _Listing(message, self._margin_m)
         forgotten: list[str] = []
         while len(self._trackers) > MAX_TRACKERS:
-            forgotten.append(next(iter(self._trackers)))
-            del self._trackers[forgotten[-1]]
+            oldest = next(iter(self._trackers))
+            forgotten.append(oldest)
+            del self._trackers[oldest]
         self._list_objects()
         return forgotten
 
     def _list_objects(self) -> None:
-        self._objects = {
-            object_id: tracked
-            for listing in self._trackers.values()
-            for object_id, tracked in listing.objects.items()
-        }
+        objects: dict[str, TrackedObject] = {}
+        for listing in self._trackers.values():
+            objects.update(listing.objects)
+        self._objects = objects
 
     def mode(self, object_id: str) -> ThingMode:
-        """Return the effect of selecting an object. Unknown ones are claimed."""
+        """Return the effect of selecting an object: of an unknown one, that it is claimed."""
         tracked = self._objects.get(object_id)
         return "claim" if tracked is None else tracked.mode
 
@@ -185,10 +189,11 @@ class ObjectPositions:
         """
         for listing in self._trackers.values():
             tracked = listing.objects.get(object_id)
-            until_ns = None if tracked is None else tracked.bay_until_ns
-            if tracked is None or until_ns is None or not self._fits(listing, now_ns):
+            if tracked is None or tracked.bay_until_ns is None:
                 continue
-            if now_ns + self._lead_ns >= until_ns:
+            if not self._fits(listing, now_ns):
+                continue
+            if now_ns + self._lead_ns >= tracked.bay_until_ns:
                 kind = tracked.kind or "object"
                 return f"{kind} is past its last way to another bay, it goes on to bay {tracked.bay}"
         return ""
@@ -199,11 +204,10 @@ class ObjectPositions:
 
     def forget(self, now_ns: int) -> list[str]:
         """Forget and return the trackers whose silence means that they have ended."""
-        ended = [
-            name
-            for name, listing in self._trackers.items()
-            if abs(now_ns - listing.stamp_ns) > self._ended_ns
-        ]
+        ended: list[str] = []
+        for name, listing in self._trackers.items():
+            if abs(now_ns - listing.stamp_ns) > self._ended_ns:
+                ended.append(name)
         for name in ended:
             del self._trackers[name]
         if ended:
@@ -217,7 +221,7 @@ class ObjectPositions:
         belt are compared by arc length with cursors on the same one, all others by distance to the cursor's
         point.
         """
-        best: tuple[float, TrackedObject] | None = None
+        nearest: tuple[float, TrackedObject] | None = None
         stamp_ns = cursor.stamp_ns
         for listing in self._trackers.values():
             if not self._fits(listing, stamp_ns):
@@ -225,20 +229,27 @@ class ObjectPositions:
             elapsed_s = (stamp_ns - listing.stamp_ns) / NS_PER_S
             line = listing.lines.get((cursor.surface, cursor.surface_id))
             if line is not None:
-                best = _nearer(best, line.nearest(cursor.position_m, elapsed_s))
+                nearest = _nearer(nearest, line.nearest(cursor.position_m, elapsed_s))
             if listing.free is not None and cursor.point_m is not None:
-                best = _nearer(best, listing.free.nearest(cursor.point_m, elapsed_s))
-        return None if best is None else best[1]
+                nearest = _nearer(nearest, listing.free.nearest(cursor.point_m, elapsed_s))
+        if nearest is None:
+            return None
+        _gap_m, tracked = nearest
+        return tracked
 
     def _fits(self, listing: _Listing, stamp_ns: int) -> bool:
+        """Return True if a list is not too far from `stamp_ns` to be used."""
         return abs(stamp_ns - listing.stamp_ns) <= self._stale_ns
 
 
 def _nearer(
     a: tuple[float, TrackedObject] | None, b: tuple[float, TrackedObject] | None
 ) -> tuple[float, TrackedObject] | None:
-    if a is None or b is None:
-        return b if a is None else a
+    """Return the pair with the smaller distance, `a` if they are equal."""
+    if a is None:
+        return b
+    if b is None:
+        return a
     return b if b[0] < a[0] else a
 
 
@@ -252,6 +263,7 @@ class LineTable:
         self._lines = dict(lines)
         self._numbers = {key: number for number, key in enumerate(lines)}
         starts: list[float] = []
+        # without the empty arrays `concatenate` would refuse a map without lines
         arcs: list[Array] = [np.zeros(0)]
         vertices: list[Array] = [np.zeros((0, 3))]
         tangents: list[Array] = [np.zeros((0, 3))]
@@ -261,7 +273,7 @@ class LineTable:
             arcs.append(start + line.starts_m)
             vertices.append(line.vertices_m)
             tangents.append(np.vstack([line.tangents, line.tangents[-1:]]))
-            start += line.length_m + 1.0
+            start += line.length_m + 1.0  # a gap, so that no end is the next start
         self._starts: Array = np.array(starts)
         self._lengths_m: Array = np.array([line.length_m for line in lines.values()])
         self._arcs: Array = np.concatenate(arcs)
@@ -284,19 +296,22 @@ class LineTable:
         """Return points and tangents (n x 3 each) at `positions_m` (n) of the lines numbered `which` (n)."""
         segments, beyond_m = self._segments(which, positions_m)
         tangents = self._tangents[segments]
-        return self._vertices[segments] + beyond_m[:, None] * tangents, tangents
+        points_m = self._vertices[segments] + beyond_m[:, None] * tangents
+        return points_m, tangents
 
     def around(self, which: Indices, positions_m: Array) -> tuple[Array, Array, Array, Array]:
         """Return points, tangents, and the straight distances before and after, m (infinite at ends)."""
         points_m, tangents = self.at(which, positions_m)
         segments, beyond_m = self._segments(which, positions_m)
         arcs = self._arcs
-        ends = self._starts[which] + self._lengths_m[which]
-        is_first = arcs[segments] <= self._starts[which] + 1e-9
-        following = arcs[np.minimum(segments + 1, len(arcs) - 1)]
-        is_last = following >= ends - 1e-9
+        starts = self._starts[which]
+        ends = starts + self._lengths_m[which]
+        segment_starts = arcs[segments]
+        next_starts = arcs[np.minimum(segments + 1, len(arcs) - 1)]
+        is_first = segment_starts <= starts + 1e-9
+        is_last = next_starts >= ends - 1e-9
         before_m = np.where(is_first, math.inf, beyond_m)
-        after_m = np.where(is_last, math.inf, following - arcs[segments] - beyond_m)
+        after_m = np.where(is_last, math.inf, next_starts - segment_starts - beyond_m)
         return points_m, tangents, before_m, after_m
 
     def _segments(self, which: Indices, positions_m: Array) -> tuple[Indices, Array]:

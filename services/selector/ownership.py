@@ -19,7 +19,7 @@ MAX_RELEASED = 100
 
 
 class Why(TypedDict, total=False):
-    """Fields of a record that tell why."""
+    """Fields of a record that give the reason."""
 
     cause: Cause
     confidence: float | None
@@ -85,32 +85,38 @@ class Ledger:
 
     def objects(self) -> tuple[SelectedObject, ...]:
         """Return the selected objects, the oldest first, also after an undo has brought some back."""
-        oldest_first = sorted(self._entries.items(), key=lambda item: item[1].since_ns)
-        return tuple(
-            SelectedObject(
+        selected: list[SelectedObject] = []
+        for object_id, entry in sorted(self._entries.items(), key=lambda item: item[1].since_ns):
+            selected_object = SelectedObject(
                 id=object_id,
                 user=entry.user,
                 since_ns=entry.since_ns,
                 kind=entry.kind,
                 confidence=entry.confidence,
             )
-            for object_id, entry in oldest_first
-        )
+            selected.append(selected_object)
+        return tuple(selected)
 
     def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
         """Return the owner that blocks `user` from changing `object_id`, or `""` if nobody does."""
         entry = self._entries.get(object_id)
-        if entry is None or entry.user == user or self._is_gone(entry.user, now_ns):
+        if entry is None or entry.user == user:
             return ""
-        return entry.user
+        return "" if self._is_gone(entry.user, now_ns) else entry.user
 
     def changed_ns(self, object_id: str) -> int:
         """Return the time of the last change of `object_id`, ns. 0 if none is known."""
         entry = self._entries.get(object_id)
-        return self._released.get(object_id, (None, 0))[1] if entry is None else entry.since_ns
+        if entry is not None:
+            return entry.since_ns
+        released = self._released.get(object_id)
+        if released is None:
+            return 0
+        _entry, released_ns = released
+        return released_ns
 
     def restore(self, entries: Mapping[str, Owned]) -> None:
-        """Replace what is selected by `entries`."""
+        """Replace the selected objects by `entries`."""
         self._entries = dict(entries)
 
     def toggle(
@@ -125,21 +131,27 @@ class Ledger:
         mode: ThingMode = "claim",
         reason: str = "",
     ) -> Change:
-        """Select or deselect `object_id` for `user`; what a button started is not undone.
+        """Select or deselect `object_id` for `user`. What a button started cannot be undone.
 
-        Refused if it belongs to another person who is present, unless its `mode` lets anybody change it.
+        Refused if it belongs to another person who is present, unless anybody may change it in its `mode`.
         `reason`: in the record of the change.
         """
+        # Refuse what belongs to another person, or is decided
         entry = self._entries.get(object_id)
-        owner = self.blocking_owner(object_id, user, now_ns) if mode == "claim" else ""
+        owner = ""
+        if mode == "claim":
+            owner = self.blocking_owner(object_id, user, now_ns)
         if entry is not None and owner:
-            refusal = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
+            owned_kind = entry.kind or "object"
+            refusal = f"{owned_kind} is selected by {owner}; only {owner} can deselect it"
         else:
             refusal = self._too_late(object_id, now_ns)
         if refusal:
             return self.refuse(
                 object_id, kind, user, now_ns, cause=cause, reason=refusal, confidence=confidence
             )
+
+        # The step is remembered for `undo`, with one exception: an act of a button cannot be taken back
         if entry is not None:
             change = self._change(
                 object_id, None, user, now_ns, cause=cause, confidence=confidence, reason=reason
@@ -159,20 +171,24 @@ class Ledger:
 
     def end(self, object_id: str, now_ns: int) -> Record:
         """Deselect a selected object by itself, as a button that was shown for long enough."""
-        return self._deselect(object_id, self._entries[object_id].user, now_ns, cause="")
+        owner = self._entries[object_id].user
+        return self._deselect(object_id, owner, now_ns, cause="")
 
     def clear(self, user: str, now_ns: int) -> list[Change]:
         """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
-        own = {object_id: entry for object_id, entry in self._entries.items() if entry.user == user}
         changes: list[Change] = []
-        for object_id, entry in own.items():
+        step: list[Change] = []
+        for object_id, entry in list(self._entries.items()):
+            if entry.user != user:
+                continue
             reason = self._too_late(object_id, now_ns)
             if reason:
                 change = self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reason)
             else:
                 change = self._change(object_id, None, user, now_ns, cause="clear")
+                step.append(change)
             changes.append(change)
-        self._remember(user, [change for change in changes if not change.is_refused])
+        self._remember(user, step)
         return changes
 
     def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> Change | None:
@@ -182,12 +198,17 @@ class Ledger:
         too late, except for a take-over, which does not change its bay.
         """
         before = self._entries.get(object_id)
-        if before is None or (take_over and before.user == user):
+        if before is None:
             return None
-        reason = "" if take_over else self._too_late(object_id, now_ns)
-        if reason:
-            return self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)
-        after = Owned(user, before.kind, now_ns) if take_over else None
+        after: Owned | None = None
+        if take_over:
+            if before.user == user:
+                return None
+            after = Owned(user, before.kind, now_ns)
+        else:
+            reason = self._too_late(object_id, now_ns)
+            if reason:
+                return self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)
         change = self._change(object_id, after, user, now_ns, cause="release")
         self._remember(user, [change])
         return change
@@ -197,7 +218,7 @@ class Ledger:
 
         Objects that have left since, are decided, or belong to another person by now stay as they are. If
         nothing of the step can be undone, it is refused with the reason, and the step before is next.
-        `present`: ids of the objects that are there.
+        `present`: ids of the present objects.
         """
         steps = self._steps.get(user)
         if not steps:
@@ -205,56 +226,68 @@ class Ledger:
         step = steps.pop()
         undone: list[Change] = []
         for change in step:
-            if not self._still(change, present):
+            if not self._is_in_effect(change, present):
                 continue
             # a take-over is undone at any time, as it does not change the object's bay
             if change.is_switched and self._too_late(change.object_id, now_ns):
                 continue
             undone.append(self._change(change.object_id, change.before, user, now_ns, cause="undo"))
-        return undone or [self._lost_step(step[0], user, now_ns, present)]
+        return undone or [self._refuse_undo(step[0], user, now_ns, present)]
 
     def drop(self, object_ids: Iterable[str], now_ns: int, reason: str = "") -> list[Record]:
         """Close the entries of `object_ids`, which left at `now_ns`."""
-        left = [(object_id, self._entries.pop(object_id)) for object_id in object_ids]
-        return [
-            _record("left", object_id, entry, entry.user, now_ns, reason=reason) for object_id, entry in left
-        ]
+        records: list[Record] = []
+        for object_id in object_ids:
+            entry = self._entries.pop(object_id)
+            records.append(_record("left", object_id, entry, entry.user, now_ns, reason=reason))
+        return records
 
     def take_back(self, record: Record, now_ns: int, reason: str) -> Record | None:
         """Undo `record`, the last change of its object, which was not done. None if it is undone already."""
         object_id = record.object_id
-        entry = self._entries.get(record.object_id)
-        if (entry is None) is (record.event == "selected"):
+        entry = self._entries.get(object_id)
+        is_undone = (entry is None) is (record.event == "selected")
+        if is_undone:
             return None
         if entry is not None:
             return self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
-        released, _ = self._released.get(object_id, (Owned(record.owner, record.kind, 0), 0))
-        owned = dataclasses.replace(released, since_ns=now_ns)
+
+        # It was deselected, so its last owner has it again, as far as that is remembered
+        released_entry = Owned(record.owner, record.kind, 0)
+        if object_id in self._released:
+            released_entry, _released_ns = self._released[object_id]
+        owned = dataclasses.replace(released_entry, since_ns=now_ns)
         return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
 
     def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Change:
-        """Return the refusal of an action for `reason`. Changes nothing."""
+        """Return the refusal of an action, and change nothing."""
         entry = self._entries.get(object_id)
         owned = entry or Owned("", kind, 0)
         record = _record("refused", object_id, owned, user, now_ns, **why)
         return Change(object_id, before=entry, after=entry, records=(record,))
 
-    def _still(self, change: Change, present: Container[str]) -> bool:
+    def _is_in_effect(self, change: Change, present: Container[str]) -> bool:
+        """Return True if nothing has changed the owner of its object since `change`."""
         entry = self._entries.get(change.object_id)
         if change.after is None:
             return entry is None and change.object_id in present
         return entry is not None and entry.user == change.after.user
 
-    def _lost_step(self, change: Change, user: str, now_ns: int, present: Container[str]) -> Change:
+    def _refuse_undo(self, change: Change, user: str, now_ns: int, present: Container[str]) -> Change:
+        """Return the refusal to undo a step, of which `change` is the first. It tells what has happened."""
         entry = self._entries.get(change.object_id)
         owned = change.before or change.after
-        kind = (owned.kind if owned is not None else "") or "object"
-        if self._still(change, present):
+        kind = "object"
+        if owned is not None and owned.kind:
+            kind = owned.kind
+        if self._is_in_effect(change, present):
             reason = self._too_late(change.object_id, now_ns)
-        elif entry is not None:
-            reason = f"{kind} is {entry.user}'s by now; what was done with it cannot be taken back"
         else:
-            status = "is not selected any more" if change.object_id in present else "has left"
+            status = "has left"
+            if entry is not None:
+                status = f"is {entry.user}'s by now"
+            elif change.object_id in present:
+                status = "is not selected any more"
             reason = f"{kind} {status}; what was done with it cannot be taken back"
         return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
@@ -262,7 +295,8 @@ class Ledger:
         """Store a step for `undo`. Its changes are of different objects, so their order has no effect."""
         if not step:
             return
-        self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
+        steps = self._steps.setdefault(user, deque(maxlen=self._undo_steps))
+        steps.append(step)
 
     def _change(
         self, object_id: str, after: Owned | None, user: str, now_ns: int, **why: Unpack[Why]
@@ -286,7 +320,8 @@ class Ledger:
         entry = self._entries.pop(object_id)
         self._released[object_id] = entry, now_ns
         if len(self._released) > MAX_RELEASED:
-            del self._released[next(iter(self._released))]
+            oldest_id = next(iter(self._released))
+            del self._released[oldest_id]
         return _record("deselected", object_id, entry, user, now_ns, **why)
 
 
@@ -321,16 +356,23 @@ class Ownership:
 
     def action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
         """Return the effect of staying on an object, and the other person who has it, or `""`."""
+        # Others keep what they own, and have the first turn with what they have reserved
         mode = self.positions.mode(object_id)
-        owner = "" if mode != "claim" else self.ledger.blocking_owner(object_id, user, now_ns)
-        if owner:
-            return "refuse", owner
+        if mode == "claim":
+            owner = self.ledger.blocking_owner(object_id, user, now_ns)
+            if owner:
+                return "refuse", owner
         holder = self.reservations.holder(object_id)
         if holder and holder != user:
             return "refuse", holder
+
+        # A button goes off by itself; a claim may have to be undone in another way
         is_selected = object_id in self.ledger.entries
-        if is_selected and (mode == "button" or (mode == "claim" and not self._may_deselect)):
-            return "", ""
+        if is_selected:
+            if mode == "button":
+                return "", ""
+            if mode == "claim" and not self._may_deselect:
+                return "", ""
         if self.refusal(object_id, now_ns):
             return "refuse", ""
         return ("deselect" if is_selected else "select"), ""
@@ -338,14 +380,16 @@ class Ownership:
     def refusal(self, object_id: str, now_ns: int) -> str:
         """Return the reason for which an object cannot be changed at a time, or `""`."""
         event = "deselected" if object_id in self.ledger.entries else "selected"
-        reason = self.acts.refusal(object_id, event, self.positions.mode(object_id))
+        mode = self.positions.mode(object_id)
+        reason = self.acts.refusal(object_id, event, mode)
         return reason or self.positions.too_late(object_id, now_ns)
 
     def follow(self, selection: Selection) -> None:
-        """Take over what the site's selector has decided."""
-        self.ledger.restore(
-            {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in selection.objects}
-        )
+        """Adopt the owners and reservations that the site's selector has decided on."""
+        entries: dict[str, Owned] = {}
+        for selected in selection.objects:
+            entries[selected.id] = Owned(selected.user, selected.kind, selected.since_ns, selected.confidence)
+        self.ledger.restore(entries)
         self.reservations.restore(selection.reserved)
 
 
@@ -371,14 +415,15 @@ class UserPresence:
 
     def there(self, now_ns: int) -> list[str]:
         """Return the people who are not gone, by name."""
-        return sorted(user for user in {*self._present, *self._active_ns} if not self.is_gone(user, now_ns))
+        users = {*self._present, *self._active_ns}
+        return sorted(user for user in users if not self.is_gone(user, now_ns))
 
     def is_gone(self, user: str, now_ns: int) -> bool:
         """Return True if `user` has been away long enough for others to change their objects."""
         if user in self._present:
             return False
         active_ns = self._active_ns.setdefault(user, now_ns)
-        if active_ns > now_ns + MAX_AHEAD_NS:
+        if active_ns > now_ns + MAX_AHEAD_NS:  # the clock of their machine was ahead then
             self._active_ns[user] = active_ns = now_ns
         return now_ns - active_ns >= self._after_ns
 
@@ -394,7 +439,10 @@ class Reservations:
     def holder(self, object_id: str) -> str:
         """Return the user who has reserved `object_id`, or `""`."""
         held = self._held.get(object_id)
-        return "" if held is None else held[0]
+        if held is None:
+            return ""
+        holder, _until_ns = held
+        return holder
 
     def reserve(self, object_id: str, user: str, now_ns: int) -> bool:
         """Reserve `object_id` for `user`, or extend it. Return True if it was free before.
@@ -402,25 +450,30 @@ class Reservations:
         A reservation of another user stays.
         """
         held = self._held.get(object_id)
-        if held is not None and held[0] != user:
-            return False
+        if held is not None:
+            holder, _until_ns = held
+            if holder != user:
+                return False
         self._held[object_id] = (user, now_ns + self._for_ns)
         return held is None
 
     def keep_last(self, user: str, count: int) -> bool:
         """Free `user`'s reservations but the last `count`. Return True if there were any."""
-        own = [object_id for object_id, (holder, _) in self._held.items() if holder == user]
-        for object_id in own[:-count]:
+        own_ids = [object_id for object_id, (holder, _) in self._held.items() if holder == user]
+        for object_id in own_ids[:-count]:
             del self._held[object_id]
-        return len(own) > count
+        return len(own_ids) > count
 
     def extend(self, user: str, object_id: str, now_ns: int) -> bool:
         """Extend `user`'s reservation of `object_id`. Return False if they have none."""
-        return self.holder(object_id) == user and not self.reserve(object_id, user, now_ns)
+        if self.holder(object_id) != user:
+            return False
+        was_free = self.reserve(object_id, user, now_ns)
+        return not was_free
 
     def restore(self, reserved: Iterable[ReservedObject]) -> None:
         """Replace all reservations by `reserved`."""
-        self._held = {one.id: (one.user, one.until_ns) for one in reserved}
+        self._held = {reservation.id: (reservation.user, reservation.until_ns) for reservation in reserved}
 
     def free(self, object_id: str) -> bool:
         """Free `object_id`. Return True if it was reserved."""
@@ -432,16 +485,17 @@ class Reservations:
         A reservation that ends later than possible was made by another machine's clock.
         """
         last_ns = now_ns + self._for_ns + NS_PER_S
-        expired = [
-            object_id for object_id, (_, until_ns) in self._held.items() if not now_ns <= until_ns <= last_ns
-        ]
-        for object_id in expired:
+        expired_ids: list[str] = []
+        for object_id, (_user, until_ns) in self._held.items():
+            if not now_ns <= until_ns <= last_ns:
+                expired_ids.append(object_id)
+        for object_id in expired_ids:
             del self._held[object_id]
-        return bool(expired)
+        return bool(expired_ids)
 
     def objects(self) -> tuple[ReservedObject, ...]:
         """Return all reservations."""
-        return tuple(
-            ReservedObject(id=object_id, user=user, until_ns=until_ns)
-            for object_id, (user, until_ns) in self._held.items()
-        )
+        reserved: list[ReservedObject] = []
+        for object_id, (user, until_ns) in self._held.items():
+            reserved.append(ReservedObject(id=object_id, user=user, until_ns=until_ns))
+        return tuple(reserved)

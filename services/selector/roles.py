@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
@@ -54,19 +55,22 @@ class SiteRole:
         self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
     ) -> None:
         """Declare the publishers. Nothing is restored before `begin`."""
-        kept = config.journal
-        self._journal = Journal(
-            site_folder(bus.site, "selector"),
-            keep_days=kept.keep_days,
-            restore_within_s=kept.restore_within_s,
-            max_mb=kept.max_mb,
-        )
-        self._journals = kept.enabled
         self._bus = bus
         self._clock = clock
         self._put = put
         self._use = use
+
+        # Decisions, of which the journal gets each event
+        self._has_journal = config.journal.enabled
+        self._journal = Journal(
+            site_folder(bus.site, "selector"),
+            keep_days=config.journal.keep_days,
+            restore_within_s=config.journal.restore_within_s,
+            max_mb=config.journal.max_mb,
+        )
         self.engine = SelectionEngine(config, self._journal.add, make)
+
+        # Messages
         self._selections = bus.publisher(topics.SELECTION)
         self._events = bus.publisher(topics.SELECTION_EVENTS)
         self._outcomes = bus.publisher(topics.OUTCOMES)
@@ -79,24 +83,30 @@ class SiteRole:
         """Warnings in force about carriers that cannot act, by carrier."""
 
     def begin(self) -> None:
-        """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
+        """Restore the selection from before a restart, republish possibly unpublished events, and serve."""
+        # What was selected. A journal that cannot be read is reported, and nothing is selected
         now_ns = self._clock.now_ns()
-        kept = self._journal.begin(now_ns) if self._journals else JournalContents()
+        contents = self._journal.begin(now_ns) if self._has_journal else JournalContents()
         if self._journal.problem:
             log.error("%s", self._journal.problem)
-        self.engine.restore(kept.entries, kept.events, now_ns, kept.decided, kept.pending)
+        self.engine.restore(contents.entries, contents.events, now_ns, contents.decided, contents.pending)
         self._selections.put(self.engine.selection(now_ns))
-        for record in kept.unpublished:
+
+        # Events that were committed, but perhaps not published, before the end of the last run
+        for record in contents.unpublished:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
                 self._put([Output("", event)])
         self._maintain_journal(now_ns)
+
+        # Requests are answered from what was restored
         self._bus.serve(topics.CLEAR_SELECTION, self._clear)
         self._bus.serve(topics.UNDO_SELECTION, self._undo)
         self._bus.serve(topics.RELEASE_OBJECT, self._release)
         self._bus.serve(topics.SET_THING, self._set_thing)
         self._bus.serve(topics.SET_METHOD, self._set_method)
-        self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._journals else None).answer)
+        history = History(self._journal.path if self._has_journal else None)
+        self._bus.serve(topics.READ_HISTORY, history.answer)
 
     def subscribe(self) -> None:
         """Subscribe to departures, claims of shards and results of acts."""
@@ -120,25 +130,25 @@ class SiteRole:
             self._journal.mark_published(message.seq)
         elif isinstance(message, ActOutcome):
             self._outcomes.put(message)
-            waiting = self._waiting.get((message.object_id, message.event_ns))
-            if waiting is not None and not waiting.done():
-                waiting.set_result(message)
+            caller = self._waiting.get((message.object_id, message.event_ns))
+            if caller is not None and not caller.done():
+                caller.set_result(message)
 
     def on_map(self, now_ns: int) -> None:
         """Publish how people select in the new room, before anybody points there."""
-        self._tell_manner(now_ns)
+        self._publish_manner(now_ns)
 
     def check(self, now_ns: int) -> None:
-        """Maintain the journal, and show who claims too much, and what is refused. Called periodically."""
+        """Maintain the journal, and warn about excessive claims and refused acts. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
-        before = self._carrier_warnings
+        previous_warnings = self._carrier_warnings
         self._carrier_warnings = self.engine.carrier_warnings()
-        for carrier in {*before, *self._carrier_warnings}:
+        for carrier in {*previous_warnings, *self._carrier_warnings}:
             self._bus.warn(REFUSED_ACTS, self._carrier_warnings.get(carrier, ""), carrier)
-        self._tell_manner(now_ns)
+        self._publish_manner(now_ns)
         self._maintain_journal(now_ns)
 
-    def _tell_manner(self, now_ns: int) -> None:
+    def _publish_manner(self, now_ns: int) -> None:
         """Publish how people select here, if it has changed."""
         manner = self.engine.manner(now_ns)
         plain = manner.model_copy(update={"stamp_ns": 0})
@@ -165,12 +175,13 @@ class SiteRole:
         self._put(self.engine.on_claim(user, claim, self._clock.now_ns()))
 
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
-        events = _events(self._put(self.engine.clear(user, self._clock.now_ns())))
-        done = [event for event in events if event.event == "deselected"]
-        return Done(message=f"{len(done)} of {user}'s objects deselected")
+        outputs = self._put(self.engine.clear(user, self._clock.now_ns()))
+        deselected = [event for event in _events(outputs) if event.event == "deselected"]
+        return Done(message=f"{len(deselected)} of {user}'s objects deselected")
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:
-        return Done(message=_done_message(self._put(self.engine.undo(user, self._clock.now_ns()))))
+        outputs = self._put(self.engine.undo(user, self._clock.now_ns()))
+        return Done(message=_done_message(outputs))
 
     async def _release(self, query: ReleaseObject, user: str) -> Done:
         now_ns = self._clock.now_ns()
@@ -185,39 +196,56 @@ class SiteRole:
                 return Done(message=f"{query.thing} is being switched {state}: its result is not told yet")
             return Done(message=f"{query.thing} is {state} already")
         message = _done_message(outputs)
-        event = next((each for each in _events(outputs) if each.carriers), None)
-        if event is None:
+        event = next((event for event in _events(outputs) if event.carriers), None)
+        if event is None:  # nobody carries it out
             return Done(message=message)
+
+        # Wait for the carriers, but not for longer than the caller does
         key = event.object_id, event.stamp_ns
-        waiting = self._waiting[key] = asyncio.get_running_loop().create_future()
+        outcome_future = asyncio.get_running_loop().create_future()
+        self._waiting[key] = outcome_future
         try:
             async with asyncio.timeout(MAX_ANSWER_S):
-                outcome = await waiting
+                outcome = await outcome_future
         except TimeoutError:
-            return Done(message=f"{message}; {', '.join(event.carriers)} did not tell the result yet")
+            names = ", ".join(event.carriers)
+            return Done(message=f"{message}; {names} did not tell the result yet")
         finally:
             del self._waiting[key]
         if outcome.result == "failed":
-            raise RefusedError(f"{event.kind or event.object_id}: {outcome.text}")
-        return Done(message=message if outcome.result == "done" else f"{message}: started")
+            name = event.kind or event.object_id
+            raise RefusedError(f"{name}: {outcome.text}")
+        if outcome.result == "started":
+            message = f"{message}: started"
+        return Done(message=message)
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
-            wanted = self._use(query.name or query.method, query.dwell_s)
+            config = self._use(query.name or query.method, query.dwell_s)
         except (ValueError, ConfigError) as error:
             raise RefusedError(str(error)) from error
-        method = wanted.method
+
+        # Callers that know the methods of this project only get the most similar one
+        similar_method: Literal["hold", "fraction", "gauge"] = "hold"
+        if is_ours(config.method):
+            similar_method = config.method
+        elif is_by_angle(config):
+            similar_method = "gauge"
         return SetMethodReply(
-            message=f"staying on an object for {wanted.dwell_s:g} s selects it: {method}",
-            method=method if is_ours(method) else "gauge" if is_by_angle(wanted) else "hold",
-            dwell_s=wanted.dwell_s,
-            name=method,
+            message=f"staying on an object for {config.dwell_s:g} s selects it: {config.method}",
+            method=similar_method,
+            dwell_s=config.dwell_s,
+            name=config.method,
             installed=METHODS.names,
         )
 
 
 def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
-    return [output.message for output in outputs if isinstance(output.message, SelectionEvent)]
+    events: list[SelectionEvent] = []
+    for output in outputs:
+        if isinstance(output.message, SelectionEvent):
+            events.append(output.message)
+    return events
 
 
 def _done_message(outputs: Sequence[Output]) -> str:
@@ -226,12 +254,19 @@ def _done_message(outputs: Sequence[Output]) -> str:
     Raises:
         RefusedError: If nothing was done. The message gives the reason.
     """
-    done = [event for event in _events(outputs) if event.event != "refused"]
-    if not done:
-        cues = [output.message.text for output in outputs if isinstance(output.message, Feedback)]
-        raise RefusedError(cues[0] if cues else "nothing can be done")
-    words = ((event.kind or "object", event.object_id, event.event) for event in done)
-    return ", ".join(" ".join(dict.fromkeys(each)) for each in words)  # a thing's kind may be its name
+    phrases: list[str] = []
+    for event in _events(outputs):
+        if event.event != "refused":
+            words = (event.kind or "object", event.object_id, event.event)
+            phrases.append(" ".join(dict.fromkeys(words)))  # without repetition: a kind may be the name
+    if phrases:
+        return ", ".join(phrases)
+
+    # Nothing was done: the first cue gives the reason
+    for output in outputs:
+        if isinstance(output.message, Feedback):
+            raise RefusedError(output.message.text)
+    raise RefusedError("nothing can be done")
 
 
 class ShardRole:
@@ -245,9 +280,9 @@ class ShardRole:
         self._put = put
         self._use = use
         self.engine = ShardEngine(config, make)
-        self._claims: dict[str, Publisher[Claim]] = {
-            user: bus.publisher(topics.CLAIM, user) for user in config.people
-        }
+        self._claims: dict[str, Publisher[Claim]] = {}
+        for user in config.people:
+            self._claims[user] = bus.publisher(topics.CLAIM, user)
         self._parameters: tuple[str | None, float | None] = (None, None)
 
     def begin(self) -> None:
@@ -263,7 +298,7 @@ class ShardRole:
         """Do nothing: the site's selector keeps the journal."""
 
     def publish(self, user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
-        """Publish what `engine` returned."""
+        """Publish the claims that `engine` returned."""
         if isinstance(message, Claim):
             self._claims[user].put(message)
 
@@ -272,7 +307,7 @@ class ShardRole:
 
     def check(self, _now_ns: int) -> None:
         """Show in health if the site's selector cannot be reached. Called periodically."""
-        self._warn()
+        self._warn_of_missing_arbiter()
 
     def close(self) -> None:
         """Do nothing: there is no journal."""
@@ -280,10 +315,12 @@ class ShardRole:
     def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == "selector":
             self.engine.has_arbiter = present
-            self._warn()
+            self._warn_of_missing_arbiter()
 
-    def _warn(self) -> None:
-        problem = f"{NO_ARBITER}: start it, or mend the network" if not self.engine.has_arbiter else ""
+    def _warn_of_missing_arbiter(self) -> None:
+        problem = ""
+        if not self.engine.has_arbiter:
+            problem = f"{NO_ARBITER}: start it, or mend the network"
         self._bus.warn("arbiter", problem, "selector")
 
     def _on_selection(self, selection: Selection, _name: str) -> None:

@@ -1,4 +1,4 @@
-"""Objects as seen from a person's eyes, at the time of their ray, and the one that is pointed at."""
+"""Objects as seen from a person's eyes, at the time of their ray, and the object that is pointed at."""
 
 import math
 from collections.abc import Collection, Iterable, Sequence
@@ -33,6 +33,7 @@ NEAREST_M = 1e-3
 """Lower limit of the distance to the eyes, m."""
 
 HAIR_M = 1e-6
+"""Length that is added to distances, m: it keeps them above 0, and cosines above -1."""
 
 MAX_SEEN = 32
 """Limit of objects near a ray. Beyond it those at the smallest angles are used."""
@@ -88,7 +89,7 @@ class View:
     def __init__(self, direction: Vec3, seen: Sequence[VisibleObject]) -> None:
         """Create from what is seen along the unit `direction` in {W}."""
         self._direction = direction
-        self._seen = {one.id: one for one in seen}
+        self._seen = {visible.id: visible for visible in seen}
 
     @property
     def seen(self) -> Collection[VisibleObject]:
@@ -100,51 +101,66 @@ class View:
 
         `kept` is preferred until another angle is smaller by the share `hysteresis`.
         """
-        best: VisibleObject | None = None
-        for one in self._seen.values():
-            if one.angle_rad <= one.half_rad + snap_rad and (best is None or one.angle_rad < best.angle_rad):
-                best = one
-        if best is None or kept is None or best.id == kept:
-            return None if best is None else best.id
-        before = self._seen.get(kept)
-        if before is None or before.angle_rad > before.half_rad + snap_rad:
-            return best.id
-        return kept if best.angle_rad >= (1.0 - hysteresis) * before.angle_rad else best.id
+        nearest: VisibleObject | None = None
+        for visible in self._seen.values():
+            is_within = visible.angle_rad <= visible.half_rad + snap_rad
+            if not is_within:
+                continue
+            if nearest is None or visible.angle_rad < nearest.angle_rad:
+                nearest = visible
+        if nearest is None:
+            return None
+        if kept is None or nearest.id == kept:
+            return nearest.id
+
+        # The object that was picked before, if the ray is still within its tolerance
+        previous = self._seen.get(kept)
+        if previous is None or previous.angle_rad > previous.half_rad + snap_rad:
+            return nearest.id
+        is_similar = nearest.angle_rad >= (1.0 - hysteresis) * previous.angle_rad
+        return kept if is_similar else nearest.id
 
     def near(self, object_ids: Iterable[str], snap_rad: float, leave_factor: float) -> set[str]:
         """Return the ids whose angle from the ray is at most `leave_factor` x (half width + `snap_rad`)."""
-        seen = self._seen
-        return {
-            object_id
-            for object_id in object_ids
-            if object_id in seen
-            and seen[object_id].angle_rad <= leave_factor * (seen[object_id].half_rad + snap_rad)
-        }
+        near_ids: set[str] = set()
+        for object_id in object_ids:
+            visible = self._seen.get(object_id)
+            if visible is None:
+                continue
+            tolerance_rad = visible.half_rad + snap_rad
+            if visible.angle_rad <= leave_factor * tolerance_rad:
+                near_ids.add(object_id)
+        return near_ids
 
     def is_isolated(self, within_rad: float) -> bool:
         """Return True if at most one object is within `within_rad` of the ray."""
-        return sum(one.angle_rad - one.half_rad < within_rad for one in self._seen.values()) <= 1
+        count = 0
+        for visible in self._seen.values():
+            if visible.angle_rad - visible.half_rad < within_rad:
+                count += 1
+        return count <= 1
 
     def miss_rad(self, object_id: str, cursor: Cursor) -> float | None:
         """Return the angle from the ray itself to the object, 0 if on it. None if it is not near."""
-        one = self._seen.get(object_id)
-        if one is None or cursor.origin_m is None:
+        visible = self._seen.get(object_id)
+        if visible is None or cursor.origin_m is None:
             return None
-        reach = vector.subtract(one.center_m, cursor.origin_m)
-        return max(0.0, vector.angle_between(self._direction, reach) - one.half_rad)
+        reach = vector.subtract(visible.center_m, cursor.origin_m)
+        angle_rad = vector.angle_between(self._direction, reach)
+        return max(0.0, angle_rad - visible.half_rad)
 
     def relative_rate(self, object_id: str, rate: tuple[float, float]) -> float:
         """Return the angular speed of a ray that turns at `rate` relative to the object, rad/s at the eyes.
 
-        The object is near; `rate` is the speed of azimuth on the sphere and of elevation, rad/s.
+        The object is near. `rate` is the speed of azimuth on the sphere and of elevation, rad/s.
         """
-        one = self._seen[object_id]
-        u, v, w = one.velocity_mps
+        visible = self._seen[object_id]
+        u, v, w = visible.velocity_mps
         x, y, z = self._direction
-        level = math.hypot(x, y) or 1e-12
-        turned = (v * x - u * y) / level / one.range_m
-        raised = (w * level - (u * x + v * y) * z / level) / one.range_m
-        return math.hypot(rate[0] - turned, rate[1] - raised)
+        level = math.hypot(x, y) or 1e-12  # a vertical ray has no azimuth
+        azimuth_rate = (v * x - u * y) / level / visible.range_m
+        elevation_rate = (w * level - (u * x + v * y) * z / level) / visible.range_m
+        return math.hypot(rate[0] - azimuth_rate, rate[1] - elevation_rate)
 
     def confidence(self, object_id: str, aim_sigma_rad: float) -> float | None:
         """Return the probability that the object is the target, among all that are near.
@@ -154,11 +170,11 @@ class View:
         """
         if object_id not in self._seen:
             return None
-        scores = {
-            one.id: -0.5 * (one.angle_rad / math.hypot(aim_sigma_rad, one.half_rad / 2.0)) ** 2
-            for one in self._seen.values()
-        }
-        highest = max(scores.values())
+        scores: dict[str, float] = {}
+        for visible in self._seen.values():
+            sigma_rad = math.hypot(aim_sigma_rad, visible.half_rad / 2.0)
+            scores[visible.id] = -0.5 * (visible.angle_rad / sigma_rad) ** 2
+        highest = max(scores.values())  # subtracted, so that not all weights vanish
         weights = {name: math.exp(score - highest) for name, score in scores.items()}
         return weights[object_id] / math.fsum(weights.values())
 
@@ -169,37 +185,45 @@ class View:
         the ray to the nearest point of the object. None if it is on the object already, on another line, or
         would move by more than `snap_rad` at the eyes.
         """
-        one = self._seen.get(object_id)
-        if one is None or cursor.origin_m is None or cursor.direction is None:
+        visible = self._seen.get(object_id)
+        if visible is None:
+            return None
+        if cursor.origin_m is None or cursor.direction is None:
             return None
         if cursor.surface in LINES:
-            return _drawn_along(one, cursor, cursor.origin_m, snap_rad)
-        first = vector.subtract(
-            vector.subtract(one.center_m, vector.scale(one.along, one.half_m)), cursor.origin_m
-        )
-        step = vector.scale(one.along, 2.0 * one.half_m)
-        t, _ = nearest_in_angle(first, step, cursor.direction)
-        reach = vector.add(first, vector.scale(step, t))
-        if vector.angle_between(cursor.direction, reach) > snap_rad:
+            return _snapped_along_line(visible, cursor, cursor.origin_m, snap_rad)
+
+        # On no line: from the ray to the nearest point between the two ends of the object
+        to_start = vector.scale(visible.along, visible.half_m)
+        start_m = vector.subtract(vector.subtract(visible.center_m, to_start), cursor.origin_m)
+        step_m = vector.scale(visible.along, 2.0 * visible.half_m)
+        t, _ = nearest_in_angle(start_m, step_m, cursor.direction)
+        nearest_m = vector.add(start_m, vector.scale(step_m, t))
+        if vector.angle_between(cursor.direction, nearest_m) > snap_rad:
             return None
-        return vector.add(cursor.origin_m, reach), None
+        return vector.add(cursor.origin_m, nearest_m), None
 
 
-def _drawn_along(
-    one: VisibleObject, cursor: Cursor, origin_m: Vec3, snap_rad: float
+def _snapped_along_line(
+    visible: VisibleObject, cursor: Cursor, origin_m: Vec3, snap_rad: float
 ) -> tuple[Vec3, float | None] | None:
-    place = one.place
+    """Return point and arc length of a cursor that moves along its line to the end of an object.
+
+    None under the conditions of `View.snapped`.
+    """
+    place = visible.place
     if place is None or cursor.point_m is None:
         return None
     if (place.surface, place.surface_id) != (cursor.surface, cursor.surface_id):
         return None
-    beside_m = cursor.position_m - place.position_m
-    position_m = place.position_m + min(max(beside_m, -one.half_m), one.half_m)
+    offset_m = cursor.position_m - place.position_m
+    position_m = place.position_m + min(max(offset_m, -visible.half_m), visible.half_m)
     if abs(position_m - cursor.position_m) < SAME_M:
         return None
     point_m = place.line.point_at(position_m)
     shown = vector.subtract(cursor.point_m, origin_m)
-    moved_rad = vector.angle_between(shown, vector.subtract(point_m, origin_m))
+    snapped = vector.subtract(point_m, origin_m)
+    moved_rad = vector.angle_between(shown, snapped)
     return None if moved_rad > snap_rad else (point_m, position_m)
 
 
@@ -227,13 +251,13 @@ class SeenObjects:
         self._aims_at_cursor = aim == "cursor"
         self._lines = LineTable({})
         self._listings: dict[str, TrackedObjects] = {}
-        self._set([], [])
+        self._set_objects([], [])
 
     def on_map(self, environment: Environment) -> None:
         """Set the lines of the map. A line without length is ignored."""
         lines: dict[tuple[str, str], Polyline] = {}
-        for surface, those in (("strip", environment.strips), ("belt", environment.belts)):
-            for item in those:
+        for surface, items in (("strip", environment.strips), ("belt", environment.belts)):
+            for item in items:
                 try:
                     lines[surface, item.id] = Polyline(item.line_m)
                 except ValueError:
@@ -253,20 +277,30 @@ class SeenObjects:
 
     def view_from(self, cursor: Cursor) -> View | None:
         """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects."""
+        origin_m = cursor.origin_m
         direction = cursor.direction
-        if cursor.origin_m is None or direction is None or not self._tracked:
+        if origin_m is None or direction is None:
             return None
+        if not self._tracked:
+            return None
+
+        # All objects from these eyes, which are known where people and objects stand still
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
-        sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, age_s)
+        sights = self._sights.get(origin_m) or self._sights_from(origin_m, age_s)
         centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights
-        aim = self._aim(cursor, cursor.origin_m, direction)
+
+        # Angles from the ray to boxes, whose outlines it passes, and from the cursor as shown to all others
+        aim = self._aim_direction(cursor, origin_m, direction)
         along_m = reach_m @ np.array(aim)
         if self._solids and aim is not direction:
             along_m[self._solid] = reach_m[self._solid] @ np.array(direction)
         angles = np.arccos(np.minimum(along_m / ranges_m, 1.0))
+
+        # Those near the ray: not too many, in time, and not behind something opaque
         near = (angles <= limits_rad).nonzero()[0]
         if self._solids and len(near) > MAX_SOLIDS:
-            near = near[(angles - halves_rad)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
+            gaps_rad = (angles - halves_rad)[near]
+            near = near[gaps_rad.argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
         elif len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
         if self._ages_s is not None:
@@ -275,19 +309,22 @@ class SeenObjects:
             near = near[:0]
         if cursor.solid in OPAQUE:
             near = near[ranges_m[near] - self._halves_m[near] <= cursor.range_m]
-        seen = [
-            self._seen(index, cursor, center, angle, range_m)
-            for index, center, angle, range_m in zip(
-                near.tolist(),
-                centers_m[near].tolist(),
-                angles[near].tolist(),
-                ranges_m[near].tolist(),
-                strict=True,
-            )
-        ]
+
+        # From here on plain numbers, as few objects are left
+        rows = zip(
+            near.tolist(),
+            centers_m[near].tolist(),
+            angles[near].tolist(),
+            ranges_m[near].tolist(),
+            strict=True,
+        )
+        seen: list[VisibleObject] = []
+        for index, center, angle, range_m in rows:
+            seen.append(self._visible(index, cursor, center, angle, range_m))
         return View(direction, seen)
 
-    def _look_from(self, origin_m: Vec3, elapsed_s: float) -> "_Sights":
+    def _sights_from(self, origin_m: Vec3, elapsed_s: float) -> "_Sights":
+        """Return all objects from some eyes after a time, and store them while nothing moves."""
         if self._ages_s is not None:
             centers_m = self._moved_m(elapsed_s + self._ages_s)
         elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
@@ -298,23 +335,29 @@ class SeenObjects:
         # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
         halves_rad = self._halves_m / ranges_m
-        sights = (centers_m, reach_m, ranges_m, halves_rad, LEAVE_FACTOR * halves_rad + self._reach_rad)
+        limits_rad = LEAVE_FACTOR * halves_rad + self._reach_rad
+        sights = (centers_m, reach_m, ranges_m, halves_rad, limits_rad)
         if self._are_still:
             if len(self._sights) >= MAX_EYES:
                 self._sights.clear()
             self._sights[origin_m] = sights
         return sights
 
-    def _aim(self, cursor: Cursor, origin_m: Vec3, direction: Vec3) -> Vec3:
-        if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
-            shown = vector.subtract(cursor.point_m, origin_m)
-            if vector.norm(shown) > NEAREST_M:
-                return vector.normalized(shown)
+    def _aim_direction(self, cursor: Cursor, origin_m: Vec3, direction: Vec3) -> Vec3:
+        """Return the direction of reference: to the cursor as shown on a line, or else that of the ray."""
+        if not self._aims_at_cursor or cursor.surface not in LINES:
+            return direction
+        if cursor.point_m is None:
+            return direction
+        shown = vector.subtract(cursor.point_m, origin_m)
+        if vector.norm(shown) > NEAREST_M:
+            return vector.normalized(shown)
         return direction
 
-    def _seen(
+    def _visible(
         self, index: int, cursor: Cursor, center: Sequence[float], angle_rad: float, range_m: float
     ) -> VisibleObject:
+        """Return the object of `index` as seen along the ray of `cursor`."""
         tracked = self._tracked[index]
         x, y, z = center
         center_m = (x, y, z)
@@ -324,6 +367,8 @@ class SeenObjects:
         velocity_mps = tracked.velocity_mps
         place = None
         across = 1.0
+
+        # On a line: its position there at the time of the ray, and how much shorter it looks from the side
         if index < self._on_lines:
             age_s = 0.0 if self._ages_s is None else float(self._ages_s[index])
             elapsed_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S + age_s
@@ -338,6 +383,8 @@ class SeenObjects:
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
         half_rad = math.atan(half_m * across / range_m)
+
+        # A box: its half width ends at the nearest point of its outline, and holds the ray that meets it
         outline_m = None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
@@ -345,8 +392,9 @@ class SeenObjects:
             outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
             half_rad = max(angle_rad, half_rad)
             if outline_m is not None:
-                beside = vector.subtract(outline_m, cursor.origin_m)
-                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
+                to_outline = vector.subtract(outline_m, cursor.origin_m)
+                outline_rad = vector.angle_between(cursor.direction, to_outline)
+                half_rad = max(angle_rad - outline_rad, 0.0)
         return VisibleObject(
             tracked.id,
             angle_rad,
@@ -367,45 +415,61 @@ class SeenObjects:
         centers_m = self._centers_m + self._velocities_mps * elapsed_s[:, None]
         if count:
             along_m = self._along_m + self._speeds_mps * elapsed_s[:count]
-            centers_m[:count] = self._beside_m + self._lines.at(self._which, along_m)[0]
+            points_m, _tangents = self._lines.at(self._which, along_m)
+            centers_m[:count] = self._beside_m + points_m
         return centers_m
 
     def _relist(self) -> None:
+        """Sort the objects of all trackers: those on lines first."""
         on_lines: list[tuple[TrackedObject, int]] = []
         free: list[tuple[TrackedObject, int]] = []
         for message in self._listings.values():
             for tracked in message.objects:
-                is_on_line = self._lines.has(tracked.surface, tracked.surface_id)
-                (on_lines if is_on_line else free).append((tracked, message.stamp_ns))
-        self._set(on_lines, free)
+                if self._lines.has(tracked.surface, tracked.surface_id):
+                    on_lines.append((tracked, message.stamp_ns))
+                else:
+                    free.append((tracked, message.stamp_ns))
+        self._set_objects(on_lines, free)
 
-    def _set(
+    def _set_objects(
         self, on_lines: Sequence[tuple[TrackedObject, int]], free: Sequence[tuple[TrackedObject, int]]
     ) -> None:
-        everything = [*on_lines, *free]
-        self._tracked = [tracked for tracked, _ in everything]
-        stamps_ns = [stamp_ns for _, stamp_ns in everything]
+        """Fill the arrays, in which the objects on lines come first."""
+        # Ages, relative to the newest list
+        objects_with_stamps = [*on_lines, *free]
+        self._tracked = [tracked for tracked, _ in objects_with_stamps]
+        stamps_ns = [stamp_ns for _, stamp_ns in objects_with_stamps]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None
         if min(stamps_ns, default=0) != self._base_ns:  # from several trackers
             self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
-        count = self._on_lines = len(on_lines)
-        lined = self._tracked[:count]
-        self._solids = {
-            index: one.size_m for index, one in enumerate(self._tracked) if one.size_m is not None
-        }
+
+        # Sizes: of a box the half diagonal, as it may stand in any direction
+        self._solids: dict[int, Vec3] = {}
         """Sizes of the objects that are boxes, by index."""
+        halves_m: list[float] = []
+        for index, tracked in enumerate(self._tracked):
+            if tracked.size_m is None:
+                halves_m.append(tracked.length_m / 2.0)
+            else:
+                self._solids[index] = tracked.size_m
+                halves_m.append(vector.norm(tracked.size_m) / 2.0)
         self._solid = np.array(list(self._solids), dtype=np.intp)
-        self._halves_m: Array = np.array(
-            [(one.length_m if one.size_m is None else vector.norm(one.size_m)) / 2.0 for one in self._tracked]
-        )
-        self._centers_m: Array = np.array([one.position_m for one in self._tracked]).reshape(-1, 3)
-        self._velocities_mps: Array = np.array([one.velocity_mps for one in self._tracked]).reshape(-1, 3)
+        self._halves_m: Array = np.array(halves_m)
+
+        # Motion: straight, or along a line
+        positions_m = [tracked.position_m for tracked in self._tracked]
+        velocities_mps = [tracked.velocity_mps for tracked in self._tracked]
+        self._centers_m: Array = np.array(positions_m).reshape(-1, 3)
+        self._velocities_mps: Array = np.array(velocities_mps).reshape(-1, 3)
         self._straight_s = (-math.inf, math.inf)
+        count = len(on_lines)
+        self._on_lines = count
         if count:
-            self._which = np.array([self._lines.index(one.surface, one.surface_id) for one in lined])
-            self._along_m: Array = np.array([one.surface_position_m for one in lined])
-            self._speeds_mps: Array = np.array([one.surface_speed_mps for one in lined])
+            lined = self._tracked[:count]
+            self._which = np.array([self._lines.index(item.surface, item.surface_id) for item in lined])
+            self._along_m: Array = np.array([item.surface_position_m for item in lined])
+            self._speeds_mps: Array = np.array([item.surface_speed_mps for item in lined])
             points_m, tangents, before_m, after_m = self._lines.around(self._which, self._along_m)
             self._beside_m = self._centers_m[:count] - points_m
             """Offset from the line, kept in motion: height above the line, the tracker's noise."""
@@ -420,6 +484,9 @@ class SeenObjects:
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:
     """Return the interval in which all objects move straight, s, from the straight distances around them."""
     fast = np.maximum(np.abs(speeds_mps), 1e-9)
-    onwards = np.maximum(np.where(speeds_mps >= 0.0, after_m, before_m), STRAIGHT_M) / fast
-    backwards = np.maximum(np.where(speeds_mps >= 0.0, before_m, after_m), STRAIGHT_M) / fast
-    return -float(backwards.min()), float(onwards.min())
+    is_forward = speeds_mps >= 0.0
+    ahead_m = np.where(is_forward, after_m, before_m)
+    behind_m = np.where(is_forward, before_m, after_m)
+    future_s = np.maximum(ahead_m, STRAIGHT_M) / fast
+    past_s = np.maximum(behind_m, STRAIGHT_M) / fast
+    return -float(past_s.min()), float(future_s.min())

@@ -1,4 +1,4 @@
-"""The complete selection logic, and the part of it that lives beside people."""
+"""The complete selection logic, and the part of it that runs beside people."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -33,7 +33,7 @@ NO_ARBITER = "the selector of the site cannot be reached, so nothing can be sele
 
 
 @dataclass(slots=True)
-class _Open:
+class _OpenClaim:
     """A claim to toggle an object, not decided yet."""
 
     user: str
@@ -53,7 +53,7 @@ class ShardEngine(PointingEngine):
         self._renew_ns = round(config.reserve_s * NS_PER_S / 2)
         self._reserved: dict[str, Claim] = {}
         """Last claim to a reservation, by person."""
-        self._open: dict[tuple[str, int], _Open] = {}
+        self._open: dict[tuple[str, int], _OpenClaim] = {}
         """By person and stamp."""
         self._sent: Counter[tuple[str, str]] = Counter()
         self._knows_owners = False
@@ -88,8 +88,8 @@ class ShardEngine(PointingEngine):
             self._knows_owners = True
             self._hovers.renew()
         if self._open:
-            for one in selection.objects:
-                claim = self._open.get((one.user, one.since_ns))
+            for selected in selection.objects:
+                claim = self._open.get((selected.user, selected.since_ns))
                 if claim is not None:
                     claim.is_decided = True
 
@@ -108,59 +108,66 @@ class ShardEngine(PointingEngine):
         if not self._hovers.is_timely(user, cursor.stamp_ns):
             return []
         self._ownership.presences.on_activity(user, cursor.stamp_ns)
-        return self._send(self._hovers.on_cursor(user, cursor), cursor.stamp_ns)
+        return self._number_outputs(self._hovers.on_cursor(user, cursor), cursor.stamp_ns)
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
-        return self._send(self._hovers.on_button(user, button), button.stamp_ns)
+        return self._number_outputs(self._hovers.on_button(user, button), button.stamp_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
-        """Send claims again that are not decided. Tell people of those that never will be."""
+        """Send claims again that are not decided. Return a cue for each that never will be."""
         outputs = self._hovers.forget_ended(now_ns)
         speed = max(1.0, self.speed)
-        for key, one in list(self._open.items()):
-            if abs(now_ns - one.claim.stamp_ns) > GIVE_UP_NS * speed:
+        for key, open_claim in list(self._open.items()):
+            if abs(now_ns - open_claim.claim.stamp_ns) > GIVE_UP_NS * speed:
                 del self._open[key]
-                if not one.is_decided:
-                    outputs.append(self._unanswered(one.user, now_ns))
-            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS * speed:
-                one.sent_ns = now_ns
-                outputs.append(Output(one.user, one.claim))
+                if not open_claim.is_decided:
+                    outputs.append(self._no_arbiter_cue(open_claim.user, now_ns))
+                continue
+            if open_claim.is_decided or not self.has_arbiter:
+                continue
+            if abs(now_ns - open_claim.sent_ns) >= REPEAT_NS * speed:
+                open_claim.sent_ns = now_ns
+                outputs.append(Output(open_claim.user, open_claim.claim))
         return outputs
 
-    def _send(self, outputs_of_hovers: list[Output], now_ns: int) -> list[Output]:
+    def _number_outputs(self, outputs_of_hovers: list[Output], now_ns: int) -> list[Output]:
+        """Number claims and cues, and open the claims to toggle an object."""
         outputs: list[Output] = []
         for user, message in outputs_of_hovers:
             if isinstance(message, Feedback):
-                outputs.append(self._cue(user, message.text, now_ns))
+                outputs.append(self._refusal_cue(user, message.text, now_ns))
             elif not isinstance(message, Claim):
                 outputs.append(Output(user, message))
             elif message.wish == "reserve":
-                self._reserved[user] = numbered = self._numbered(user, message)
-                outputs.append(Output(user, numbered))
+                reservation = self._numbered(user, message)
+                self._reserved[user] = reservation
+                outputs.append(Output(user, reservation))
             elif not self.has_arbiter:
-                outputs.append(self._unanswered(user, now_ns))
+                outputs.append(self._no_arbiter_cue(user, now_ns))
             else:
                 claim = self._numbered(user, message)
-                self._open[user, claim.stamp_ns] = _Open(user, claim, now_ns)
+                self._open[user, claim.stamp_ns] = _OpenClaim(user, claim, now_ns)
                 outputs.append(Output(user, claim))
         return outputs
 
     def _is_reserved(self, user: str, object_id: str, now_ns: int) -> bool:
         """Return True if it was claimed a moment ago, or cannot be: reservations are renewed now and then."""
-        last = self._reserved.get(user)
-        return not self.has_arbiter or (
-            last is not None and last.object_id == object_id and 0 <= now_ns - last.stamp_ns < self._renew_ns
-        )
+        if not self.has_arbiter:
+            return True
+        last_claim = self._reserved.get(user)
+        if last_claim is None or last_claim.object_id != object_id:
+            return False
+        return 0 <= now_ns - last_claim.stamp_ns < self._renew_ns
 
     def _numbered(self, user: str, claim: Claim) -> Claim:
         self._sent["claim", user] += 1
         return claim.model_copy(update={"seq": self._sent["claim", user]})
 
-    def _unanswered(self, user: str, now_ns: int) -> Output:
-        return self._cue(user, NO_ARBITER, now_ns)
+    def _no_arbiter_cue(self, user: str, now_ns: int) -> Output:
+        return self._refusal_cue(user, NO_ARBITER, now_ns)
 
-    def _cue(self, user: str, text: str, now_ns: int) -> Output:
+    def _refusal_cue(self, user: str, text: str, now_ns: int) -> Output:
         self._sent["cue", user] += 1
         return Output(user, make_cue("refused", text, now_ns, self._sent["cue", user]))
 
@@ -198,19 +205,24 @@ class SelectionEngine(PointingEngine, Arbiter):
             return []
         self.on_activity(user, now_ns)
         outputs = self._hovers.on_cursor(user, cursor)
-        if outputs and not all(isinstance(output.message, Hover) for output in outputs):
-            outputs = self._decide(outputs)
-        return outputs + self.changed_selection(now_ns) if self._has_changed else outputs
+        for output in outputs:
+            if not isinstance(output.message, Hover):
+                outputs = self._decide_claims(outputs)
+                break
+        if self._has_changed:
+            return outputs + self.changed_selection(now_ns)
+        return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
-        return self._decide(self._hovers.on_button(user, button))
+        return self._decide_claims(self._hovers.on_button(user, button))
 
     def tick(self, now_ns: int) -> list[Output]:
         """Handle ended trackers, departed objects and expired reservations."""
         return self._hovers.forget_ended(now_ns) + super().tick(now_ns)
 
-    def _decide(self, outputs_of_hovers: list[Output]) -> list[Output]:
+    def _decide_claims(self, outputs_of_hovers: list[Output]) -> list[Output]:
+        """Replace claims by what they lead to, and number cues."""
         outputs: list[Output] = []
         for output in outputs_of_hovers:
             message = output.message

@@ -72,7 +72,7 @@ class Record(NamedTuple):
     seq: Count | None = None
     """Number of its `SelectionEvent`. None if it was not published by us."""
     carriers: str = ""
-    """Names of those who carry it out, with spaces between, until they have told the result."""
+    """Names of those who carry it out, with spaces between, until they have reported the result."""
 
 
 def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent | None:
@@ -82,6 +82,9 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
     """
     if record.event == "left":
         return None
+    reason = record.reason
+    if again:
+        reason = f"{reason}; {REPEATED_REASON}" if reason else REPEATED_REASON
     return SelectionEvent(
         stamp_ns=record.stamp_ns,
         seq=seq,
@@ -89,7 +92,7 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
         object_id=record.object_id,
         kind=record.kind,
         user=record.owner if record.event == "selected" else record.user,
-        reason="; ".join(part for part in (record.reason, REPEATED_REASON if again else "") if part),
+        reason=reason,
         cause=record.cause,
         confidence=record.confidence,
         carriers=tuple(record.carriers.split()),
@@ -122,7 +125,7 @@ class SelectionPublisher:
         reserved: tuple[ReservedObject, ...],
         dwell_s: float | None,
     ) -> Selection:
-        """Return the message of what is selected and reserved. `dwell_s`: told with the method, or None."""
+        """Return the message of what is selected and reserved. `dwell_s`: sent with the method, or None."""
         selection = Selection(
             stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved
         )
@@ -142,7 +145,8 @@ class SelectionPublisher:
 
     def outcome(self, outcome: ActOutcome) -> Output:
         """Return the message of the result of an act."""
-        return Output("", outcome.model_copy(update={"seq": self._count("outcome")}))
+        seq = self._count("outcome")
+        return Output("", outcome.model_copy(update={"seq": seq}))
 
     def write(self, record: Record, seq: int | None = None) -> None:
         """Record an event. `seq`: number of its message, or None if it has none."""
@@ -150,15 +154,19 @@ class SelectionPublisher:
 
     def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
         """Return a cue for `user` for each thing that they did or tried to do."""
-        return [
-            self.cue(user, record.event, record.reason or f"{record.kind or 'object'} {record.event}", now_ns)
-            for record in records
-            if record.event != "left"
-        ]
+        outputs: list[Output] = []
+        for record in records:
+            if record.event == "left":
+                continue
+            kind = record.kind or "object"
+            text = record.reason or f"{kind} {record.event}"
+            outputs.append(self.cue(user, record.event, text, now_ns))
+        return outputs
 
     def cue(self, user: str, kind: Kind, text: str, now_ns: int) -> Output:
         """Return the cue `kind` for `user`."""
-        return Output(user, make_cue(kind, text, now_ns, self._count("cue", user)))
+        seq = self._count("cue", user)
+        return Output(user, make_cue(kind, text, now_ns, seq))
 
     def _count(self, kind: str, user: str = "") -> int:
         self._sent[kind, user] += 1

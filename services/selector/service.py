@@ -64,21 +64,31 @@ class Selector(Service[SelectorConfig]):
         super().__init__(config, context)
         self._in_use = config
         self._is_over = False
-        """True when the journal is closed: what is not kept is not published."""
-        self._reported = ""
-        """Last reported fault of the method."""
+        """True when the journal is closed: what it cannot store is not published."""
+        self._logged_problem = ""
+        """Last problem of the method that was logged."""
+
+        # Publishers, one a person
         self._hovers = functools.cache(functools.partial(self.bus.publisher, topics.HOVER))
         self._cues = functools.cache(functools.partial(self.bus.publisher, topics.FEEDBACK))
         self._announced = functools.cache(functools.partial(self.bus.publisher, topics.ANNOUNCED))
+
+        # The state from before a restart, which must be there before the first message comes
         role = ShardRole if config.people else SiteRole
-        self._role = role(config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._use)
+        self._role = role(
+            config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._change_method
+        )
         self._engine = self._role.engine
         self._role.begin()
+
+        # The room and its objects
         self.bus.subscribe(topics.MAP, self._on_map)
         self.bus.subscribe(topics.OBJECTS, self._on_objects)
         self.bus.subscribe(topics.THING_STATES, self._on_states)
         self.bus.watch(topics.CARRIER_ALIVE, self._on_carrier)
         self._role.subscribe()
+
+        # The people whom this instance serves
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_shard)
         # a cursor without a point only resets the hover, which is never too late
         self._share.subscribe(topics.CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
@@ -119,7 +129,8 @@ class Selector(Service[SelectorConfig]):
         self._put(self._engine.on_carrier(carrier, present, self.clock.now_ns()))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        if outputs := self._engine.on_cursor(user, cursor):
+        outputs = self._engine.on_cursor(user, cursor)
+        if outputs:
             self._put(outputs)
 
     def _on_button(self, button: ButtonEvent, user: str) -> None:
@@ -135,32 +146,36 @@ class Selector(Service[SelectorConfig]):
         if isinstance(self._role, SiteRole):
             self._role.engine.on_shard(user)
 
-    def _use(self, method: str | None, dwell_s: float | None) -> SelectorConfig:
+    def _change_method(self, method: str | None, dwell_s: float | None) -> SelectorConfig:
         """Change the method or its time. Return the parameters in use.
 
         Raises:
             ValueError: If it is impossible. The message gives the reason.
             ConfigError: If the method is not installed or cannot be imported.
         """
-        wanted = apply_method(self.config, self._in_use, method, dwell_s)
-        if wanted != self._in_use:
-            self._in_use = wanted
-            self._engine.use(wanted)
-        return wanted
+        config = apply_method(self.config, self._in_use, method, dwell_s)
+        if config != self._in_use:
+            self._in_use = config
+            self._engine.use(config)
+        return config
 
     def _make_method(self, config: SelectorConfig, user: str) -> PersonMethod:
         watch_for_stalls(METHODS.module(config.method), METHODS.label(config.method), self.bus)
-        around = self.surroundings(METHODS.kind, config.method, user)
-        return METHODS.get(config.method).make(config.section(config.method), around)
+        surroundings = self.surroundings(METHODS.kind, config.method, user)
+        return METHODS.get(config.method).make(config.section(config.method), surroundings)
 
     def _check_method(self) -> None:
+        """Warn if the method fails for a person, and publish its own dwell time."""
         fault = self._engine.fault()
         name = self._in_use.method
-        self.bus.set_metric("default dwell", apply_method(self.config, self._in_use, name, None).dwell_s, "s")
-        problem = f"{METHODS.label(name)} failed ({fault}): choose another one, or update it" if fault else ""
-        if problem and problem != self._reported:
+        default = apply_method(self.config, self._in_use, name, None)
+        self.bus.set_metric("default dwell", default.dwell_s, "s")
+        problem = ""
+        if fault:
+            problem = f"{METHODS.label(name)} failed ({fault}): choose another one, or update it"
+        if problem and problem != self._logged_problem:
             log.error("%s", problem)
-        self._reported = problem
+        self._logged_problem = problem
         self.bus.warn("method", problem)
 
     def _put(self, outputs: list[Output]) -> list[Output]:
@@ -168,7 +183,7 @@ class Selector(Service[SelectorConfig]):
         if self._is_over:
             return []
         is_hover = len(outputs) == 1 and isinstance(outputs[0].message, Hover)
-        if not is_hover:  # the journal keeps nothing of a hover
+        if not is_hover:  # the journal stores nothing of a hover
             self._role.commit(outputs)
         for user, message in outputs:
             if isinstance(message, Hover):
@@ -183,10 +198,13 @@ class Selector(Service[SelectorConfig]):
 
     def _check_trackers(self, now_ns: int) -> None:
         silent = ", ".join(sorted(self._engine.stale_trackers(now_ns)))
-        problem = (
-            f"no objects from {silent}, so theirs cannot be hovered: is it running, and is its clock right?"
-        )
-        self.bus.warn("objects", problem if silent else "")
+        problem = ""
+        if silent:
+            problem = (
+                f"no objects from {silent}, so theirs cannot be hovered: "
+                "is it running, and is its clock right?"
+            )
+        self.bus.warn("objects", problem)
 
 
 SERVICE = Selector

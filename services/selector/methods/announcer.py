@@ -110,10 +110,12 @@ class Announcer:
         `acts` returns True if selecting an object has an effect.
         """
         # pages and phones forget somebody who leaves
-        self._is_due |= (
-            self._cursor is not None and cursor.stamp_ns - self._cursor.stamp_ns > MAX_CURSOR_AGE_NS
-        )
+        previous = self._cursor
+        if previous is not None and cursor.stamp_ns - previous.stamp_ns > MAX_CURSOR_AGE_NS:
+            self._is_due = True
         self._cursor = cursor
+
+        # The focus ends when the ray has moved away
         if self._focus is None:
             return progress
         object_id, start = self._focus
@@ -122,8 +124,11 @@ class Announcer:
         if start_ray is None or ray is None or vector.angle_between(start_ray, ray) > FOCUS_RAD:
             self._focus = None
             return progress
+
+        # Its object fires once, after a longer time than by pointing, or waits for a press
         spent_ns = max(cursor.stamp_ns - start.stamp_ns, 0)
-        share = min(spent_ns / (UNDERSTOOD_NS if self.is_pressed else STEP_DWELL_NS), 1.0)
+        full_ns = UNDERSTOOD_NS if self.is_pressed else STEP_DWELL_NS
+        share = min(spent_ns / full_ns, 1.0)
         if self._has_fired or not acts(object_id):
             return SelectionProgress(object_id)
         self._has_fired = share == 1.0 and not self.is_pressed
@@ -131,32 +136,41 @@ class Announcer:
         return SelectionProgress(object_id, share, fired, spent_ns / NS_PER_S)
 
     def step(self, objects: Iterable[TrackedObject], step: Step) -> tuple[str, int]:
-        """Move from the hovered object as `step` says, or to the nearest one. At the end it is spoken again.
+        """Move from the hovered object by `step`, or to the nearest one. At the end it is spoken again.
 
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """
         cursor = self._cursor
         objects = list(objects)
-        if cursor is None or cursor.direction is None or cursor.origin_m is None:
+        if cursor is None:
+            return "", 0
+        if cursor.direction is None or cursor.origin_m is None:
             return "", 0
         if abs(step.stamp_ns - cursor.stamp_ns) > MAX_CURSOR_AGE_NS:
             return "", 0
         object_id = neighbour(objects, cursor, self._hovered, step)
-        if object_id:
-            self._place = place_in(rows_of(objects, cursor.origin_m), object_id) if step.to == "here" else ""
-            self._focus = (object_id, cursor)
-            self._has_fired = False
-            self._hovered = object_id
-            self._hovered_ns = cursor.stamp_ns - FIRST_NS
-            self._spoken = ("", 0)
-            self._repeat_ns = None
-            self._names.clear()  # who steps on does not mean what was announced before
+        if not object_id:
+            return "", cursor.stamp_ns
+
+        # Stay on the object as if it had been hovered for long enough to speak its name
+        self._place = ""
+        if step.to == "here":
+            rows = rows_of(objects, cursor.origin_m)
+            self._place = place_in(rows, object_id)
+        self._focus = (object_id, cursor)
+        self._has_fired = False
+        self._hovered = object_id
+        self._hovered_ns = cursor.stamp_ns - FIRST_NS
+        self._spoken = ("", 0)
+        self._repeat_ns = None
+        self._names.clear()  # who steps on does not mean what was announced before
         return object_id, cursor.stamp_ns
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
         """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
+        # Start with the object if another one was hovered before, or no press can mean its name any more
         name = self._names.get(object_id)
-        is_lost = name is not None and stamp_ns - name.hovered_ns > RECENT_NS  # no press can mean it any more
+        is_lost = name is not None and stamp_ns - name.hovered_ns > RECENT_NS
         if is_lost:
             del self._names[object_id]
         elif name is not None:
@@ -166,57 +180,69 @@ class Announcer:
             self._hovered_ns = stamp_ns
             self._spoken = ("", 0)
             self._repeat_ns = None
+
+        # Its name, for the first time or once more
         if self._announced.seq and stamp_ns - self._announced.stamp_ns < MIN_PERIOD_NS:
             return None
-        is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
-        if object_id and (is_first or (self._repeat_ns is not None and stamp_ns >= self._repeat_ns)):
-            return self._speak(object_id, label, stamp_ns, is_first=is_first)
-        has_ended = self._announced.object_id not in ("", object_id)
-        return self._send(stamp_ns) if self._is_due or has_ended else None
+        if object_id:
+            is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
+            is_repetition = self._repeat_ns is not None and stamp_ns >= self._repeat_ns
+            if is_first or is_repetition:
+                return self._announce_name(object_id, label, stamp_ns, is_first=is_first)
 
-    def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
+        # Or the end of what was announced, or that names are spoken here
+        has_ended = self._announced.object_id not in ("", object_id)
+        if self._is_due or has_ended:
+            return self._new_message(stamp_ns)
+        return None
+
+    def _announce_name(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
+        """Return the message of a name, and note from when on a press can mean it."""
         self._repeat_ns = None
         if is_first:
             self._spoken = (object_id, stamp_ns)
             self._repeat_ns = stamp_ns + REPEAT_NS
-        since_ns = stamp_ns - RECENT_NS
-        self._names = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
+        for named_id, name in list(self._names.items()):
+            if name.hovered_ns < stamp_ns - RECENT_NS:
+                del self._names[named_id]
         name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
         if self._place:
             label = f"{label}, {self._place}"[:MAX_ID]
             self._place = ""
-        return self._send(stamp_ns, object_id, label)
+        return self._new_message(stamp_ns, object_id, label)
 
     def is_silent(self, now_ns: int) -> bool:
         """Return True if something is announced and no cursor came for `MAX_CURSOR_AGE_NS`."""
-        cursor = self._cursor
-        return (
-            bool(self._announced.object_id)
-            and cursor is not None
-            and now_ns - cursor.stamp_ns > MAX_CURSOR_AGE_NS
-        )
+        if not self._announced.object_id or self._cursor is None:
+            return False
+        return now_ns - self._cursor.stamp_ns > MAX_CURSOR_AGE_NS
 
     def confirmed(self, press_ns: int) -> str:
         """Return the object that a press means: its name could be understood, and it was hovered until now.
 
         `""` if there is none, or if its name began too long ago, which is then spoken again.
         """
-        names = {
-            object_id: name.hovered_ns
-            for object_id, name in self._names.items()
-            if name.began_ns <= press_ns - UNDERSTOOD_NS and name.hovered_ns >= press_ns - RECENT_NS
-        }
-        object_id = max(names, key=names.__getitem__, default="")
-        if object_id and press_ns - self._names[object_id].spoken_ns > self._confirm_within_ns:
-            del self._names[object_id]
-            if self._spoken[0] == object_id:
+        hovered_ns: dict[str, int] = {}
+        for object_id, name in self._names.items():
+            is_understood = name.began_ns <= press_ns - UNDERSTOOD_NS
+            if is_understood and name.hovered_ns >= press_ns - RECENT_NS:
+                hovered_ns[object_id] = name.hovered_ns
+        if not hovered_ns:
+            return ""
+        newest_id = max(hovered_ns, key=hovered_ns.__getitem__)
+
+        # Too late for an intended press: speak the name again, and wait for the next one
+        if press_ns - self._names[newest_id].spoken_ns > self._confirm_within_ns:
+            del self._names[newest_id]
+            if self._spoken[0] == newest_id:
                 self._repeat_ns = press_ns
             return ""
-        return object_id
+        return newest_id
 
-    def _send(self, stamp_ns: int, object_id: str = "", label: str = "") -> Announced:
+    def _new_message(self, stamp_ns: int, object_id: str = "", label: str = "") -> Announced:
+        """Return the next message, about an object or none, as the last one."""
         self._is_due = False
         began_ns = stamp_ns if object_id else 0
         seq = self._announced.seq + 1

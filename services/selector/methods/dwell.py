@@ -49,12 +49,18 @@ class Dwell:
         self._holds = method == "hold"
         self._step_ns = round(TIMESTEP_S * NS_PER_S)
         self._gap_ns = round(longest_gap_s * NS_PER_S)
+
+        # Numbers of timesteps. Without 1e-9 a rounding error would add one
         self.window = max(1, round(window_s / TIMESTEP_S))
         """Number of timesteps in the window."""
-        self.needed = self.window if self._holds else max(1, math.ceil(fraction * self.window - 1e-9))
+        self.needed = self.window
         """Number of timesteps of the window that must be on the object."""
+        if not self._holds:
+            self.needed = max(1, math.ceil(fraction * self.window - 1e-9))
         self.release = max(1, math.ceil(release_s / TIMESTEP_S - 1e-9))
         """Number of timesteps off a toggled object before it counts again."""
+
+        # State: finished timesteps, and the last cursor
         self._steps: deque[str | None] = deque(maxlen=self.window)
         self._away: dict[str, int] = {}
         """Latched objects, with the number of timesteps since they were hovered."""
@@ -73,7 +79,9 @@ class Dwell:
             self._away.clear()
         elif self._index is not None and stamp_ns < self._stamp_ns:
             return None
-        toggled = None if self._index is None else self._pass(self._index, index, stamp_ns)
+        toggled = None
+        if self._index is not None:
+            toggled = self._end_steps(self._index, index, stamp_ns)
         self._index = index
         self._stamp_ns = stamp_ns
         self._object = object_id
@@ -84,7 +92,8 @@ class Dwell:
         if object_id is None:
             return 0.0
         if not self._holds:
-            return min(self._steps.count(object_id) / self.needed, len(self._steps) / self.window)
+            hovered_share = self._steps.count(object_id) / self.needed
+            return min(hovered_share, len(self._steps) / self.window)
         streak = 0
         for hovered in reversed(self._steps):
             if hovered != object_id:
@@ -102,7 +111,7 @@ class Dwell:
         """Return the objects that toggled and were not left since."""
         return self._away
 
-    def _pass(self, current: int, index: int, stamp_ns: int) -> str | None:
+    def _end_steps(self, current: int, index: int, stamp_ns: int) -> str | None:
         """End the timesteps from `current` to before `index`, that of the next cursor."""
         if index <= current:
             return None
@@ -111,14 +120,15 @@ class Dwell:
             self._steps.extend([None] * self.window)
             self._away.clear()
             return None
-        toggled = self._end(self._object)
+        toggled = self._end_step(self._object)
         for step in range(current + 1, index):
             is_held = (step + 1) * self._step_ns - self._stamp_ns <= self._gap_ns
-            toggled = self._end(self._object if is_held else None) or toggled
+            toggled = self._end_step(self._object if is_held else None) or toggled
         return toggled
 
-    def _end(self, hovered: str | None) -> str | None:
+    def _end_step(self, hovered: str | None) -> str | None:
         """End a timestep whose last object was `hovered`. Return the object that it toggles, or None."""
+        # Latched objects, which count as empty timesteps until they are left
         for latched, away in list(self._away.items()):
             if latched == hovered:
                 self._away[latched] = 0
@@ -127,12 +137,14 @@ class Dwell:
             else:
                 self._away[latched] = away + 1
         self._steps.append(None if hovered in self._away else hovered)
+
+        # The most frequent object of a full window; from the latest timestep on, for equal counts
         if len(self._steps) < self.window:
             return None
         counts = Counter(step for step in reversed(self._steps) if step is not None)
         if not counts:
             return None
-        object_id, count = counts.most_common(1)[0]  # the latest if counts are equal
+        object_id, count = counts.most_common(1)[0]
         if count < self.needed:
             return None
         self._steps.clear()

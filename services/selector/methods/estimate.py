@@ -66,9 +66,9 @@ MOVED = 0.3
 MAX_MOVED_RAD = math.radians(5.0)
 """The same without another object near; restless arms wander by less."""
 SHOWN = 0.25
-"""Probability from which an object is shown."""
+"""Minimum probability at which an object is shown."""
 MIN_SHARE = 0.7
-"""Share of the most probable one's probability above which the object that is shown is kept."""
+"""Share of the highest probability above which the object that is shown is kept."""
 SPOKEN_SHOWN = 0.12
 """As `SHOWN`, where names are spoken: a hover that flickers cuts them off."""
 MIN_SPOKEN_SHARE = 0.4
@@ -78,11 +78,11 @@ SPOKEN_DWELL_S = 1.6
 UNCLEAR_S = 2.5
 """Time of staying after which the person is notified of another object that is as probable."""
 ALIKE = 0.5
-"""Share of the most probable one's probability from which another is as probable."""
+"""Share of the highest probability from which another object counts as equally probable."""
 BOTH = 0.7
-"""Least probability of both together."""
+"""Minimum probability of both together."""
 UNTOLD_S = 6.0
-"""Least time between two such cues."""
+"""Minimum time between two such cues, s."""
 LEFT_S = 0.3
 """Time after which an object that fired can fire again, once it is left."""
 LONGEST_GAP_S = 0.25
@@ -141,6 +141,8 @@ class EstimateMethod:
         now_ns = cursor.stamp_ns
         elapsed_s = max(now_ns - self._stamp_ns, 0) / NS_PER_S
         self._stamp_ns = now_ns
+
+        # Start again without a ray, and after a gap
         if cursor.direction is None or cursor.origin_m is None or view is None:
             self._beside.clear()
             self._change_shown(None, now_ns)
@@ -150,6 +152,8 @@ class EstimateMethod:
             self._beside.clear()
             self._change_shown(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
+
+        # Judge the objects, choose the one to show, and fire when it is sure
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
         logs = self._log_likelihoods(view, cursor.origin_m, cursor.direction, share)
         probabilities = self._probabilities(view, cursor, logs, now_ns)
@@ -158,44 +162,69 @@ class EstimateMethod:
 
     def _log_likelihoods(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
         """Smooth the angles to each object. Return the log of `ATTENTION` times the ray's density, 1/rad²."""
-        azimuth, elevation = ray = _sight(direction)
+        ray = _sight(direction)
+        azimuth, elevation = ray
         level = math.cos(elevation)
-        before = self._beside
+        previous = self._beside
         self._beside = {}
         self._now = {}
         logs: dict[str, float] = {}
-        for one in view.seen:
-            (nearest, near_up), (center, center_up), prior = _places(one, origin_m, direction, ray)
-            now = self._now[one.id] = (
-                vector.wrap(azimuth - nearest) * level,
-                near_up - elevation,
-                vector.wrap(azimuth - center) * level,
-                center_up - elevation,
+        for visible in view.seen:
+            nearest, center, prior = _places(visible, origin_m, direction, ray)
+            near_azimuth, near_elevation = nearest
+            center_azimuth, center_elevation = center
+            now: _Angles = (
+                vector.wrap(azimuth - near_azimuth) * level,
+                near_elevation - elevation,
+                vector.wrap(azimuth - center_azimuth) * level,
+                center_elevation - elevation,
             )
-            a, b, c, d = before.get(one.id, now)
+            self._now[visible.id] = now
+
+            # Smooth each angle by its own last value; a new object starts at this ray's
+            a, b, c, d = previous.get(visible.id, now)
             right = a + share * (now[0] - a)
             up = b + share * (now[1] - b)
-            self._beside[one.id] = (right, up, c + share * (now[2] - c), d + share * (now[3] - d))
-            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
-            logs[one.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2)
+            center_right = c + share * (now[2] - c)
+            center_up = d + share * (now[3] - d)
+            self._beside[visible.id] = (right, up, center_right, center_up)
+
+            # Deviation of the aim: a ray that is low by less than `LOW_RAD` is on the object
+            if up < 0.0:
+                up_error = up - LOW_RAD
+            else:
+                up_error = max(up - LOW_RAD, 0.0)
+            logs[visible.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up_error / UPWARDS_RAD) ** 2)
         return logs
 
     def _probabilities(
         self, view: View, cursor: Cursor, logs: dict[str, float], now_ns: int
     ) -> dict[str, float]:
         """Return the probability of each object near the ray. The rest is that of none."""
-        stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
-        accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
+        # The shown object: who stays on it accepts it, since they see or hear that it is shown
         shown = self._shown
+        stayed_s = 0.0
+        if shown is not None:
+            stayed_s = (now_ns - self._stays_ns) / NS_PER_S
+        accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
         if shown is not None and shown in logs:
-            is_lit = any(one.id == shown and one.tracked.lit for one in view.seen)
-            logs[shown] += max(accepted if is_lit else 0.0, self._agreement(now_ns))
+            is_lit = any(visible.id == shown and visible.tracked.lit for visible in view.seen)
+            seen = accepted if is_lit else 0.0
+            logs[shown] += max(seen, self._agreement(now_ns))
+
+        # None: anywhere, less probably for an arm that rests
         none = math.log(UNIFORM_DENSITY) - min(RESTING_PER_S * stayed_s, RESTING)
         # who points at a line on which objects move, or that lights them, means an object
-        if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
-            across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
-            across += accepted  # they see the cursor there, too
-            none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
+        may_mean_line = cursor.surface in LINES and not any(
+            _may_be_on(visible, cursor) for visible in view.seen
+        )
+        if may_mean_line:
+            density = ON_LIGHT / (_FLAT * UPWARDS_RAD)
+            line = math.log(density) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
+            line += accepted  # they see the cursor there, too
+            none = max(none, line) + math.log1p(math.exp(-abs(none - line)))
+
+        # Normalize, relative to the highest, so that not all weights vanish
         highest = max(none, *logs.values()) if logs else none
         weights = {name: math.exp(log - highest) for name, log in logs.items()}
         total = math.fsum(weights.values()) + math.exp(none - highest)
@@ -203,56 +232,72 @@ class EstimateMethod:
 
     def _agreement(self, now_ns: int) -> float:
         """Return the log-likelihood ratio for the shown object of staying since its name was spoken, nats."""
-        if self._spoken is None or self._spoken[0] != self._shown:
+        if self._spoken is None:
             return 0.0
-        spoken_s = (now_ns - max(self._stays_ns, self._spoken[1])) / NS_PER_S
+        spoken_id, began_ns = self._spoken
+        if spoken_id != self._shown:
+            return 0.0
+        spoken_s = (now_ns - max(self._stays_ns, began_ns)) / NS_PER_S
         return min(SEEN_PER_S * max(spoken_s - SPOKEN_AFTER_S, 0.0), SPOKEN)
 
     def _choose(self, view: View, probabilities: dict[str, float], now_ns: int) -> None:
         """Choose the object to show, and note since when the person stays on it."""
         best = max(probabilities, key=probabilities.__getitem__, default=None)
         rate = self._speed.rate()
-        min_share, shown_from = (
-            (MIN_SHARE, SHOWN) if self._spoken is None else (MIN_SPOKEN_SHARE, SPOKEN_SHOWN)
-        )
-        if best is not None and rate is not None:
-            kept = self._shown
-            if kept in probabilities and probabilities[kept] >= min_share * probabilities[best]:
-                best = kept
-            speed = view.relative_rate(best, rate)
-            if speed < FAST_RADPS and probabilities[best] >= shown_from:
-                self._change_shown(best, now_ns)
-                moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
-                jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
-                if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
-                    self._stays_ns = now_ns
-                    self._anchor = self._beside[best]
-                return
-        self._change_shown(None, now_ns)
+        if best is None or rate is None:
+            self._change_shown(None, now_ns)
+            return
+
+        # The most probable object, unless the one that is shown is nearly as probable
+        min_share = MIN_SHARE
+        min_probability = SHOWN
+        if self._spoken is not None:
+            min_share = MIN_SPOKEN_SHARE
+            min_probability = SPOKEN_SHOWN
+        shown = self._shown
+        if shown in probabilities and probabilities[shown] >= min_share * probabilities[best]:
+            best = shown
+        is_slow = view.relative_rate(best, rate) < FAST_RADPS
+        is_probable = probabilities[best] >= min_probability
+        if not is_slow or not is_probable:
+            self._change_shown(None, now_ns)
+            return
+        self._change_shown(best, now_ns)
+
+        # An arm that corrects its aim does not stay. The last ray counts half, as it is not smoothed
+        moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
+        jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0
+        if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
+            self._stays_ns = now_ns
+            self._anchor = self._beside[best]
 
     def _change_shown(self, object_id: str | None, now_ns: int) -> None:
+        """Show `object_id`, or nothing. What fired can fire again once it is left for long enough."""
         if object_id != self._shown:
             self._shown = object_id
             self._stays_ns = now_ns
             self._anchor = self._beside.get(object_id or "", self._anchor)
-        for name, since_ns in list(self._left.items()):
-            if name == object_id:
-                self._left[name] = None
+        for fired_id, since_ns in list(self._left.items()):
+            if fired_id == object_id:
+                self._left[fired_id] = None
             elif since_ns is None:
-                self._left[name] = now_ns
+                self._left[fired_id] = now_ns
             elif now_ns - since_ns >= LEFT_S * NS_PER_S:
-                del self._left[name]
+                del self._left[fired_id]
 
     def _progress(
         self, pointing: PointingSample, view: View, probabilities: dict[str, float], now_ns: int
     ) -> SelectionProgress:
+        """Return the progress of the shown object. It fires after its dwell time, if it is sure by then."""
         shown = self._shown
         if shown is None:
             return SelectionProgress()
         probability = probabilities[shown]
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
-        dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+
+        # Share of its dwell time, less where it is not sure yet
+        dwell_s = _visible_by_id(view, shown).tracked.dwell_s or self._config.dwell_s
         if self._spoken is not None:
             dwell_s = max(dwell_s, SPOKEN_DWELL_S)
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
@@ -266,12 +311,15 @@ class EstimateMethod:
 
     def _rival(self, shown: str, probabilities: dict[str, float], now_ns: int) -> str | None:
         """Return the object that is about as probable as the one that is shown, now and then, or None."""
-        others = {name: probability for name, probability in probabilities.items() if name != shown}
+        others = dict(probabilities)
+        del others[shown]
         rival = max(others, key=others.__getitem__, default=None)
-        if rival is None or not ALIKE * probabilities[shown] <= others[rival]:
+        if rival is None:
             return None
-        was_notified = self._notified_ns is not None and now_ns - self._notified_ns < UNTOLD_S * NS_PER_S
-        if was_notified or probabilities[shown] + others[rival] < BOTH:
+        is_alike = ALIKE * probabilities[shown] <= others[rival]
+        if not is_alike or probabilities[shown] + others[rival] < BOTH:
+            return None
+        if self._notified_ns is not None and now_ns - self._notified_ns < UNTOLD_S * NS_PER_S:
             return None
         self._notified_ns = now_ns
         return rival
@@ -279,34 +327,48 @@ class EstimateMethod:
 
 def _corrected_rad(view: View, object_id: str) -> float:
     """Return the angle from which a movement on an object may be a correction towards another one."""
-    own = next(one for one in view.seen if one.id == object_id)
-    apart_m = min(
-        (math.dist(own.center_m, one.center_m) for one in view.seen if one is not own), default=math.inf
-    )
+    own = _visible_by_id(view, object_id)
+    distances_m: list[float] = []
+    for visible in view.seen:
+        if visible is not own:
+            distances_m.append(math.dist(own.center_m, visible.center_m))
+    apart_m = min(distances_m, default=math.inf)
     return min(MOVED * math.atan(apart_m / own.range_m), MAX_MOVED_RAD)
 
 
-def _may_be_on(one: VisibleObject, cursor: Cursor) -> bool:
-    if one.place is None:
-        return one.tracked.size_m is None
-    return (one.place.surface, one.place.surface_id) == (cursor.surface, cursor.surface_id)
+def _visible_by_id(view: View, object_id: str) -> VisibleObject:
+    return next(visible for visible in view.seen if visible.id == object_id)
 
 
-def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
-    """Return where the object is nearest to a ray and where its centre is, and its `_log_peak`."""
-    size_m = one.tracked.size_m
-    reach_m = vector.subtract(one.center_m, origin_m)
+def _may_be_on(visible: VisibleObject, cursor: Cursor) -> bool:
+    """Return True if the object may be on the line of `cursor`."""
+    if visible.place is None:
+        return visible.tracked.size_m is None
+    return (visible.place.surface, visible.place.surface_id) == (cursor.surface, cursor.surface_id)
+
+
+def _places(
+    visible: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight
+) -> tuple[_Sight, _Sight, float]:
+    """Return the point of the object nearest to a ray, its centre, and its `_log_peak`."""
+    size_m = visible.tracked.size_m
+    reach_m = vector.subtract(visible.center_m, origin_m)
     if size_m is not None:
-        center, log = _box_place(reach_m, size_m, one.range_m)
-        return ray if one.outline_m is None else _sight(vector.subtract(one.outline_m, origin_m)), center, log
-    start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
-    step_m = vector.scale(one.along, 2.0 * one.half_m)
-    nearest_m = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
-    return _sight(nearest_m), _sight(reach_m), _log_peak(one.half_rad, 0.0)
+        center, log_peak = _box_place(reach_m, size_m, visible.range_m)
+        nearest = ray  # the ray meets the box
+        if visible.outline_m is not None:
+            nearest = _sight(vector.subtract(visible.outline_m, origin_m))
+        return nearest, center, log_peak
+    start_m = vector.subtract(reach_m, vector.scale(visible.along, visible.half_m))
+    step_m = vector.scale(visible.along, 2.0 * visible.half_m)
+    t, _ = nearest_in_angle(start_m, step_m, direction)
+    nearest_m = vector.add(start_m, vector.scale(step_m, t))
+    return _sight(nearest_m), _sight(reach_m), _log_peak(visible.half_rad, 0.0)
 
 
 @lru_cache(MAX_CACHED)
 def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
+    """Return the centre of a box of any yaw, and its `_log_peak`."""
     wide_m = max(size_m[:2])
     high_m = size_m[2]
     wide_rad = math.atan(wide_m / 2.0 / range_m)
@@ -316,11 +378,14 @@ def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, flo
 
 def _log_peak(wide_rad: float, high_rad: float) -> float:
     """Return the log of `ATTENTION` times the density of rays, 1/rad², on an object of half this extent."""
-    area = (2.0 * wide_rad + _FLAT * SIDEWAYS_RAD) * (2.0 * high_rad + _FLAT * UPWARDS_RAD)
+    effective_width = 2.0 * wide_rad + _FLAT * SIDEWAYS_RAD
+    effective_height = 2.0 * high_rad + _FLAT * UPWARDS_RAD
+    area = effective_width * effective_height
     return math.log(ATTENTION / area)
 
 
 def _sight(reach: Vec3) -> _Sight:
+    """Return azimuth and elevation of a vector."""
     x, y, z = reach
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 

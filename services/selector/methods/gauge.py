@@ -16,7 +16,7 @@ HYSTERESIS = 0.3
 SPEED_WINDOW_S = 0.15
 """Window of the estimate of the ray's speed, s."""
 DRAIN_SHARE = 0.5
-"""Share of the fill rate at which gauges of other objects drain."""
+"""Share of the fill rate at which the gauges of other objects drain."""
 LEAVE_NS = round(0.3 * NS_PER_S)
 """Time off an object after which its full gauge can fill again, ns."""
 
@@ -173,7 +173,8 @@ class RaySpeedEstimator:
         azimuth_change = median(self._azimuths[-half:]) - median(self._azimuths[:half])
         elevation_change = median(self._elevations[-half:]) - median(self._elevations[:half])
         per_s = NS_PER_S / span_ns
-        return azimuth_change * math.cos(self._elevations[-1]) * per_s, elevation_change * per_s
+        azimuth_rate = azimuth_change * math.cos(self._elevations[-1]) * per_s
+        return azimuth_rate, elevation_change * per_s
 
 
 class GaugeMethod:

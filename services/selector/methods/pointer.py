@@ -13,6 +13,7 @@ from pointit.services.selector.selection_methods import (
     METHODS,
     NO_PROGRESS,
     MethodConfig,
+    NameAnnouncer,
     NameAwareMethod,
     PersonMethod,
     PointingSample,
@@ -39,7 +40,7 @@ MAX_PRESSES = 8
 """Number of presses that are remembered, to ignore those that come again."""
 
 FIRST_WAIT_NS = NS_PER_S
-"""Time for which it is left out after its first failure, ns. It doubles with each further one."""
+"""Time for which a method is left out after its first failure, ns. It doubles with each further one."""
 
 MAX_WAIT_NS = 30 * NS_PER_S
 """Longest such time, ns. After working for as long, it counts as sound again."""
@@ -77,18 +78,21 @@ def apply_method(
         ConfigError: If the method is not installed or cannot be imported.
     """
     if method is not None:
-        METHODS.get(method)
+        METHODS.get(method)  # raises if it cannot be used
     if method is None and dwell_s is None:
         return in_use
-    named = configured.model_copy(update={"method": in_use.method if method is None else method})
-    return named if dwell_s is None else _staying(named, dwell_s)
+    new_method = in_use.method if method is None else method
+    config = configured.model_copy(update={"method": new_method})
+    return config if dwell_s is None else _with_dwell(config, dwell_s)
 
 
-def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
+def _with_dwell(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
+    """Return `config` with another time on an object. Raises ValueError as `apply_method`."""
     section = config.section(config.method)
     if isinstance(section, MethodConfig):
         return config.model_copy(update={config.method: section.with_dwell(dwell_s)})
-    own: dict[str, Any] = {"window_s": dwell_s}
+
+    # The gauge: the time of an isolated object keeps its ratio
     if config.method == "gauge":
         sparse_s = dwell_s * config.gauge.sparse_full_s / config.gauge.full_s
         if not 0.0 < sparse_s <= MAX_DWELL_S:
@@ -96,13 +100,16 @@ def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
                 f"with {dwell_s:g} s the gauge of an isolated object would take "
                 f"{sparse_s:.9g} s, limit {MAX_DWELL_S:g} s: choose a shorter time"
             )
-        own = {"gauge": config.gauge.model_copy(update={"full_s": dwell_s, "sparse_full_s": sparse_s})}
-    elif dwell_s < TIMESTEP_S:
+        gauge = config.gauge.model_copy(update={"full_s": dwell_s, "sparse_full_s": sparse_s})
+        return config.model_copy(update={"gauge": gauge})
+
+    # The methods of the paper count timesteps
+    if dwell_s < TIMESTEP_S:
         raise ValueError(
             f"{dwell_s:.9g} s is less than the timestep of {TIMESTEP_S:g} s of method "
             f"{config.method}: choose a longer time, or the gauge"
         )
-    return config.model_copy(update=own)
+    return config.model_copy(update={"window_s": dwell_s})
 
 
 class PointerResult(NamedTuple):
@@ -133,13 +140,15 @@ class PersonPointer:
         self._make = make
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
         self._set_method(config)
-        announcer = METHODS.get(config.method).announcer
-        self.announcer = None if announcer is None else announcer(config.section(config.method), user)
+        self.announcer: NameAnnouncer | None = None
         """Names that are spoken to the person. None: they see lights."""
+        make_announcer = METHODS.get(config.method).announcer
+        if make_announcer is not None:
+            self.announcer = make_announcer(config.section(config.method), user)
         self.hovered: str | None = None
         """Object hovered with the last cursor, or None."""
         self.is_new = True
-        """True until the person's first object is handled. Of what happened before nothing is known here."""
+        """True until the person's first object is handled. What happened before is not known here."""
         self._ready: str | None = None
         self._stamp_ns: int | None = None
         self._presses_ns: deque[int] = deque(maxlen=MAX_PRESSES)
@@ -149,7 +158,7 @@ class PersonPointer:
 
     @property
     def fault(self) -> str:
-        """Return the reason of the method's last failure, or `""` if it works."""
+        """Return the reason for the method's last failure, or `""` if it works."""
         return self._method.fault
 
     def use(self, config: SelectorConfig) -> None:
@@ -188,13 +197,21 @@ class PersonPointer:
             acts: returns True if staying on an object has an effect.
             presses: returns True if an object is selected by a press only.
         """
-        self._stamp_ns = stamp_ns = cursor.stamp_ns
-        spoken = None if self.announcer is None else self.announcer.spoken
-        progress = self._method.step(PointingSample(cursor, under, view, acts), spoken)
-        if self.announcer is not None:
+        stamp_ns = cursor.stamp_ns
+        self._stamp_ns = stamp_ns
+
+        # By the method, unless the person has stepped to an object
+        sample = PointingSample(cursor, under, view, acts)
+        if self.announcer is None:
+            progress = self._method.step(sample)
+        else:
+            progress = self._method.step(sample, self.announcer.spoken)
             progress = self.announcer.apply_focus(progress, cursor, acts)
         pointed = self._result(progress)
-        self.hovered, fired = pointed[:2]
+        self.hovered = pointed.object_id
+
+        # What would fire, but needs a press, stays ready until it is left
+        fired = pointed.fired
         if fired is not None and (self.is_confirmed_by_press or presses(fired)):
             self._ready = fired
         if self.hovered != self._ready:
@@ -207,7 +224,9 @@ class PersonPointer:
     @property
     def is_confirmed_by_press(self) -> bool:
         """Return True if the person selects by their button, not by staying."""
-        return self._config.confirm == "press" if self.announcer is None else self.announcer.is_pressed
+        if self.announcer is not None:
+            return self.announcer.is_pressed
+        return self._config.confirm == "press"
 
     def press(self, stamp_ns: int) -> str | None:
         """Return the object hovered shortly before the press of `stamp_ns`, or None if unknown.
@@ -241,11 +260,13 @@ class PersonPointer:
         self._dwell_s = config.dwell_s
         self._method = GuardedMethod(lambda: self._make(config, self._user))
 
-    def _result(self, made: SelectionProgress) -> PointerResult:
-        if made is NO_PROGRESS:
+    def _result(self, method_result: SelectionProgress) -> PointerResult:
+        """Return the result of a method, without a progress that is too little to show."""
+        if method_result is NO_PROGRESS:
             return NOTHING
-        object_id, progress, fired, spent_s, confidence, rival = made
-        if object_id is None and fired is None and rival is None and confidence is None:
+        object_id, progress, fired, spent_s, confidence, rival = method_result
+        has_object = object_id is not None or fired is not None or rival is not None
+        if not has_object and confidence is None:
             return NOTHING
         if spent_s is None and progress > 0.0:
             spent_s = progress * self._dwell_s
@@ -257,15 +278,19 @@ class PersonPointer:
         self._set_method(self._config)
         self._history.clear()
         self._presses_ns.clear()
-        self.hovered = self._ready = self._stamp_ns = None
+        self.hovered = None
+        self._ready = None
+        self._stamp_ns = None
         if self.announcer is not None:
             self.announcer.forget()
         self.is_new = True
 
     def _remember(self, stamp_ns: int, object_id: str | None) -> None:
+        """Append to the history what is hovered since `stamp_ns`, and drop what no press can mean."""
         history = self._history
         if not history or history[-1][1] != object_id:
             history.append((stamp_ns, object_id))
+        # the second entry tells until when the first was hovered
         while len(history) > 1 and history[1][0] < stamp_ns - HISTORY_NS:
             history.popleft()
 
@@ -279,10 +304,11 @@ class GuardedMethod:
         self._method: PersonMethod | None = None
         self._latched: Collection[str] = ()
         """Objects to latch when it is made."""
-        self._now_ns = self._retry_ns = 0
+        self._now_ns = 0
+        self._retry_ns = 0
         self._failures = 0
         self.fault = ""
-        """Reason of its last failure, or `""` if it works."""
+        """Reason for its last failure, or `""` if it works."""
 
     @property
     def latched(self) -> Collection[str]:
@@ -301,7 +327,7 @@ class GuardedMethod:
         if self._method is None and self._now_ns < self._retry_ns:
             return SelectionProgress(pointing.under)
         try:
-            method = self._method or self._made()
+            method = self._method or self._make_method()
             if spoken is not None and isinstance(method, NameAwareMethod):
                 method.set_spoken(*spoken)
             result = method.step(pointing)
@@ -325,20 +351,24 @@ class GuardedMethod:
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)
 
-    def _made(self) -> PersonMethod:
-        self._method = method = self._make()
+    def _make_method(self) -> PersonMethod:
+        method = self._make()
+        self._method = method
         for object_id in self._latched:
             method.latch(object_id)
         return method
 
     def _on_failure(self, error: Exception) -> None:
-        wait_ns = min(FIRST_WAIT_NS * 2 ** min(self._failures, 10), MAX_WAIT_NS)
+        """Leave the method out for a time that doubles, and make another one then."""
+        doublings = min(self._failures, 10)  # without a limit the power would grow for ever
+        wait_ns = min(FIRST_WAIT_NS * 2**doublings, MAX_WAIT_NS)
         self._failures += 1
         self._method = None
         self._latched = ()
         self._retry_ns = self._now_ns + wait_ns
         times = f", {self._failures} times now" if self._failures > 1 else ""
-        self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times
+        first_line, _, _ = f"{type(error).__name__}: {error}".partition("\n")
+        self.fault = first_line[:200] + times
 
 
 def check_progress(result: SelectionProgress) -> None:
@@ -349,7 +379,8 @@ def check_progress(result: SelectionProgress) -> None:
         ValueError: If a number is out of range.
     """
     object_id, progress, fired, spent_s, confidence, rival = result
-    if object_id is not None or fired is not None or rival is not None:
+    has_object = object_id is not None or fired is not None or rival is not None
+    if has_object:
         # of methods of other packages, whose types nobody has checked
         texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}
         for name, value in texts.items():
@@ -359,5 +390,5 @@ def check_progress(result: SelectionProgress) -> None:
         raise ValueError(f"progress {progress}, expected 0 to 1")
     if confidence is not None and not 0.0 <= confidence <= 1.0:
         raise ValueError(f"confidence {confidence}, expected 0 to 1")
-    if spent_s is not None and not 0.0 <= spent_s < math.inf:
+    if spent_s is not None and not 0.0 <= spent_s < math.inf:  # NaN, too
         raise ValueError(f"spent_s {spent_s}, expected 0 or more")

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from pointit.geometry import vector
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.solids import is_level
 from pointit.geometry.vector import Vec3
@@ -33,7 +34,8 @@ class GoalChecker:
 
     def on_map(self, environment: Environment) -> None:
         """Update the level planes of the map."""
-        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
+        level_planes = [plane for plane in environment.planes if is_level(plane.normal)]
+        self._level = frozenset(plane.id for plane in level_planes)
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update a person's pose, which is valid until the next one even if they leave."""
@@ -46,25 +48,30 @@ class GoalChecker:
         self.unsure_reason = advice if interaction.is_unsure else ""
 
     def place(self, cursor: Cursor) -> Vec3 | None:
-        """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""
+        """Return the point of `cursor` if a goal can be there, else None. A plane must be seen from above."""
         point = cursor.point_m
         eyes = cursor.origin_m
         if cursor.surface_id in self._config.surfaces:
             return point
-        if cursor.solid != "plane" or cursor.surface_id not in self._level or point is None or eyes is None:
+        if cursor.solid != "plane" or cursor.surface_id not in self._level:
+            return None
+        if point is None or eyes is None:
             return None
         return point if point[2] < eyes[2] else None
 
     def goal(self, place_m: Vec3, cursor: Cursor, now_ns: int, **details: Any) -> Goal:
         """Return the goal at a place for which there is no `rejection_reason`, with `details`."""
         feet_m = self._poses[self._user].position_m
+        from_feet = vector.subtract(place_m, feet_m)
+        positions_m = [pose.position_m for pose in self._poses.values()]
+        clearance_m = min(math.dist(place_m[:2], position_m[:2]) for position_m in positions_m)
         return Goal(
             stamp_ns=cursor.stamp_ns,
             position_m=place_m,
-            yaw_rad=math.atan2(place_m[1] - feet_m[1], place_m[0] - feet_m[0]),
+            yaw_rad=vector.azimuth(from_feet),
             age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
             position_sigma_m=self.sigma_m(place_m, cursor),
-            clearance_m=min(math.dist(place_m[:2], pose.position_m[:2]) for pose in self._poses.values()),
+            clearance_m=clearance_m,
             **details,
         )
 
@@ -81,44 +88,47 @@ class GoalChecker:
         config = self._config
         if not self.is_pointing:
             return "you are not pointing: press your button first"
+
+        # The cursor is of now
         age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
         if age_s > config.max_age_s:
             return f"the last data of your arm is {age_s:.1f} s old: look for a slow link"
         if age_s < -config.max_age_s:
             return f"your arm is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
+
+        # The place is known well enough. The negation refuses NaN, too
         if self._user not in self._poses:
             return "your position is unknown: localize first"
         if self.unsure_reason:
             return self.unsure_reason
         sigma_m = self.sigma_m(place_m, cursor)
         if not sigma_m <= config.max_sigma_m:
-            how = (
-                f"sure to {round_beyond(sigma_m, config.max_sigma_m)} m only"
-                if math.isfinite(sigma_m)
-                else "not known well enough"
-            )
-            return f"the place is {how}: choose one nearer to you, or localize again"
+            certainty = "not known well enough"
+            if math.isfinite(sigma_m):
+                certainty = f"sure to {round_beyond(sigma_m, config.max_sigma_m)} m only"
+            return f"the place is {certainty}: choose one nearer to you, or localize again"
+
+        # Nobody is near it
         for user, pose in self._poses.items():
             gap_m = math.dist(place_m[:2], pose.position_m[:2])
             if gap_m < config.keep_out_m:
-                whom = "you" if user == self._user else user
-                near_m = round_beyond(gap_m, config.keep_out_m)
+                name = "you" if user == self._user else user
+                rounded_m = round_beyond(gap_m, config.keep_out_m)
                 limit_m = config.keep_out_m
-                return f"the place is {near_m} m from {whom}: choose one {limit_m:g} m away"
+                return f"the place is {rounded_m} m from {name}: choose one {limit_m:g} m away"
         return ""
 
     def request_problem(self, place_m: Vec3, cursor: Cursor | None, now_ns: int) -> str:
         """Return the reason not to send a robot to a place that was not pointed at twice, or `""`.
 
-        A person who speaks has to point meanwhile, as for any other goal; the place is on their floor.
+        A person who speaks has to point meanwhile, as for any other goal. The place is on their floor.
         """
         if cursor is None:
             return "nothing is known of your arm: point while you speak"
-        if reason := self.rejection_reason(place_m, cursor, now_ns):
+        reason = self.rejection_reason(place_m, cursor, now_ns)
+        if reason:
             return reason
-        above_m = place_m[2] - self._poses[self._user].position_m[2]
-        return (
-            ""
-            if abs(above_m) <= LEVEL_M
-            else f"the place is {above_m:.1f} m above the floor: choose one on it"
-        )
+        height_m = place_m[2] - self._poses[self._user].position_m[2]
+        if abs(height_m) <= LEVEL_M:
+            return ""
+        return f"the place is {height_m:.1f} m above the floor: choose one on it"

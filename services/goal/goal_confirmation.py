@@ -46,7 +46,10 @@ class CueFactory:
 def is_late(event: ButtonEvent, now_ns: int, max_age_s: float) -> bool:
     """Return True if a press is older than `max_age_s`, or from the future by as much."""
     age_s = (now_ns - event.stamp_ns) / NS_PER_S
-    return not -max_age_s <= age_s <= max_age_s + (MAX_PRESS_S if event.source == "headset" else 0.0)
+    oldest_s = max_age_s
+    if event.source == "headset":
+        oldest_s += MAX_PRESS_S
+    return not -max_age_s <= age_s <= oldest_s
 
 
 class _Proposal(NamedTuple):
@@ -94,7 +97,7 @@ class GoalConfirmation:
         return self._withdraw("you stopped pointing", now_ns)
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Process a cursor; cursors out of order are ignored."""
+        """Process a cursor. Cursors out of order are ignored."""
         outputs = self.tick(now_ns)
         order = cursor_order(self._cursor, cursor)
         if order == "late":
@@ -102,26 +105,35 @@ class GoalConfirmation:
         if order == "gap":
             self._stays.interrupt()
         self._cursor = cursor
-        mean_m = self._stays.on_cursor(self._checker.place(cursor), cursor.surface_id, cursor.stamp_ns)
-        return outputs if mean_m is None else [*outputs, *self._stayed(mean_m, cursor, now_ns)]
+        place_m = self._checker.place(cursor)
+        mean_m = self._stays.on_cursor(place_m, cursor.surface_id, cursor.stamp_ns)
+        if mean_m is None:
+            return outputs
+        return [*outputs, *self._on_stay(mean_m, cursor, now_ns)]
 
     def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture: a press confirms the proposal if so configured."""
         outputs = self.tick(now_ns)
+        is_confirmation = self._config.confirm == "press" and event.gesture == "press"
         proposal = self._proposal
-        is_confirmed = self._config.confirm == "press" and event.gesture == "press"
-        if proposal is None or self._cursor is None or not is_confirmed or event.stamp_ns < proposal.stamp_ns:
+        cursor = self._cursor
+        if not is_confirmation or proposal is None or cursor is None:
             return outputs
+        if event.stamp_ns < proposal.stamp_ns:
+            return outputs
+
+        # A press confirms the proposal only in time, and while the person points at it
         if is_late(event, now_ns, self._config.max_age_s):
             late = "your press came late, or by another clock: point there and press once more"
             return [*outputs, *self._refuse(late, now_ns)]
-        here = self._checker.place(self._cursor)
-        if self._stays.is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
-            return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
-        return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
+        pointed_m = self._checker.place(cursor)
+        if self._stays.is_away(pointed_m, cursor.surface_id, proposal.surface_id, proposal.place_m):
+            elsewhere = "you pointed elsewhere: point at the place as you press"
+            return [*outputs, *self._refuse(elsewhere, now_ns)]
+        return [*outputs, *self._confirm(proposal, cursor, "press", now_ns)]
 
     def send(self, robot: str, place_m: Vec3, now_ns: int) -> list[Output]:
-        """Send a robot to a place at once, as a person asks, with all checks; it counts as confirmed.
+        """Send a robot to a place at once, as a person asks, with all checks. It counts as confirmed.
 
         Raises:
             RefusedError: If a check fails. Gives the reason.
@@ -136,31 +148,35 @@ class GoalConfirmation:
         return self._confirm(proposal, cursor, "press", now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
-        """Advance to `now_ns`; an unconfirmed proposal is withdrawn in time."""
+        """Advance to `now_ns`. An unconfirmed proposal is withdrawn in time."""
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         return self._withdraw(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
 
-    def _stayed(self, mean_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+    def _on_stay(self, mean_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+        """Process a completed stay: a second one at the proposed place confirms it, any other proposes."""
         proposal = self._proposal
-        if (
-            self._config.confirm == "again"
-            and proposal is not None
-            and proposal.surface_id == cursor.surface_id
-            and math.dist(proposal.place_m, mean_m) <= THERE * self._config.radius_m
-        ):
-            self._stays.bar(proposal.surface_id, proposal.place_m)
-            return self._confirm(proposal, cursor, "again", now_ns)
-        return self._propose(mean_m, cursor, now_ns)
+        if proposal is None or not self._is_confirmed_by_stay(proposal, mean_m, cursor.surface_id):
+            return self._propose(mean_m, cursor, now_ns)
+        self._stays.bar(proposal.surface_id, proposal.place_m)
+        return self._confirm(proposal, cursor, "again", now_ns)
+
+    def _is_confirmed_by_stay(self, proposal: _Proposal, mean_m: Vec3, surface_id: str) -> bool:
+        """Return True if a stay is at the proposed place, and that confirms it."""
+        if self._config.confirm != "again" or proposal.surface_id != surface_id:
+            return False
+        return math.dist(proposal.place_m, mean_m) <= THERE * self._config.radius_m
 
     def _propose(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
         reason = self._checker.rejection_reason(place_m, cursor, now_ns)
         if reason:
             return self._refuse(reason, now_ns, place_m)
         self._proposal = _Proposal(place_m, cursor.surface_id, cursor.stamp_ns, now_ns)
-        how = "point elsewhere, then there again" if self._config.confirm == "again" else "press your button"
-        text = f"send a robot there? {how} within {self._config.confirm_s:g} s"
+        instruction = "press your button"
+        if self._config.confirm == "again":
+            instruction = "point elsewhere, then there again"
+        text = f"send a robot there? {instruction} within {self._config.confirm_s:g} s"
         return [self._cues.make("selected", text, now_ns, place_m)]
 
     def _confirm(

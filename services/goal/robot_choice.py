@@ -29,7 +29,7 @@ MAX_RAYS = 2048
 """Largest number of rays in the window; the oldest are dropped."""
 
 MAX_AHEAD_S = 0.5
-"""Longest time for which a robot is extrapolated beyond its newest report."""
+"""Longest time for which a robot is extrapolated beyond its newest report, s."""
 
 MIN_LEVEL = 0.2
 """Lower bound of the cosine of an elevation: a steeper ray has no usable azimuth."""
@@ -45,11 +45,11 @@ PERIOD_NS = NS_PER_S // 5
 PENDING_NS = 3 * NS_PER_S
 """Time after a press within which an unclear choice may still become clear by pointing on."""
 LIKELY = 0.1
-"""Probability from which a robot is named as one that may be meant."""
+"""Minimum probability of a robot that is named as one that may be meant."""
 ONE = 0.8
 """Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
 RATHER = 0.5
-"""Probability from which staying asks whether a robot is meant: nothing else says that one is wanted."""
+"""Minimum probability at which staying asks whether a robot is meant: nothing else says that one is."""
 SHOWN_STEP = 0.05
 """Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
 
@@ -106,7 +106,8 @@ class RayBlocks:
     @property
     def ages_s(self) -> Array:
         """Return the times before the newest block."""
-        return np.asarray((self.times_ns[-1] - self.times_ns) / NS_PER_S, dtype=np.float64)
+        ages_ns = self.times_ns[-1] - self.times_ns
+        return np.asarray(ages_ns / NS_PER_S, dtype=np.float64)
 
 
 def log_likelihoods(
@@ -114,7 +115,7 @@ def log_likelihoods(
 ) -> Array:
     """Return the log likelihoods (k + 1) of the rays if they are at each robot, and at none.
 
-    The person may have begun to point at it within the window; before, they pointed at nothing in particular.
+    The person may have begun to point at it within the window. Before, they pointed at nothing in particular.
 
     Args:
         blocks: n.
@@ -122,31 +123,39 @@ def log_likelihoods(
         spreads: k x 2n x 2n, the covariances of their lasting errors.
         settings: errors of people.
     """
+    # Errors within a pointing, and directions of an arm at no robot: a constant, and a random walk
     ages = blocks.ages_s
     centre = np.array([blocks.angles[:, 0].mean(), DOWNWARDS_RAD])
     no_target = (blocks.angles - centre).T.ravel()
     noise = _of_both_axes(_correlated(ages, settings))
-    constant = np.kron(np.diag(NO_TARGET_RAD**2), np.ones((len(ages), len(ages))))
+    same_for_all = np.ones((len(ages), len(ages)))
+    constant = np.kron(np.diag(NO_TARGET_RAD**2), same_for_all)
     walked = _of_both_axes(np.minimum.outer(ages, ages))
-    roams = constant + np.square(settings.walks_rad)[:, None, None] * walked
-    logs = list[Array]()
+    walk_variances = np.square(settings.walks_rad)[:, None, None]
+    roams = constant + walk_variances * walked
+
+    # For each beginning of the pointing: the rays since then at a robot or at none, those before at none
+    logs: list[Array] = []
     for began_s, odds in zip(settings.began_s, settings.began_odds, strict=True):
         late = np.flatnonzero(np.tile(ages <= began_s, 2))
         early = np.flatnonzero(np.tile(ages > began_s, 2))
-        robots = [
-            _log_density(miss[late], _part(spread, late), _part(noise, late), settings.scales)
-            for miss, spread in zip(missed, spreads, strict=True)
-        ]
-        none = _at_none(no_target[late], _part(roams, late), _part(noise, late), settings)
+        late_noise = _submatrix(noise, late)
+        late_logs: list[float] = []
+        for miss, spread in zip(missed, spreads, strict=True):
+            late_spread = _submatrix(spread, late)
+            late_logs.append(_log_density(miss[late], late_spread, late_noise, settings.scales))
+        late_logs.append(_log_density_at_none(no_target[late], _submatrix(roams, late), late_noise, settings))
+        early_log = 0.0
         if len(early):
-            before = _at_none(no_target[early], _part(roams, early), _part(noise, early), settings)
-        else:
-            before = 0.0
-        logs.append(math.log(odds) + before + np.array([*robots, none]))
+            early_roams = _submatrix(roams, early)
+            early_noise = _submatrix(noise, early)
+            early_log = _log_density_at_none(no_target[early], early_roams, early_noise, settings)
+        logs.append(math.log(odds) + early_log + np.array(late_logs))
     return np.asarray(np.logaddexp.reduce(np.stack(logs)), dtype=np.float64)
 
 
-def _part(matrices: Array, rows: NDArray[np.intp]) -> Array:
+def _submatrix(matrices: Array, rows: NDArray[np.intp]) -> Array:
+    """Return the rows and columns `rows` of a matrix, or of each of several."""
     return np.asarray(matrices[..., rows[:, None], rows], dtype=np.float64)
 
 
@@ -158,10 +167,13 @@ def _of_both_axes(matrix: Array) -> Array:
 def _correlated(ages: Array, settings: IdentificationSettings) -> Array:
     """Return the covariance (n x n) of errors that change within a pointing."""
     apart = np.abs(ages[:, None] - ages)
-    return np.asarray(settings.ray_sigma_rad**2 * np.exp(-apart / settings.correlation_s), dtype=np.float64)
+    correlation = np.exp(-apart / settings.correlation_s)
+    return np.asarray(settings.ray_sigma_rad**2 * correlation, dtype=np.float64)
 
 
-def _at_none(angles: Array, roams: Array, noise: Array, settings: IdentificationSettings) -> float:
+def _log_density_at_none(
+    angles: Array, roams: Array, noise: Array, settings: IdentificationSettings
+) -> float:
     """Return the log density of `angles` of an arm that stays, or moves at any of the rates."""
     logs = [_log_density(angles, roam, noise, settings.scales) for roam in roams]
     return float(np.logaddexp.reduce(logs)) - math.log(len(logs))
@@ -171,10 +183,12 @@ def _log_density(values: Array, spread: Array, noise: Array, scales: Sequence[fl
     """Return the log density of `values` with normal errors: `spread`, and `noise` times any of `scales`."""
     covariances = spread + np.square(scales)[:, None, None] * noise
     roots = np.linalg.cholesky(covariances)
-    whitened = np.linalg.solve(roots, np.broadcast_to(values, (len(roots), len(values)))[..., None])[..., 0]
-    sizes = np.log(np.einsum("kii->ki", roots)).sum(axis=1)
-    logs = -0.5 * np.square(whitened).sum(axis=1) - sizes
-    return float(np.logaddexp.reduce(logs)) - math.log(len(scales)) - 0.5 * len(values) * math.log(math.tau)
+    columns = np.broadcast_to(values, (len(roots), len(values)))[..., None]
+    whitened = np.linalg.solve(roots, columns)[..., 0]
+    log_determinants = np.log(np.einsum("kii->ki", roots)).sum(axis=1)
+    logs = -0.5 * np.square(whitened).sum(axis=1) - log_determinants
+    log_sum = float(np.logaddexp.reduce(logs))
+    return log_sum - math.log(len(scales)) - 0.5 * len(values) * math.log(math.tau)
 
 
 @dataclass(frozen=True)
@@ -182,7 +196,7 @@ class Identification:
     """Probability of each robot, and of none."""
 
     candidates: tuple[Candidate, ...] = ()
-    """Likeliest first."""
+    """Robots, the likeliest first."""
     none_probability: float = 1.0
     chosen: str = ""
     """The robot that is meant, or `""` if that is unsure."""
@@ -224,12 +238,17 @@ class RobotIdentifier:
         """Add a report of `robot`, {W}. `position_sigma_m`: 1 sigma of its position, None if it is exact."""
         track = self._tracks.setdefault(robot, _Track())
         places = track.places
-        if places and stamp_ns <= places[-1][0]:
-            if stamp_ns >= places[-1][0] - self._window_ns:
+        if places:
+            newest_ns, _ = places[-1]
+            if newest_ns - self._window_ns <= stamp_ns <= newest_ns:
                 return
-            places.clear()
+            if stamp_ns <= newest_ns:  # the clock was set back
+                places.clear()
         places.append((stamp_ns, position_m))
-        while len(places) > 2 and places[1][0] < stamp_ns - 2 * self._window_ns:
+
+        # Two stay, whatever their age: they give the velocity
+        oldest_ns = stamp_ns - 2 * self._window_ns
+        while len(places) > 2 and places[1][0] < oldest_ns:
             places.popleft()
         track.position_sigma_m = position_sigma_m or 0.0
 
@@ -238,39 +257,59 @@ class RobotIdentifier:
         self._tracks.pop(robot, None)
 
     def identify(self, now_ns: int) -> Identification:
-        """Return the probabilities at `now_ns`; those of none if there are no recent rays, or no pose."""
-        max_age_ns = round(self._settings.max_age_s * NS_PER_S)
-        tracks = {
-            robot: track
-            for robot, track in self._tracks.items()
-            if track.places and abs(now_ns - track.places[-1][0]) <= max_age_ns
-        }
-        pose = self._pose
-        is_recent = bool(self._rays) and abs(now_ns - self._rays[-1].stamp_ns) <= max_age_ns
-        if not tracks or pose is None or not is_recent:
-            return Identification()
-        blocks = _blocks(self._rays, pose, self._settings.block_s)
+        """Return the probabilities at `now_ns`: no robot if there are no recent rays, or no pose."""
         settings = self._settings
-        found_at = [
-            self._missed(blocks, track, pose, beside_m)
-            for beside_m in (0.0, settings.beside_sigma_m)
-            for track in tracks.values()
-        ]
-        means, spreads = zip(*found_at, strict=True)
+        max_age_ns = round(settings.max_age_s * NS_PER_S)
+        pose = self._pose
+        tracks = self._recent_tracks(now_ns, max_age_ns)
+        if not tracks or pose is None:
+            return Identification()
+        if not self._rays:
+            return Identification()
+        ray_age_ns = now_ns - self._rays[-1].stamp_ns
+        if abs(ray_age_ns) > max_age_ns:
+            return Identification()
+
+        # Likelihood of each robot, then of a place beside each, then of none
+        blocks = _blocks(self._rays, pose, settings.block_s)
+        means: list[Array] = []
+        spreads: list[Array] = []
+        for beside_m in (0.0, settings.beside_sigma_m):
+            for track in tracks.values():
+                mean, spread = self._missed(blocks, track, pose, beside_m)
+                means.append(mean)
+                spreads.append(spread)
         logs = log_likelihoods(blocks, np.stack(means), np.stack(spreads), settings)
+
+        # Posterior, with the prior in the same order
         beside = settings.none_prior * settings.beside_share
         shares = np.array([1.0 - settings.none_prior, beside]) / len(tracks)
-        prior = np.append(np.repeat(shares, len(tracks)), settings.none_prior - beside)
+        prior_of_robots = np.repeat(shares, len(tracks))
+        prior = np.append(prior_of_robots, settings.none_prior - beside)
         odds = prior * np.exp(logs - logs.max())
         odds /= odds.sum()
-        found = [
-            Candidate(object_id=robot, probability=min(1.0, float(share)))
-            for robot, share in zip(tracks, odds, strict=False)  # then come the places beside them
-        ]
-        found.sort(key=lambda each: -each.probability)
-        is_sure = found[0].probability >= self._settings.chosen
-        none = min(1.0, float(odds[len(tracks) :].sum()))
-        return Identification(tuple(found), none, found[0].object_id if is_sure else "")
+
+        # A place beside a robot is none: the person wants one to go there
+        candidates: list[Candidate] = []
+        for robot, share in zip(tracks, odds, strict=False):
+            candidates.append(Candidate(object_id=robot, probability=min(1.0, float(share))))
+        candidates.sort(key=lambda candidate: -candidate.probability)
+        odds_of_none = odds[len(tracks) :]
+        none = min(1.0, float(odds_of_none.sum()))
+        likeliest = candidates[0]
+        is_sure = likeliest.probability >= settings.chosen
+        return Identification(tuple(candidates), none, likeliest.object_id if is_sure else "")
+
+    def _recent_tracks(self, now_ns: int, max_age_ns: int) -> dict[str, _Track]:
+        """Return the robots that have reported within `max_age_ns`."""
+        tracks: dict[str, _Track] = {}
+        for robot, track in self._tracks.items():
+            if not track.places:
+                continue
+            newest_ns, _ = track.places[-1]
+            if abs(now_ns - newest_ns) <= max_age_ns:
+                tracks[robot] = track
+        return tracks
 
     def _missed(
         self, blocks: RayBlocks, track: _Track, pose: UserPose, beside_m: float
@@ -282,71 +321,99 @@ class RobotIdentifier:
         Returns:
             2n; 2n x 2n, the covariance of errors that are common to all rays, rad².
         """
+        # Angles from the rays to the robot
         settings = self._settings
         places, velocities = _positions(track, blocks.times_ns)
-        seen = places - blocks.eyes_m
-        level = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-3)
-        reach = np.hypot(level, seen[:, 2])
+        offsets = places - blocks.eyes_m
+        x = offsets[:, 0]
+        y = offsets[:, 1]
+        z = offsets[:, 2]
+        level = np.maximum(np.hypot(x, y), 1e-3)
+        reach = np.hypot(level, z)
         flat = np.maximum(level / reach, MIN_LEVEL)
-        turn = np.arctan2(seen[:, 1], seen[:, 0]) - blocks.angles[:, 0]
-        aside = (np.remainder(turn + math.pi, math.tau) - math.pi) * flat
-        upwards = np.arctan2(seen[:, 2], level) - blocks.angles[:, 1]
-        # by place (x, y, z), yaw with aim, elevation, latency
+        turn = np.arctan2(y, x) - blocks.angles[:, 0]
+        wrapped = np.remainder(turn + math.pi, math.tau) - math.pi
+        sideways = wrapped * flat
+        upwards = np.arctan2(z, level) - blocks.angles[:, 1]
+
+        # Derivatives of these by place (x, y, z), yaw with aim, elevation, latency
         slope = np.zeros((2, len(level), 6))
-        slope[0, :, 0] = -seen[:, 1] / level**2 * flat
-        slope[0, :, 1] = seen[:, 0] / level**2 * flat
-        slope[1, :, :2] = -seen[:, 2:] * seen[:, :2] / (level * reach**2)[:, None]
-        slope[1, :, 2] = level / reach**2
+        slope[0, :, 0] = -y / level**2 * flat
+        slope[0, :, 1] = x / level**2 * flat
+        reach_2 = reach**2
+        level_reach_2 = level * reach_2
+        slope[1, :, 0] = -z * x / level_reach_2
+        slope[1, :, 1] = -z * y / level_reach_2
+        slope[1, :, 2] = level / reach_2
         slope[0, :, 3] = flat
         slope[1, :, 4] = 1.0
-        slope[:, :, 5] = np.einsum("knj,nj->kn", slope[:, :, :3], velocities)
+        slope_by_place = slope[:, :, :3]
+        slope[:, :, 5] = np.einsum("knj,nj->kn", slope_by_place, velocities)
+
+        # Errors of the pose, and independent ones of the person, the robot and its tracker
         errors = np.zeros((6, 6))
-        errors[np.ix_([0, 1, 3], [0, 1, 3])] = _valid(np.array(pose.covariance).reshape(3, 3))
+        pose_rows = np.ix_([0, 1, 3], [0, 1, 3])
+        stated = np.array(pose.covariance).reshape(3, 3)
+        errors[pose_rows] = _nearest_covariance(stated)
         level_m2 = settings.body_sigma_m**2 + track.position_sigma_m**2 + beside_m**2
         height_m2 = settings.height_sigma_m**2 + track.position_sigma_m**2
         lasting = np.square([settings.aim_sigma_rad, settings.bias_sigma_rad, settings.latency_sigma_s])
-        own = [level_m2, level_m2, height_m2, *lasting]
+        independent = [level_m2, level_m2, height_m2, *lasting]
         rows = slope.reshape(-1, 6)
-        spread = rows @ (errors + np.diag(own)) @ rows.T
-        return np.concatenate([aside, upwards]), np.asarray(spread, dtype=np.float64)
+        spread = rows @ (errors + np.diag(independent)) @ rows.T
+        return np.concatenate([sideways, upwards]), np.asarray(spread, dtype=np.float64)
 
 
-def _valid(stated: Array) -> Array:
+def _nearest_covariance(stated: Array) -> Array:
     """Return the nearest covariance to that of a message, which may be none, within `MAX_VARIANCE`."""
     values, vectors = np.linalg.eigh(0.5 * (stated + stated.T))
-    return np.asarray((vectors * np.clip(values, 0.0, MAX_VARIANCE)) @ vectors.T, dtype=np.float64)
+    clipped = np.clip(values, 0.0, MAX_VARIANCE)
+    return np.asarray((vectors * clipped) @ vectors.T, dtype=np.float64)
 
 
 def _blocks(rays: Sequence[PointingRay], pose: UserPose, block_s: float) -> RayBlocks:
     """Return the means of `rays` in {W} at `pose`, by blocks of `block_s` that end at the newest."""
+    # Index of the first ray of each block, and number of rays
     stamps = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
-    ages = (stamps[-1] - stamps) // round(block_s * NS_PER_S)
-    first = np.flatnonzero(np.append(True, np.diff(ages) != 0))
-    counts = np.diff(np.append(first, len(stamps)))[:, None]
-    origins = np.add.reduceat(np.array([ray.origin_m for ray in rays]), first) / counts
-    aims = np.add.reduceat(np.array([ray.direction for ray in rays]), first)
+    numbers = (stamps[-1] - stamps) // round(block_s * NS_PER_S)
+    first = np.flatnonzero(np.append(True, np.diff(numbers) != 0))
+    counts = np.diff(np.append(first, len(stamps)))
+
+    # Eyes and directions, turned from {H} into {W}
+    all_origins = np.array([ray.origin_m for ray in rays])
+    all_directions = np.array([ray.direction for ray in rays])
+    origins = np.add.reduceat(all_origins, first) / counts[:, None]
+    x, y, z = np.add.reduceat(all_directions, first).T
     cos = math.cos(pose.yaw_rad)
     sin = math.sin(pose.yaw_rad)
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    azimuths = np.unwrap(np.arctan2(aims[:, 1], aims[:, 0])) + pose.yaw_rad
-    elevations = np.arctan2(aims[:, 2], np.hypot(aims[:, 0], aims[:, 1])) - pose.elevation_bias_rad
-    since = stamps - stamps[0]
-    times = stamps[0] + np.rint(np.add.reduceat(since, first) / counts[:, 0]).astype(np.int64)
-    return RayBlocks(times, np.array(pose.position_m) + origins @ turn.T, np.stack([azimuths, elevations], 1))
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    eyes_m = np.array(pose.position_m) + origins @ rotation.T
+    azimuths = np.unwrap(np.arctan2(y, x)) + pose.yaw_rad
+    elevations = np.arctan2(z, np.hypot(x, y)) - pose.elevation_bias_rad
+
+    # Times since the first ray: a Unix time in ns has more digits than a float
+    since_ns = stamps - stamps[0]
+    mean_since_ns = np.add.reduceat(since_ns, first) / counts
+    times_ns = stamps[0] + np.rint(mean_since_ns).astype(np.int64)
+    return RayBlocks(times_ns, eyes_m, np.stack([azimuths, elevations], 1))
 
 
 def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return positions and velocities (n x 3) at `times_ns`; at rest before the first report."""
-    base_ns = track.places[0][0]
-    own_s = np.array([stamp_ns - base_ns for stamp_ns, _ in track.places]) / NS_PER_S
+    """Return positions and velocities (n x 3) at `times_ns`. The robot rests before its first report."""
+    base_ns, _ = track.places[0]
+    report_s = np.array([stamp_ns - base_ns for stamp_ns, _ in track.places]) / NS_PER_S
     places = np.array([place for _, place in track.places], dtype=np.float64)
-    wanted_s = np.minimum((times_ns - base_ns) / NS_PER_S, own_s[-1] + MAX_AHEAD_S)
-    if len(own_s) < 2:
+    times_s = np.minimum((times_ns - base_ns) / NS_PER_S, report_s[-1] + MAX_AHEAD_S)
+    if len(report_s) < 2:
         return np.repeat(places, len(times_ns), axis=0), np.zeros((len(times_ns), 3))
-    speeds = np.diff(places, axis=0) / np.maximum(np.diff(own_s), MIN_STEP_S)[:, None]
-    leg = np.clip(np.searchsorted(own_s, wanted_s) - 1, 0, len(speeds) - 1)
-    velocities = np.where((wanted_s < 0.0)[:, None], 0.0, speeds[leg])
-    return places[leg] + (wanted_s - own_s[leg])[:, None] * velocities, velocities
+    leg_s = np.maximum(np.diff(report_s), MIN_STEP_S)
+    leg_velocities = np.diff(places, axis=0) / leg_s[:, None]
+    reports_before = np.searchsorted(report_s, times_s)
+    leg = np.clip(reports_before - 1, 0, len(leg_velocities) - 1)
+    velocities = np.where((times_s < 0.0)[:, None], 0.0, leg_velocities[leg])
+    since_s = times_s - report_s[leg]
+    positions = places[leg] + since_s[:, None] * velocities
+    return positions, velocities
 
 
 class ChosenRobot(NamedTuple):
@@ -368,9 +435,9 @@ class RobotChoice:
         self._next_ns = 0
         self._pressed_ns: int | None = None
         self._asked = ("", 0)
-        """Robot that another press takes, and since when."""
-        self._on = ("", 0)
-        """Robot that is pointed at, and since when."""
+        """Robot that another press takes, and the time since which it does, ns."""
+        self._pointed = ("", 0)
+        """Robot that is pointed at, and the time since which it is, ns."""
         self._done: str = ""
         """Robot whose stay had a result, until another one, or none, is pointed at."""
         self.candidates: tuple[Candidate, ...] = ()
@@ -400,31 +467,38 @@ class RobotChoice:
     def reset(self) -> None:
         """Withdraw an unclear choice, and show no candidates."""
         self._pressed_ns = None
-        self._asked = self._on = ("", 0)
+        self._asked = ("", 0)
+        self._pointed = ("", 0)
         self.candidates = ()
 
     def press(self, now_ns: int) -> ChosenRobot:
-        """Return the robot pointed at.
+        """Return the robot that is pointed at.
 
         If it is unclear which, pointing on for a while may make it clear. If it is unclear whether one is
         meant at all, or a place near it, another press takes it.
         """
         chosen = self._identify(now_ns)
-        (asked, asked_ns), self._asked = self._asked, ("", 0)
-        candidates, one = self._likely()
-        if one and one == asked and 0 <= now_ns - asked_ns <= PENDING_NS:
-            chosen = chosen or asked
+        asked, asked_ns = self._asked
+        self._asked = ("", 0)
+        candidates, likely = self._likely()
+
+        # Clear, by pointing or by a second press
+        is_in_time = 0 <= now_ns - asked_ns <= PENDING_NS
+        if not chosen and likely == asked and is_in_time:
+            chosen = asked  # or still `""`, if no robot is likely
         if chosen:
             self._pressed_ns = None
             return ChosenRobot(chosen, "")
+
+        # Unclear: none, one or a place beside it, or several
         if not candidates:
             self._pressed_ns = None
             return ChosenRobot("", "no robot is where you point: point at one, then press")
         self._pressed_ns = now_ns
-        if one:
-            self._asked = (one, now_ns)
-            return ChosenRobot("", f"{one} may be meant: press again to take it")
-        return ChosenRobot("", _unclear(candidates))
+        if likely:
+            self._asked = (likely, now_ns)
+            return ChosenRobot("", f"{likely} may be meant: press again to take it")
+        return ChosenRobot("", _unclear_message(candidates))
 
     def step(self, now_ns: int) -> ChosenRobot | None:
         """Return a choice that became clear by pointing on, or None. Identifies at 5 Hz only.
@@ -435,42 +509,59 @@ class RobotChoice:
             return None
         self._next_ns = now_ns + PERIOD_NS
         chosen = self._identify(now_ns)
-        on: str = chosen
         if self._pressed_ns is not None and not 0 <= now_ns - self._pressed_ns <= PENDING_NS:
             self._pressed_ns = None
-        if self._take == "dwell" and self.candidates and self.candidates[0].probability >= RATHER:
-            on = chosen or self._likely()[1]
-        if on != self._on[0]:
-            self._on = (on, now_ns)
-        if on != self._done:
+
+        # The robot that is pointed at, and the time since which it is
+        is_by_dwell = self._take == "dwell"
+        robot: str = chosen
+        may_be_meant = bool(self.candidates) and self.candidates[0].probability >= RATHER
+        if not chosen and is_by_dwell and may_be_meant:
+            _candidates, robot = self._likely()
+        pointed, _ = self._pointed
+        if robot != pointed:
+            self._pointed = (robot, now_ns)
+        if robot != self._done:
             self._done = ""
-        stayed = self._take == "dwell" and now_ns - self._on[1] >= self._dwell_ns
-        if not on or on == self._done or not (stayed or (chosen and self._pressed_ns is not None)):
+        if not robot or robot == self._done:
             return None
-        if not chosen and self._asked != self._on:
-            self._asked = self._on = (on, now_ns)
-            return ChosenRobot("", f"{on} may be meant: stay on it to take it")
+
+        # It is taken after a stay, or after a press that was unclear
+        _, since_ns = self._pointed
+        has_stayed = is_by_dwell and now_ns - since_ns >= self._dwell_ns
+        has_pressed = bool(chosen) and self._pressed_ns is not None
+        if not has_stayed and not has_pressed:
+            return None
+        if not chosen and self._asked != self._pointed:
+            self._asked = self._pointed = (robot, now_ns)  # equal, so that another stay takes it
+            return ChosenRobot("", f"{robot} may be meant: stay on it to take it")
         self._pressed_ns = None
-        self._done = on
-        return ChosenRobot(on, "")
+        self._done = robot
+        return ChosenRobot(robot, "")
 
     def _likely(self) -> tuple[list[Candidate], str]:
         """Return the robots that may be meant, and the one that is if any is, `""` if that is unclear."""
-        candidates = [each for each in self.candidates if each.probability >= LIKELY]
-        is_one = bool(candidates) and candidates[0].probability >= ONE * sum(
-            each.probability for each in candidates
-        )
+        candidates = [candidate for candidate in self.candidates if candidate.probability >= LIKELY]
+        if not candidates:
+            return [], ""
+        total = sum(candidate.probability for candidate in candidates)
+        is_one = candidates[0].probability >= ONE * total
         return candidates, candidates[0].object_id if is_one else ""
 
     def _identify(self, now_ns: int) -> str:
-        found = self._identifier.identify(now_ns)
-        steps = [(each.object_id, math.floor(each.probability / SHOWN_STEP)) for each in found.candidates]
-        rounded = [Candidate(object_id=name, probability=step * SHOWN_STEP) for name, step in steps]
-        self.candidates = tuple(each for each in rounded if each.probability > 0.0)
-        return found.chosen
+        """Update the candidates. Return the robot that is meant, or `""` if that is unsure."""
+        identification = self._identifier.identify(now_ns)
+        candidates: list[Candidate] = []
+        for candidate in identification.candidates:
+            steps = math.floor(candidate.probability / SHOWN_STEP)
+            if steps > 0:
+                rounded = Candidate(object_id=candidate.object_id, probability=steps * SHOWN_STEP)
+                candidates.append(rounded)
+        self.candidates = tuple(candidates)
+        return identification.chosen
 
 
-def _unclear(candidates: list[Candidate]) -> str:
-    names = [each.object_id for each in candidates]
+def _unclear_message(candidates: list[Candidate]) -> str:
+    names = [candidate.object_id for candidate in candidates]
     count = "two" if len(names) == 2 else str(len(names))
     return f"{count} robots may be meant, {all_of(names)}: point longer at one"

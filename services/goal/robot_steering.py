@@ -38,7 +38,7 @@ ANSWER_NS = 3 * NS_PER_S
 DECIDED_NS = NS_PER_S // 2
 """Time after a request from which a reason given by the robot is its answer."""
 REPORTED_NS = 2 * NS_PER_S
-"""Least time between two reasons that the person receives: numbers in them change."""
+"""Minimum time between two reasons that the person receives: numbers in them change."""
 ARRIVED_M = 0.3
 """Distance from a goal within which a robot has arrived."""
 
@@ -87,7 +87,7 @@ class TakenRobot:
         self._is_going = False
 
     def on_goal(self, goal: Goal, now_ns: int) -> None:
-        """Await the result of `goal`, which replaces the one before."""
+        """Wait for the result of `goal`, which replaces the previous one."""
         self._goal = goal
         self._sent_ns = now_ns
         self._is_going = False
@@ -96,16 +96,19 @@ class TakenRobot:
         self, state: RobotState, mode: Literal["none", "follow", "goals", "land"], now_ns: int
     ) -> RobotCue | None:
         """Return the cue for a state of the robot while the person wants `mode` of it, if there is any."""
+        # Its answer, or the end of the person's control: a quadrotor that has landed is let go
         if not self.is_owner:
-            return self._requested(state, now_ns)
-        is_down = state.phase == "landed" and mode == "land"
-        if is_down:
+            return self._answer(state, now_ns)
+        has_landed = state.phase == "landed" and mode == "land"
+        if has_landed:
             return RobotCue("selected", f"{self.name} has landed", True, "localized", state.position_m)
         if state.user != self._user:
-            why = (
-                state.reason or "somebody stopped it, or you were not heard of; point at it and take it again"
-            )
-            return RobotCue("deselected", f"{self.name} is no longer yours: {why}", ends=True)
+            reason = state.reason
+            if not reason:
+                reason = "somebody stopped it, or you were not heard of; point at it and take it again"
+            return RobotCue("deselected", f"{self.name} is no longer yours: {reason}", ends=True)
+
+        # A new reason why it does not do what the person wants, or else its arrival
         if state.reason and state.reason != self._reason:
             if now_ns - self._reported_ns < REPORTED_NS:
                 return None
@@ -125,12 +128,14 @@ class TakenRobot:
         if not self.is_owner and now_ns - self._since_ns > ANSWER_NS:
             text = f"{self.name} does not answer: see that it runs, and take it again"
             return RobotCue("refused", text, ends=True)
-        if self._goal is not None and not self._is_going and now_ns - self._sent_ns > ANSWER_NS:
+        is_goal_pending = self._goal is not None and not self._is_going
+        if is_goal_pending and now_ns - self._sent_ns > ANSWER_NS:
             self._goal = None
             return RobotCue("refused", f"{self.name} has not taken the goal: set its way-points again")
         return None
 
-    def _requested(self, state: RobotState, now_ns: int) -> RobotCue | None:
+    def _answer(self, state: RobotState, now_ns: int) -> RobotCue | None:
+        """Return the cue for the robot's answer to the request of the person, or None before it."""
         if state.user == self._user:
             self.is_owner = True
             self._reason = state.reason
@@ -143,21 +148,24 @@ class TakenRobot:
         return None
 
     def _arrival(self, state: RobotState) -> RobotCue | None:
+        """Return the cue for the end of the robot's way to its goal, or None before it."""
         goal = self._goal
         if goal is None:
             return None
-        if state.goal_ns == goal.stamp_ns:
+        is_on_its_way = state.goal_ns == goal.stamp_ns
+        if is_on_its_way:
             self._is_going = True
-        is_over = self._is_going and (state.goal_ns != goal.stamp_ns or state.phase == "idle")
-        if not is_over:
+        if not self._is_going:
             return None
-        away_m = math.dist(state.position_m[:2], goal.position_m[:2])
+        if is_on_its_way and state.phase != "idle":
+            return None
+        remaining_m = math.dist(state.position_m[:2], goal.position_m[:2])
         self._goal = None
-        if away_m <= ARRIVED_M:
+        if remaining_m <= ARRIVED_M:
             return RobotCue(
                 "selected", f"{self.name} has arrived", sign_of="localized", place_m=state.position_m
             )
-        return RobotCue("refused", f"{self.name} stopped {away_m:.1f} m before its goal: send it again")
+        return RobotCue("refused", f"{self.name} stopped {remaining_m:.1f} m before its goal: send it again")
 
 
 class RobotSteering:
@@ -170,14 +178,14 @@ class RobotSteering:
         self._choice = RobotChoice(config.take, config.dwell_s)
         self._stays = StayDetector(config.radius_m, config.dwell_s)
         self._robots: dict[str, tuple[RobotState, int]] = {}
-        """Newest state of each robot, and when it came."""
+        """Newest state of each robot, and the time at which it came, ns."""
         self._taken: TakenRobot | None = None
         self._mode: Literal["none", "follow", "goals", "land"] = "none"
         self._landing_m: Vec3 | None = None
         self._waypoints: list[Vec3] = []
         self._requested_m: Vec3 | None = None
         """Place to which the robot is sent as soon as it obeys the person, or None."""
-        self._places: deque[tuple[int, Vec3, str]] = deque()
+        self._places: deque[tuple[int, Vec3, str]] = deque()  # plain tuples: there is one per cursor
         """Stamp, place and surface of the cursors from `LAND_BEFORE_S` before the longest press on."""
         self._cursor: Cursor | None = None
         self._pointing_since_ns = 0
@@ -192,7 +200,7 @@ class RobotSteering:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Return the latest time for the next `tick`, or None if nothing is awaited."""
+        """Return the latest time for the next `tick`, or None if no robot has to answer."""
         return None if self._taken is None else self._taken.checked_ns + TICK_NS
 
     def on_map(self, environment: Environment) -> None:
@@ -216,31 +224,34 @@ class RobotSteering:
         if self._checker.is_pointing:
             if not was_pointing:
                 self._pointing_since_ns = interaction.stamp_ns
-            return self._output([], now_ns)
+            return self._with_steering([], now_ns)
         if interaction.state == "localizing" and self._mode == "goals":
-            return self._output([], now_ns)
+            return self._with_steering([], now_ns)
         cues: list[Output] = []
         if self._taken is not None and self._taken.is_owner:
             text = f"{self._taken.name} is let go, as you stopped pointing: it stays where it is"
             cues = [self._cues.make("deselected", text, now_ns)]
         self._release()
         self._choice.reset()
-        return self._output(cues, now_ns)
+        return self._with_steering(cues, now_ns)
 
     def on_robot(self, name: str, state: RobotState, now_ns: int) -> list[Output]:
         """Process the state of a robot."""
         self._robots[name] = (state, now_ns)
         self._choice.on_robot(name, state)
-        is_new = abs(now_ns - self._pointing_since_ns) <= DECIDED_NS  # its reason is that of before
-        if self._taken is None or self._taken.name != name or is_new or not self._checker.is_pointing:
+        if self._taken is None or self._taken.name != name:
             return []
-        outputs = self._answered(self._taken.on_state(state, self._mode, now_ns), now_ns)
+        has_just_begun = abs(now_ns - self._pointing_since_ns) <= DECIDED_NS
+        if has_just_begun or not self._checker.is_pointing:  # its reason is that of an earlier pointing
+            return []
+        cue = self._taken.on_state(state, self._mode, now_ns)
+        outputs = self._on_robot_cue(cue, now_ns)
         if self._requested_m is not None and self._is_owner:
-            outputs += self._output(self._send_requested(now_ns), now_ns)
+            outputs += self._with_steering(self._send_requested(now_ns), now_ns)
         return outputs
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Process a cursor; cursors out of order are ignored."""
+        """Process a cursor. Cursors out of order are ignored."""
         outputs = self.tick(now_ns)
         order = cursor_order(self._cursor, cursor)
         if order == "late":
@@ -249,21 +260,26 @@ class RobotSteering:
             self._stays.interrupt()
             self._places.clear()
         self._cursor = cursor
+
+        # Places for the landing by a press that is reported later
         place_m = self._checker.place(cursor)
         if place_m is None:
             self._places.clear()
         else:
             self._places.append((cursor.stamp_ns, place_m, cursor.surface_id))
-            while self._places[0][0] < cursor.stamp_ns - (MAX_PRESS_S + LAND_BEFORE_S[0]) * NS_PER_S:
+            oldest_ns = cursor.stamp_ns - (MAX_PRESS_S + LAND_BEFORE_S[0]) * NS_PER_S
+            while self._places[0][0] < oldest_ns:
                 self._places.popleft()
         mean_m = self._stays.on_cursor(place_m, cursor.surface_id, cursor.stamp_ns)
+
+        # Without a robot the person chooses one, with one they set way-points
         if self._taken is None and self._checker.is_pointing:
             choice = self._choice.step(now_ns)
             if choice is not None:
-                outputs += self._chosen(choice, now_ns)
+                outputs += self._on_choice(choice, now_ns)
         elif mean_m is not None and self._mode == "goals" and self._is_owner:
             outputs += self._add_waypoint(mean_m, cursor, now_ns)
-        return self._output(outputs, now_ns)
+        return self._with_steering(outputs, now_ns)
 
     def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture: a press takes a robot, lands it or sends it. Others are the supervisor's."""
@@ -275,16 +291,16 @@ class RobotSteering:
             late = "your press came late, or by another clock: point there and press once more"
             outputs.append(self._cues.make("refused", late, now_ns))
         elif self._taken is None:
-            outputs += self._chosen(self._choice.press(now_ns), now_ns)
+            outputs += self._on_choice(self._choice.press(now_ns), now_ns)
         elif not self._is_owner or self._mode == "land":
             pass  # the robot has yet to answer
         elif self._mode == "follow":
             outputs += self._land(event.stamp_ns, now_ns)
         elif self._waypoints:
-            outputs += self._go(now_ns)
+            outputs += self._send_goal(now_ns)
         else:
-            outputs += self._change(now_ns)
-        return self._output(outputs, now_ns)
+            outputs += self._change_robot(now_ns)
+        return self._with_steering(outputs, now_ns)
 
     def send(self, robot: str, place_m: Vec3, now_ns: int) -> list[Output]:
         """Send `robot`, or the one that the person has, to a place as they ask, with all checks.
@@ -294,62 +310,79 @@ class RobotSteering:
         Raises:
             RefusedError: If a check fails. Gives the reason.
         """
+        # A robot that can be sent there
         name = robot or self.robot
         if name not in self._robots:
-            hint = nearest(name, sorted(self._robots)) if self._robots else "no robot reports its place"
-            raise RefusedError(f"there is no robot {name!r}; {hint}" if name else f"say which robot; {hint}")
-        if self._robots[name][0].kind == "quadrotor":
+            hint = "no robot reports its place"
+            if self._robots:
+                hint = nearest(name, sorted(self._robots))
+            problem = f"there is no robot {name!r}" if name else "say which robot"
+            raise RefusedError(f"{problem}; {hint}")
+        state, _ = self._robots[name]
+        if state.kind == "quadrotor":
             raise RefusedError(f"{name} is not sent: take it by pointing, it follows where you point")
-        if reason := self._request_problem(name, place_m, now_ns):
+        reason = self._request_problem(name, place_m, now_ns)
+        if reason:
             raise RefusedError(reason)
+
+        # At once if it obeys the person, else it is taken first
         if name == self.robot and self._is_owner:
             self._waypoints = [place_m]
-            return self._output(self._go(now_ns), now_ns)
+            return self._with_steering(self._send_goal(now_ns), now_ns)
         self._release()
         outputs = self._take_robot(name, now_ns)
         if self._taken is None:
-            raise RefusedError("".join(each.text for each in outputs if isinstance(each, Feedback)))
+            texts = [output.text for output in outputs if isinstance(output, Feedback)]
+            raise RefusedError("".join(texts))
         self._requested_m = place_m
-        return self._output(outputs, now_ns)
+        return self._with_steering(outputs, now_ns)
 
     def _request_problem(self, name: str, place_m: Vec3, now_ns: int) -> str:
+        """Return the reason not to send the robot `name` to a place, or `""`."""
         other = self._robot_at(place_m)
         if other and other != name:
             return f"{other} stands there: choose another place"
         return self._checker.request_problem(place_m, self._cursor, now_ns)
 
     def _send_requested(self, now_ns: int) -> list[Output]:
-        """Send the robot where it was asked to go before it obeyed the person, checked once more."""
+        """Send the robot to the place requested before it obeyed the person, checked once more."""
         place_m = self._requested_m
         self._requested_m = None
         if place_m is None:
             return []
-        if reason := self._request_problem(self.robot, place_m, now_ns):
+        reason = self._request_problem(self.robot, place_m, now_ns)
+        if reason:
             return [self._cues.make("refused", reason, now_ns, place_m)]
         self._waypoints = [place_m]
-        return self._go(now_ns)
+        return self._send_goal(now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns`: robots that fall silent are not waited for."""
-        for name in [n for n, (_, came_ns) in self._robots.items() if not _is_recent(came_ns, now_ns)]:
-            del self._robots[name]
-            self._choice.forget(name)
+        for name, (_state, came_ns) in list(self._robots.items()):
+            if abs(now_ns - came_ns) > MAX_ROBOT_AGE_NS:
+                del self._robots[name]
+                self._choice.forget(name)
         if self._taken is None:
-            return self._output([], now_ns)
+            return self._with_steering([], now_ns)
         self._taken.checked_ns = now_ns
-        cue = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
-        return self._answered(cue, now_ns)
+        is_silent = self._taken.name not in self._robots
+        cue = self._taken.tick(now_ns, is_silent=is_silent)
+        return self._on_robot_cue(cue, now_ns)
 
     @property
     def _is_owner(self) -> bool:
-        return self._checker.is_pointing and self._taken is not None and self._taken.is_owner
+        """Return True if the person points, and a robot obeys them."""
+        if self._taken is None or not self._checker.is_pointing:
+            return False
+        return self._taken.is_owner
 
-    def _chosen(self, choice: ChosenRobot, now_ns: int) -> list[Output]:
+    def _on_choice(self, choice: ChosenRobot, now_ns: int) -> list[Output]:
+        """Request the robot that is meant, or return a cue if that is unclear."""
         if choice.robot:
             return self._take_robot(choice.robot, now_ns)
         return [self._cues.make("refused", choice.problem, now_ns)]
 
-    def _change(self, now_ns: int) -> list[Output]:
+    def _change_robot(self, now_ns: int) -> list[Output]:
         """Choose another robot instead of one without a path, if the person clearly points at one."""
         choice = self._choice.press(now_ns)
         self._choice.reset()
@@ -362,7 +395,8 @@ class RobotSteering:
         return [self._cues.make("refused", text, now_ns)]
 
     def _take_robot(self, name: str, now_ns: int) -> list[Output]:
-        state = self._robots[name][0]
+        """Request a robot for the person. Return a cue if it cannot be requested now."""
+        state, _ = self._robots[name]
         text = self._checker.unsure_reason
         if not text and state.user not in ("", self._user):
             text = f"{name} is steered by {state.user}: wait until it is free, or point at another robot"
@@ -374,35 +408,47 @@ class RobotSteering:
         self._bar_stays()
         return []
 
-    def _answered(self, answer: RobotCue | None, now_ns: int) -> list[Output]:
-        if answer is None:
-            return self._output([], now_ns)
-        if answer.ends:
+    def _on_robot_cue(self, robot_cue: RobotCue | None, now_ns: int) -> list[Output]:
+        """Release the robot if a cue ends its steering. Return the cue with its number."""
+        if robot_cue is None:
+            return self._with_steering([], now_ns)
+        if robot_cue.ends:
             self._release()
-        elif self._mode == "land" and answer.cue == "refused":
+        elif self._mode == "land" and robot_cue.cue == "refused":
             # so that another place can be pointed at
             self._mode = "follow"
             self._landing_m = None
-        cue = self._cues.make(answer.cue, answer.text, now_ns, answer.place_m, sign_of=answer.sign_of)
-        return self._output([cue], now_ns)
+        cue = self._cues.make(
+            robot_cue.cue, robot_cue.text, now_ns, robot_cue.place_m, sign_of=robot_cue.sign_of
+        )
+        return self._with_steering([cue], now_ns)
 
     def _land(self, pressed_ns: int, now_ns: int) -> list[Output]:
+        """Land the quadrotor at the mean place just before a press, or at all later ones if there is none."""
         cursor = self._cursor
         first_ns, last_ns = (pressed_ns - round(before_s * NS_PER_S) for before_s in LAND_BEFORE_S)
-        surface_id = "" if cursor is None else cursor.surface_id
-        recent = [each for each in self._places if each[0] >= first_ns and each[2] == surface_id]
-        there = [place_m for _, place_m, _ in recent]
-        before = [place_m for at_ns, place_m, _ in recent if at_ns <= last_ns]
-        if cursor is None or not there:
+        places_m: list[Vec3] = []
+        places_before_m: list[Vec3] = []
+        for stamp_ns, place_m, surface_id in self._places:
+            if cursor is None or stamp_ns < first_ns:
+                continue
+            if surface_id != cursor.surface_id:
+                continue
+            places_m.append(place_m)
+            if stamp_ns <= last_ns:
+                places_before_m.append(place_m)
+        if cursor is None or not places_m:
             text = "no robot lands there: point at the floor as you press"
             return [self._cues.make("refused", text, now_ns)]
-        place_m = _mean(before or there)
-        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+
+        # The same checks as of any goal
+        landing_m = _mean(places_before_m or places_m)
+        reason = self._checker.rejection_reason(landing_m, cursor, now_ns)
         if reason:
-            return [self._cues.make("refused", reason, now_ns, place_m)]
+            return [self._cues.make("refused", reason, now_ns, landing_m)]
         self._mode = "land"
-        self._landing_m = place_m
-        return [self._cues.make("selected", f"{self.robot} lands there", now_ns, place_m)]
+        self._landing_m = landing_m
+        return [self._cues.make("selected", f"{self.robot} lands there", now_ns, landing_m)]
 
     def _add_waypoint(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
         other = self._robot_at(place_m)
@@ -418,18 +464,24 @@ class RobotSteering:
         return [self._cues.make("selected", text, now_ns, place_m)]
 
     def _robot_at(self, place_m: Vec3) -> str:
+        """Return the robot, other than the person's, that stands at a place, or `""`."""
         for name, (state, _) in self._robots.items():
-            away_m = math.dist(state.position_m[:2], place_m[:2])
-            if name != self.robot and away_m <= self._config.radius_m + state.radius_m:
+            distance_m = math.dist(state.position_m[:2], place_m[:2])
+            if name != self.robot and distance_m <= self._config.radius_m + state.radius_m:
                 return name
         return ""
 
-    def _go(self, now_ns: int) -> list[Output]:
+    def _send_goal(self, now_ns: int) -> list[Output]:
+        """Send the robot to its last way-point, by the others. It keeps them if that is refused."""
         cursor = self._cursor
         place_m = self._waypoints[-1]
-        reason = cursor and self._checker.rejection_reason(place_m, cursor, now_ns)
-        if cursor is None or reason:
-            return [self._cues.make("refused", reason or "point while you press", now_ns, place_m)]
+        if cursor is None:
+            return [self._cues.make("refused", "point while you press", now_ns, place_m)]
+        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if reason:
+            return [self._cues.make("refused", reason, now_ns, place_m)]
+
+        # The way-points are used up, and the robot has to report its way to the goal
         via_m = tuple(self._waypoints[:-1])
         self._waypoints = []
         self._goals += 1
@@ -462,7 +514,8 @@ class RobotSteering:
             _, place_m, surface_id = self._places[-1]
             self._stays.bar(surface_id, place_m)
 
-    def _output(self, outputs: list[Output], now_ns: int) -> list[Output]:
+    def _with_steering(self, outputs: list[Output], now_ns: int) -> list[Output]:
+        """Return `outputs`, followed by the steering if that has changed since it was published."""
         steering = Steering(
             stamp_ns=now_ns,
             robot=self.robot,
@@ -471,15 +524,13 @@ class RobotSteering:
             waypoints_m=tuple(self._waypoints),
             candidates=self._choice.candidates if self._taken is None else (),
         )
-        before = self._published
-        if before is not None and steering.model_copy(update={"stamp_ns": before.stamp_ns}) == before:
-            return outputs
+        previous = self._published
+        if previous is not None:
+            same_time = steering.model_copy(update={"stamp_ns": previous.stamp_ns})
+            if same_time == previous:
+                return outputs
         self._published = steering
         return [*outputs, steering]
-
-
-def _is_recent(came_ns: int, now_ns: int) -> bool:
-    return abs(now_ns - came_ns) <= MAX_ROBOT_AGE_NS
 
 
 def _mean(places_m: list[Vec3]) -> Vec3:

@@ -1,4 +1,4 @@
-"""Steering of robots by pointing: a person's cursor, poses, robots and map in; steering, goals, cues out."""
+"""Steering of robots by pointing: from a cursor, poses, robots and a map to steering, goals and cues."""
 
 import asyncio
 from collections.abc import Sequence
@@ -46,11 +46,12 @@ class Goals(Service[GoalConfig]):
     def __init__(self, config: GoalConfig, context: Context) -> None:
         super().__init__(config, context)
         self._steps: GoalConfirmation | RobotSteering
-        self._moved = asyncio.Event()
+        self._has_new_deadline = asyncio.Event()
         self._goals = self.bus.publisher(GOAL, self.user)
         self._steering = self.bus.publisher(STEERING, self.user)
         if config.steer == "robots":
-            robots = self._steps = RobotSteering(config, self.user)
+            robots = RobotSteering(config, self.user)
+            self._steps = robots
             self.bus.subscribe(RAY, lambda ray, _user: robots.on_ray(ray), self.user)
             self.bus.subscribe(ROBOT_STATE, partial(self._on_robot, robots))
         else:
@@ -67,8 +68,8 @@ class Goals(Service[GoalConfig]):
         """Withdraw proposals that are not confirmed in time, and requests that no robot answers."""
         while True:
             self._publish(self._steps.tick(self.clock.now_ns()))
-            self._moved.clear()
-            await wait_until(self.clock, self._steps.deadline_ns, self._moved)
+            self._has_new_deadline.clear()
+            await wait_until(self.clock, self._steps.deadline_ns, self._has_new_deadline)
 
     def _on_interaction(self, interaction: Interaction, _user: str) -> None:
         self._publish(self._steps.on_interaction(interaction, self.clock.now_ns()))
@@ -83,11 +84,18 @@ class Goals(Service[GoalConfig]):
         self._publish(robots.on_robot(name, state, self.clock.now_ns()))
 
     async def _send(self, query: SendRobot, _user: str) -> Done:
-        """Send a robot as the person asks; raises RefusedError with the reason not to."""
-        self._publish(self._steps.send(query.robot, query.position_m, self.clock.now_ns()))
-        return Done(message=f"{query.robot or 'the robot'} is sent there")
+        """Send a robot as the person asks.
+
+        Raises:
+            RefusedError: If a check fails. The message gives the reason.
+        """
+        outputs = self._steps.send(query.robot, query.position_m, self.clock.now_ns())
+        self._publish(outputs)
+        name = query.robot or "the robot"
+        return Done(message=f"{name} is sent there")
 
     def _publish(self, outputs: Sequence[Goal | Feedback | Steering]) -> None:
+        """Publish `outputs`. They may have changed the time of the next tick."""
         for output in outputs:
             if isinstance(output, Goal):
                 self._goals.put(output)
@@ -97,7 +105,7 @@ class Goals(Service[GoalConfig]):
             else:
                 self._feedback.put(output)
         if outputs:
-            self._moved.set()
+            self._has_new_deadline.set()
 
 
 SERVICE = Goals

@@ -17,9 +17,11 @@ LEFT = 2.0
 """Distance at which a place is left, in radii."""
 
 
-def cursor_order(before: Cursor | None, cursor: Cursor) -> Literal["late", "next", "gap"]:
-    """Return the order of `cursor`: late, next after the one before, or next after a gap."""
-    step_ns = 0 if before is None else cursor.stamp_ns - before.stamp_ns
+def cursor_order(previous: Cursor | None, cursor: Cursor) -> Literal["late", "next", "gap"]:
+    """Return the order of `cursor`: late, next after the previous one, or next after a gap."""
+    if previous is None:
+        return "next"
+    step_ns = cursor.stamp_ns - previous.stamp_ns
     if -BACK_NS <= step_ns < 0:
         return "late"
     return "next" if 0 <= step_ns <= GAP_NS else "gap"
@@ -55,7 +57,8 @@ class StayDetector:
 
     def reset(self) -> None:
         """Forget the current stay and the last one, so that the next may be anywhere."""
-        self._stay = self._over = None
+        self._stay = None
+        self._over = None
 
     def bar(self, surface_id: str, place_m: Vec3) -> None:
         """Report no stay until the cursor has left `place_m`, {W}."""
@@ -67,18 +70,24 @@ class StayDetector:
 
         Args:
             place_m: an allowed place, or None.
-            surface_id: of the surface there.
-            stamp_ns: of the cursor.
+            surface_id: id of the surface there.
+            stamp_ns: stamp of the cursor, ns.
         """
-        if self._over is not None and self.is_away(place_m, surface_id, *self._over):
-            self.reset()
+        # After a report the next stay begins when that place was left
+        if self._over is not None:
+            over_surface_id, over_place_m = self._over
+            if self.is_away(place_m, surface_id, over_surface_id, over_place_m):
+                self.reset()
         if place_m is None:
             self._stay = None
         if place_m is None or self._over is not None:
             return None
+
+        # The stay goes on within the radius of its first cursor
         stay = self._stay
         if stay is None or stay.surface_id != surface_id or math.dist(stay.first_m, place_m) > self._radius_m:
-            stay = self._stay = _Stay(place_m, surface_id, stamp_ns)
+            stay = _Stay(place_m, surface_id, stamp_ns)
+            self._stay = stay
         stay.total_m = vector.add(stay.total_m, place_m)
         stay.count += 1
         if stamp_ns - stay.since_ns < self._dwell_ns:
@@ -88,5 +97,6 @@ class StayDetector:
 
     def is_away(self, here_m: Vec3 | None, here_id: str, surface_id: str, place_m: Vec3) -> bool:
         """Return True if `here_m` on surface `here_id` is no longer at `place_m` on `surface_id`."""
-        is_on = here_m is not None and here_id == surface_id
-        return not is_on or math.dist(here_m or place_m, place_m) > LEFT * self._radius_m
+        if here_m is None or here_id != surface_id:
+            return True
+        return math.dist(here_m, place_m) > LEFT * self._radius_m

@@ -40,17 +40,17 @@ from pointit.services.listener.stays import PointingMemory, Stay, TimingModel, c
 M = TypeVar("M", bound=Message)
 
 SURE = 0.85
-"""Probability from which what is most probable is taken as meant."""
+"""Minimum probability of a candidate that is taken as meant."""
 ASKED = 0.25
-"""Probability from which a candidate is asked about."""
+"""Minimum probability of a candidate that is asked about."""
 EACH = 0.5
-"""Probability from which one of `these` is taken as meant: each is, or is not, whatever the others are."""
+"""Minimum probability of each of `these` that is taken as meant: it is or is not, whatever the others are."""
 EITHER = 0.6
-"""Probability of two candidates together from which the person is asked which one is meant."""
+"""Minimum probability of two candidates together at which the person is asked which one is meant."""
 REACTION_S = 0.3
 """Time from seeing the light of a candidate to the answer to it, s."""
 MAX_REPORT_AGE_S = 3.0
-"""Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
+"""Time after the last list of a tracker, or report of a robot, after which that is out of date, s."""
 CHEST_M = 1.2
 """Height of a person's middle, m."""
 PERSON_M = (0.5, 0.5, 1.2)
@@ -58,17 +58,17 @@ PERSON_M = (0.5, 0.5, 1.2)
 MAX_TARGETS = 2000
 """Limit of targets that are considered."""
 ROBOT_TRACKER = "robot."
-"""Beginning of the names of trackers that list one robot, which reports its state, too."""
+"""Prefix of the names of trackers that list one robot, which reports its state, too."""
 
 USUAL_WAY_RAD = math.radians(39.0)
-"""Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
+"""Way of the arm from which `sideways_rad` holds. For a shorter one it is less in proportion."""
 BENT_ARM_FACTOR = 2.5
 FIELD_SR = math.radians(80.0) * math.radians(50.0)
 """Solid angle over which rays spread that are meant for none of the targets."""
 MAX_CANDIDATES = 8
 """Largest number of candidates of a reply, and four times as many of `these`."""
 MIN_PROBABILITY = 0.005
-"""Least probability of a candidate of a reply."""
+"""Minimum probability of a candidate of a reply."""
 SWEPT = 0.3
 """The same of `these`: a ray that swept between two of them does not count for both."""
 OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.9, "there": 0.98}
@@ -90,8 +90,8 @@ TYPICAL_S = -0.2
 """Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
 simulated people (docs/decisions/finished-experiments.md)."""
 EARLIEST_S = -0.42
-"""Least median of a clock that is not named, s: of simulated ones that are right less than 1 of 60 is named,
-of those that are 0.5 s off 9 of 10."""
+"""Smallest median of a clock that is not named, s: of simulated ones that are right less than 1 of 60 is
+named, of those that are 0.5 s off 9 of 10."""
 LATEST_S = 0.03
 """Largest median of a clock that is not named, s."""
 REMEDY = "synchronize it, or send the site's time"
@@ -125,23 +125,37 @@ def decide(
     excluded by what was said, and the others become more probable, but not more than they are beside `none`.
     A word that may mean `several` has independent candidates: it acts on each by itself, and never asks.
     """
-    kept = [one for one in found.candidates if not kinds or one.kind in kinds]
-    fitting = [one for one in kept if names is None or one.name in names]
+    # Candidates that fit. One of several is judged by itself
+    fitting = [candidate for candidate in found.candidates if _fits(candidate, kinds, names)]
     if several:
-        certain = [one for one in fitting if one.probability >= EACH]
+        certain = [candidate for candidate in fitting if candidate.probability >= EACH]
         return Decision("act" if certain else "refuse", certain)
-    total = found.none + sum(one.probability for one in fitting)
+
+    # Their probabilities among themselves and none
+    total = found.none + sum(candidate.probability for candidate in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())
-    chances = [min(one.probability / total, 1.0) for one in fitting]
-    fitting = [
-        one.model_copy(update={"probability": chance}) for one, chance in zip(fitting, chances, strict=True)
-    ]
+    chances = [min(candidate.probability / total, 1.0) for candidate in fitting]
+    rescaled: list[Referent] = []
+    for candidate, chance in zip(fitting, chances, strict=True):
+        rescaled.append(candidate.model_copy(update={"probability": chance}))
+
+    # Act if one is sure, ask about one or two, or refuse
     if chances[0] >= SURE:
-        return Decision("act", fitting[:1])
+        return Decision("act", rescaled[:1])
     if chances[0] < ASKED or sum(chances[:2]) < EITHER:
         return Decision("refuse", ())
-    return Decision("ask", fitting[: 2 if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0 else 1])
+    count = 1
+    if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0:
+        count = 2
+    return Decision("ask", rescaled[:count])
+
+
+def _fits(candidate: Referent, kinds: Sequence[str], names: Collection[str] | None) -> bool:
+    """Return True if a candidate is of one of `kinds`, unless that is empty, and in `names`, unless None."""
+    if kinds and candidate.kind not in kinds:
+        return False
+    return names is None or candidate.name in names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +171,7 @@ class ReferentTarget:
 
 @dataclass
 class Room:
-    """The newest that is known of the room."""
+    """The latest state of the room."""
 
     things: frozenset[str] = frozenset()
     objects: dict[str, TrackedObjects] = field(default_factory=dict[str, TrackedObjects])
@@ -174,57 +188,63 @@ class Room:
 
     def targets(self, user: str, at_ns: int, now_ns: int) -> list[ReferentTarget]:
         """Return the targets for words of `user`, at their positions at `at_ns`, extrapolated by velocity."""
-        targets = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
-        targets += [
-            ReferentTarget(
-                kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M
-            )
-            for name, pose in self.poses.items()
-            if name != user
-        ]
+        targets = [*self._object_targets(at_ns, now_ns), *self._robot_targets(at_ns, now_ns)]
+        for name, pose in self.poses.items():
+            if name == user:
+                continue
+            x, y, z = pose.position_m
+            chest_m = (x, y, z + CHEST_M)
+            target = ReferentTarget(kind="person", name=name, center_m=chest_m, size_m=PERSON_M)
+            targets.append(target)
         return targets[:MAX_TARGETS]
 
-    def _objects(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
+    def _object_targets(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
         targets: list[ReferentTarget] = []
-        for tracker, listed in _recent(self.objects, now_ns).items():
+        for tracker, message in _recent(self.objects, now_ns).items():
+            # a robot that reports its state is a target of that kind
             if tracker.startswith(ROBOT_TRACKER) and tracker.removeprefix(ROBOT_TRACKER) in self.robots:
                 continue
-            for one in listed.objects:
-                wide_m = max(one.size_m[:2]) if one.size_m else one.length_m
-                high_m = one.size_m[2] if one.size_m else 0.0
-                passed_s = (at_ns - listed.stamp_ns) / NS_PER_S
-                targets.append(
-                    ReferentTarget(
-                        kind="thing" if one.id in self.things else "object",
-                        name=one.id,
-                        center_m=vector.add(one.position_m, vector.scale(one.velocity_mps, passed_s)),
-                        size_m=(wide_m, wide_m, high_m),
-                    )
+            passed_s = (at_ns - message.stamp_ns) / NS_PER_S
+            for tracked in message.objects:
+                wide_m = tracked.length_m
+                high_m = 0.0
+                if tracked.size_m:
+                    wide_m = max(tracked.size_m[:2])
+                    high_m = tracked.size_m[2]
+                target = ReferentTarget(
+                    kind="thing" if tracked.id in self.things else "object",
+                    name=tracked.id,
+                    center_m=_extrapolated(tracked.position_m, tracked.velocity_mps, passed_s),
+                    size_m=(wide_m, wide_m, high_m),
                 )
+                targets.append(target)
         return targets
 
-    def _robots(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
+    def _robot_targets(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
         targets: list[ReferentTarget] = []
         for name, state in _recent(self.robots, now_ns).items():
             passed_s = (at_ns - state.stamp_ns) / NS_PER_S
-            center_m = vector.add(state.position_m, vector.scale(state.velocity_mps, passed_s))
-            wide_m = 2.0 * state.radius_m
-            targets.append(
-                ReferentTarget(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m))
+            diameter_m = 2.0 * state.radius_m
+            target = ReferentTarget(
+                kind="robot",
+                name=name,
+                center_m=_extrapolated(state.position_m, state.velocity_mps, passed_s),
+                size_m=(diameter_m, diameter_m, diameter_m),
             )
+            targets.append(target)
         return targets
 
 
 def _recent(messages: Mapping[str, M], now_ns: int) -> dict[str, M]:
+    """Return the messages that are not out of date."""
+    max_age_ns = MAX_REPORT_AGE_S * NS_PER_S
     return {
-        name: each
-        for name, each in messages.items()
-        if abs(now_ns - each.stamp_ns) <= MAX_REPORT_AGE_S * NS_PER_S
+        name: message for name, message in messages.items() if abs(now_ns - message.stamp_ns) <= max_age_ns
     }
 
 
-def _raised(place_m: Vec3, by_m: float) -> Vec3:
-    return place_m[0], place_m[1], place_m[2] + by_m
+def _extrapolated(position_m: Vec3, velocity_mps: Vec3, passed_s: float) -> Vec3:
+    return vector.add(position_m, vector.scale(velocity_mps, passed_s))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,10 +273,10 @@ class Spoken:
     """A deictic word and who said it."""
 
     at_ns: int
-    """Its middle."""
+    """Time of its middle, ns."""
     word: Deictic = ""
     others_ns: Sequence[int] = ()
-    """Middles of the other deictic words of the sentence."""
+    """Times of the middles of the other deictic words of the sentence, ns."""
     within_s: float = 1.0
     """Time before and after the words in which rays count."""
     user: str = ""
@@ -269,7 +289,9 @@ class Spoken:
     def span_ns(self) -> tuple[int, int]:
         """Return the first and last time of rays that count."""
         within_ns = round(self.within_s * NS_PER_S)
-        times_ns = (self.at_ns, *(() if self.word == "these" else self.others_ns))
+        times_ns = [self.at_ns]
+        if self.word != "these":  # they are swept over during their own word
+            times_ns += self.others_ns
         return min(times_ns) - within_ns, max(times_ns) + within_ns
 
 
@@ -280,7 +302,7 @@ def referents(
 
     Args:
         cursors: rays of its span, in the order of their times, each with origin and direction in {W}.
-        targets: what the person may mean, where it is at that time.
+        targets: what the person may mean, at its position at that time.
         spoken: the word.
         model: constants.
     """
@@ -290,31 +312,46 @@ def referents(
     directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
     times_s = np.array([(cursor.stamp_ns - spoken.at_ns) / NS_PER_S for cursor in cursors])
     if spoken.word == "these":
-        return _swept(targets, _densities(origins, directions, targets, model), model)
+        densities = _densities(origins, directions, targets, model)
+        return _swept(targets, densities, model)
+
+    # Stays of the arm, and the probability of each that it belongs to the word
     stays = stays_of(times_s, directions, model)
-    words_s = sorted((0.0, *((each - spoken.at_ns) / NS_PER_S for each in spoken.others_ns)))
+    others_s = [(other_ns - spoken.at_ns) / NS_PER_S for other_ns in spoken.others_ns]
+    words_s = sorted([0.0, *others_s])
     shares = np.array(chances(stays, words_s, words_s.index(0.0), model))
-    means = [slice(stay.first, stay.last + 1) for stay in stays]
-    sights = np.array([directions[each].mean(axis=0) for each in means])
-    ways = np.minimum(np.array([stay.way_rad for stay in stays]) / USUAL_WAY_RAD, 1.0)
-    sideways = np.hypot(math.hypot(model.pose_rad, spoken.yaw_sigma_rad), model.sideways_rad * ways)
-    at = np.array([origins[each].mean(axis=0) for each in means])
+
+    # Mean ray of each stay, less exact after a longer way of the arm
+    rays_of_stays = [slice(stay.first, stay.last + 1) for stay in stays]
+    mean_origins = np.array([origins[rays].mean(axis=0) for rays in rays_of_stays])
+    mean_directions = np.array([directions[rays].mean(axis=0) for rays in rays_of_stays])
+    ways_rad = np.array([stay.way_rad for stay in stays])
+    ways = np.minimum(ways_rad / USUAL_WAY_RAD, 1.0)
+    constant_rad = math.hypot(model.pose_rad, spoken.yaw_sigma_rad)
+    sideways_rad = np.hypot(constant_rad, model.sideways_rad * ways)
+
+    # Weight of each target, and of the rest: what was not seen speaks for nothing
     flat = 1.0 / FIELD_SR
     unseen = 1.0 - float(shares.sum())
-    likelihoods = _densities(at, sights, targets, model, sideways) @ shares + unseen * flat
+    densities = _densities(mean_origins, mean_directions, targets, model, sideways_rad)
+    likelihoods = densities @ shares + unseen * flat
     priors = _priors(targets, origins, spoken.word) * model.any_target
     weights = priors * likelihoods
     rest = (1.0 - float(priors.sum())) * flat
-    own = rest * OWN_PLACE if spoken.word == "here" and spoken.own_m is not None else 0.0
     total = float(weights.sum()) + rest
-    candidates = [
-        Referent(kind=one.kind, name=one.name, probability=min(float(w) / total, 1.0), place_m=one.center_m)
-        for one, w in zip(targets, weights, strict=True)
-    ]
+    candidates: list[Referent] = []
+    for target, weight in zip(targets, weights, strict=True):
+        candidates.append(_target_candidate(target, min(float(weight) / total, 1.0)))
+
+    # Part of the rest is a place: where the speaker is, or where they point
+    own = 0.0
+    if spoken.word == "here" and spoken.own_m is not None:
+        own = rest * OWN_PLACE
     best = int(np.argmax(shares))
     if shares[best] > 0.0:
-        share = (rest - own) * OF_PLACES[spoken.word] * float(shares[best]) / total
-        candidates.append(_place(cursors, stays[best], share))
+        weight_of_places = (rest - own) * OF_PLACES[spoken.word]
+        probability = weight_of_places * float(shares[best]) / total
+        candidates.append(_place(cursors, stays[best], probability))
     if own and spoken.own_m is not None:
         candidates.append(
             Referent(kind="place", name=spoken.user, probability=own / total, place_m=spoken.own_m)
@@ -322,7 +359,12 @@ def referents(
     return _ranked(candidates, len(cursors))
 
 
+def _target_candidate(target: ReferentTarget, probability: float) -> Referent:
+    return Referent(kind=target.kind, name=target.name, probability=probability, place_m=target.center_m)
+
+
 def _without_rays(spoken: Spoken) -> Referents:
+    """Return the speaker's own place if the word may mean it, else no candidates."""
     if spoken.word != "here" or spoken.own_m is None:
         return Referents(message=NO_RAYS)
     own = Referent(kind="place", name=spoken.user, probability=OWN_PLACE, place_m=spoken.own_m)
@@ -330,10 +372,14 @@ def _without_rays(spoken: Spoken) -> Referents:
 
 
 def _ranked(candidates: list[Referent], rays: int) -> Referents:
-    candidates.sort(key=lambda one: -one.probability)
-    kept = tuple(one for one in candidates[:MAX_CANDIDATES] if one.probability >= MIN_PROBABILITY)
-    none = 1.0 - math.fsum(one.probability for one in kept)
-    return Referents(candidates=kept, none=min(max(none, 0.0), 1.0), rays=rays)
+    """Return the most probable candidates of a word. `rays`: number of rays."""
+    candidates.sort(key=lambda candidate: -candidate.probability)
+    most_probable: list[Referent] = []
+    for candidate in candidates[:MAX_CANDIDATES]:
+        if candidate.probability >= MIN_PROBABILITY:
+            most_probable.append(candidate)
+    none = 1.0 - math.fsum(candidate.probability for candidate in most_probable)
+    return Referents(candidates=tuple(most_probable), none=min(max(none, 0.0), 1.0), rays=rays)
 
 
 def _densities(
@@ -346,25 +392,43 @@ def _densities(
     """Return the density of each ray if each target is meant, shape (targets, rays), 1/sr."""
     if not targets:
         return np.zeros((0, len(origins)))
-    sideways = np.full(len(origins), model.sideways_rad) if sideways_rad is None else sideways_rad
-    reach = np.array([one.center_m for one in targets])[:, None, :] - origins[None, :, :]
-    flat_m = np.hypot(reach[..., 0], reach[..., 1])
-    range_m = np.maximum(np.hypot(flat_m, reach[..., 2]), 0.05)
-    sizes = np.array([one.size_m for one in targets])
+    sideways = sideways_rad
+    if sideways is None:
+        sideways = np.full(len(origins), model.sideways_rad)
+
+    # Targets as seen from the eyes: centre, and half width and height
+    centers_m = np.array([target.center_m for target in targets])
+    reach = centers_m[:, None, :] - origins[None, :, :]
+    x = reach[..., 0]
+    y = reach[..., 1]
+    z = reach[..., 2]
+    flat_m = np.hypot(x, y)
+    range_m = np.maximum(np.hypot(flat_m, z), 0.05)
+    sizes = np.array([target.size_m for target in targets])
     wide = np.arctan(sizes[:, 0, None] / 2.0 / range_m)
     high = np.arctan(sizes[:, 2, None] / 2.0 / range_m)
-    elevation = np.arctan2(directions[:, 2], np.hypot(directions[:, 0], directions[:, 1]))
-    turn = np.arctan2(reach[..., 1], reach[..., 0]) - np.arctan2(directions[:, 1], directions[:, 0])
+
+    # Angles from the ray to their outline, in standard deviations
+    u, v, w = directions.T
+    azimuth = np.arctan2(v, u)
+    elevation = np.arctan2(w, np.hypot(u, v))
+    turn = np.arctan2(y, x) - azimuth
     turn = (turn + math.pi) % (2.0 * math.pi) - math.pi
-    right = np.maximum(np.abs(turn) * np.cos(elevation) - wide, 0.0) / sideways
-    up = np.arctan2(reach[..., 2], flat_m) - elevation - model.low_rad
+    right = np.abs(turn) * np.cos(elevation)
+    right = np.maximum(right - wide, 0.0) / sideways
+    up = np.arctan2(z, flat_m) - elevation - model.low_rad
     up = np.maximum(np.abs(up) - high, 0.0) / model.upwards_rad
-    root = math.sqrt(2.0 * math.pi)
     squares = right**2 + up**2
-    exact = np.exp(-0.5 * squares) / (2.0 * wide + root * sideways) / (2.0 * high + root * model.upwards_rad)
+
+    # Flat on the target, normal around it. Some gestures are less exact
+    root = math.sqrt(2.0 * math.pi)
+    effective_width = 2.0 * wide + root * sideways
+    effective_height = 2.0 * high + root * model.upwards_rad
+    exact = np.exp(-0.5 * squares) / effective_width / effective_height
     spread = root * BENT_ARM_FACTOR
-    inexact = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2) / (2.0 * wide + spread * sideways)
-    inexact = inexact / (2.0 * high + spread * model.upwards_rad)
+    effective_width = 2.0 * wide + spread * sideways
+    effective_height = 2.0 * high + spread * model.upwards_rad
+    inexact = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2) / effective_width / effective_height
     densities: Array = (1.0 - model.bent_arm_share) * exact + model.bent_arm_share * inexact
     return densities
 
@@ -373,7 +437,8 @@ def _priors(targets: Sequence[ReferentTarget], origins: Array, word: Deictic) ->
     """Return the share of each target before the rays. They add up to 1."""
     if not targets:
         return np.zeros(0)
-    ranges_m = np.linalg.norm(np.array([one.center_m for one in targets]) - origins.mean(axis=0), axis=1)
+    centers_m = np.array([target.center_m for target in targets])
+    ranges_m = np.linalg.norm(centers_m - origins.mean(axis=0), axis=1)
     weights: Array = np.maximum(ranges_m, 0.3) ** BY_DISTANCE.get(word, 0.0)
     shares: Array = weights / weights.sum()
     return shares
@@ -381,36 +446,38 @@ def _priors(targets: Sequence[ReferentTarget], origins: Array, word: Deictic) ->
 
 def _place(cursors: Sequence[Cursor], stay: Stay, probability: float) -> Referent:
     """Return the place on a surface where the arm stayed, or the mere direction."""
-    here = cursors[(stay.first + stay.last) // 2]
-    points_m = [
-        cursor.point_m
-        for cursor in cursors[stay.first : stay.last + 1]
-        if cursor.point_m is not None and _surface(cursor) == _surface(here)
-    ]
-    if here.point_m is None or not points_m:
+    middle = cursors[(stay.first + stay.last) // 2]
+    points_m: list[Vec3] = []
+    for cursor in cursors[stay.first : stay.last + 1]:
+        if cursor.point_m is not None and _surface(cursor) == _surface(middle):
+            points_m.append(cursor.point_m)
+    if middle.point_m is None or not points_m:
         return Referent(kind="direction", name="", probability=probability)
     x, y, z = np.array(points_m).mean(axis=0).tolist()
-    return Referent(kind="place", name=here.surface_id, probability=probability, place_m=(x, y, z))
+    return Referent(kind="place", name=middle.surface_id, probability=probability, place_m=(x, y, z))
 
 
 def _surface(cursor: Cursor) -> tuple[str, str, str]:
+    """Return the key of the surface that a cursor is on."""
     return cursor.surface, cursor.solid, cursor.surface_id
 
 
 def _swept(targets: Sequence[ReferentTarget], densities: Array, model: ReferentModel) -> Referents:
-    """Return all that the rays swept over, each with the probability that it is among what is meant."""
+    """Return all targets that the rays swept over, each with the probability that it is one of `these`."""
     rays = densities.shape[1]
     if not targets:
         return Referents(rays=rays)
+
+    # Probability of each target by the ray that was nearest to it
     weights = model.any_target / len(targets) * densities
-    nearest = (weights / (weights.sum(axis=0) + (1.0 - model.any_target) / FIELD_SR)).max(axis=1)
-    candidates = [
-        Referent(kind=one.kind, name=one.name, probability=float(chance), place_m=one.center_m)
-        for one, chance in zip(targets, nearest, strict=True)
-        if chance >= SWEPT
-    ]
-    candidates.sort(key=lambda one: -one.probability)
-    none = math.prod(1.0 - one.probability for one in candidates)
+    none_weight = (1.0 - model.any_target) / FIELD_SR
+    probabilities = weights / (weights.sum(axis=0) + none_weight)
+    candidates: list[Referent] = []
+    for target, probability in zip(targets, probabilities.max(axis=1), strict=True):
+        if probability >= SWEPT:
+            candidates.append(_target_candidate(target, float(probability)))
+    candidates.sort(key=lambda candidate: -candidate.probability)
+    none = math.prod(1.0 - candidate.probability for candidate in candidates)
     return Referents(candidates=tuple(candidates[: 4 * MAX_CANDIDATES]), none=none, rays=rays)
 
 
@@ -426,11 +493,15 @@ class RecogniserClock:
     def on_speech(self, speech: Speech, now_ns: int) -> None:
         """Compare with the arrival of `speech`."""
         if speech.words and speech.is_final:
-            self._ahead_s.append((speech.words[-1].end_ns - now_ns) / NS_PER_S)
+            last_word = speech.words[-1]
+            self._ahead_s.append((last_word.end_ns - now_ns) / NS_PER_S)
 
     def on_word(self, spoken: Spoken) -> None:
-        """Note a word that is asked about; it is looked at later."""
-        if spoken.word not in ("", "these") and all(each.at_ns != spoken.at_ns for each in self._asked):
+        """Note a word that is asked about. `compare` uses it later."""
+        if spoken.word in ("", "these"):
+            return
+        is_known = any(asked.at_ns == spoken.at_ns for asked in self._asked)
+        if not is_known:
             self._asked.append(spoken)
 
     def compare(self, memory: PointingMemory, now_ns: int) -> bool:
@@ -440,20 +511,24 @@ class RecogniserClock:
         while self._asked:
             spoken = self._asked[0]
             times_ns = (spoken.at_ns, *spoken.others_ns)
-            if max(times_ns) + window_ns > now_ns:
+            first_ns = min(times_ns) - window_ns
+            last_ns = max(times_ns) + window_ns
+            if last_ns > now_ns:
                 break
             self._asked.popleft()
-            cursors = memory.between(min(times_ns) - window_ns, max(times_ns) + window_ns)
+            cursors = memory.between(first_ns, last_ns)
             if not cursors:
                 continue
-            times_s = np.array([(each.stamp_ns - spoken.at_ns) / NS_PER_S for each in cursors])
-            directions = np.array([each.direction for each in cursors], dtype=np.float64)
+
+            # The stay that most probably belongs to the word, if its beginning was seen
+            times_s = np.array([(cursor.stamp_ns - spoken.at_ns) / NS_PER_S for cursor in cursors])
+            directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
             stays = stays_of(times_s, directions, CLOCK_MODEL)
-            words_s = sorted((each - spoken.at_ns) / NS_PER_S for each in times_ns)
+            words_s = sorted((word_ns - spoken.at_ns) / NS_PER_S for word_ns in times_ns)
             shares = chances(stays, words_s, words_s.index(0.0), CLOCK_MODEL)
-            begin_s = stays[int(np.argmax(shares))].begin_s
-            if max(shares) > 0.0 and math.isfinite(begin_s):
-                self._lags_s.append(begin_s)
+            best = stays[int(np.argmax(shares))]
+            if max(shares) > 0.0 and math.isfinite(best.begin_s):
+                self._lags_s.append(best.begin_s)
                 has_compared = True
         return has_compared
 
@@ -463,9 +538,15 @@ class RecogniserClock:
         ahead_s = max(self._ahead_s, default=0.0)
         if ahead_s > MAX_AHEAD_S:
             return f"words end {ahead_s:.1f} s after they arrive: the recogniser's clock is ahead; {REMEDY}"
-        lag_s = median(self._lags_s) if len(self._lags_s) == WORDS else TYPICAL_S
+        if len(self._lags_s) < WORDS:  # too few to judge
+            return ""
+        lag_s = median(self._lags_s)
         if EARLIEST_S <= lag_s <= LATEST_S:
             return ""
-        which, side = ("later", "behind") if lag_s > LATEST_S else ("earlier", "ahead")
-        off = f"arms arrive about {abs(lag_s - TYPICAL_S):.1f} s {which} about words than they should"
-        return f"{off}: the recogniser's clock is {side}, or it dates words wrongly; {REMEDY}"
+        order = "earlier"
+        clock_error = "ahead"
+        if lag_s > LATEST_S:
+            order = "later"
+            clock_error = "behind"
+        symptom = f"arms arrive about {abs(lag_s - TYPICAL_S):.1f} s {order} about words than they should"
+        return f"{symptom}: the recogniser's clock is {clock_error}, or it dates words wrongly; {REMEDY}"

@@ -1,10 +1,11 @@
-"""Memory of a person's pointing: cursors, objects, robots, people and words in; referents on request."""
+"""Memory of a person's pointing: from cursors, objects, robots, people and words to referents on request."""
 
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
 from pointit.errors import RefusedError
 from pointit.geometry.floor_sigma import yaw_sigma_rad
+from pointit.geometry.vector import Vec3
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
@@ -15,11 +16,11 @@ from pointit.services.listener.stays import MEMORY_S, PointingMemory
 M = TypeVar("M", bound=Message)
 
 AHEAD_S = 0.25
-"""Time by which a word may be later than now, s: two clocks are never the same."""
+"""Time by which a word may be in the future, s: two clocks are never the same."""
 
 
 class Listener(Service[Config]):
-    """Keeps the last seconds of one person, in memory only, and answers what they mean by a word."""
+    """Stores the last seconds of one person in memory only, and answers what they mean by a word."""
 
     NAME: ClassVar[str] = "listener"
     SCOPE: ClassVar[Scope] = "user"
@@ -29,14 +30,15 @@ class Listener(Service[Config]):
     def __init__(self, config: Config, context: Context) -> None:
         super().__init__(config, context)
         self._memory = PointingMemory()
-        self._room = room = Room()
+        room = Room()
+        self._room = room
         self._recogniser_clock = RecogniserClock()
         self.bus.serve(topics.FIND_REFERENTS, self._find, self.user)
         self.bus.watch(topics.USER_ALIVE, self._on_presence)
         self.bus.subscribe(topics.MAP, lambda environment, _name: room.on_map(environment))
-        self.bus.subscribe(topics.POSE, _into(room.poses))
-        self.bus.subscribe(topics.OBJECTS, _into(room.objects))
-        self.bus.subscribe(topics.ROBOT_STATE, _into(room.robots))
+        self.bus.subscribe(topics.POSE, _store_in(room.poses))
+        self.bus.subscribe(topics.OBJECTS, _store_in(room.objects))
+        self.bus.subscribe(topics.ROBOT_STATE, _store_in(room.robots))
         self.bus.subscribe(topics.CURSOR, self._on_cursor, self.user)
         self.bus.subscribe(topics.SPEECH, self._on_speech, self.user)
 
@@ -54,37 +56,46 @@ class Listener(Service[Config]):
         self.bus.warn("recogniser-clock", self._recogniser_clock.problem)
 
     async def _find(self, query: FindReferents, user: str) -> Referents:
+        # Only words of the last seconds can be answered
         now_ns = self.clock.now_ns()
         at_ns = now_ns if query.at_ns is None else query.at_ns
-        ago_s = (now_ns - at_ns) / NS_PER_S
-        if ago_s > MEMORY_S:
-            kept = f"only the last {MEMORY_S:g} s are kept"
-            raise RefusedError(f"that was {round_beyond(ago_s, MEMORY_S)} s ago: {kept}")
-        if ago_s < -AHEAD_S:
-            raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
+        age_s = (now_ns - at_ns) / NS_PER_S
+        if age_s > MEMORY_S:
+            limit = f"only the last {MEMORY_S:g} s are kept"
+            raise RefusedError(f"that was {round_beyond(age_s, MEMORY_S)} s ago: {limit}")
+        if age_s < -AHEAD_S:
+            raise RefusedError(f"that is {-age_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)
+
+        # The word, with what the pose tells of the rays
+        own_m: Vec3 | None = None
+        sigma_rad = 0.0
         pose = self._room.poses.get(user)
+        if pose is not None:
+            own_m = pose.position_m
+            sigma_rad = yaw_sigma_rad(pose.covariance)
         spoken = Spoken(
             at_ns=at_ns,
             word=query.word,
             others_ns=query.others_ns,
             within_s=query.within_s,
             user=user,
-            own_m=None if pose is None else pose.position_m,
-            yaw_sigma_rad=0.0 if pose is None else yaw_sigma_rad(pose.covariance),
+            own_m=own_m,
+            yaw_sigma_rad=sigma_rad,
         )
         self._recogniser_clock.on_word(spoken)
         targets = self._room.targets(user, at_ns, now_ns)
-        return referents(self._memory.between(*spoken.span_ns), targets, spoken)
+        cursors = self._memory.between(*spoken.span_ns)
+        return referents(cursors, targets, spoken)
 
 
-def _into(kept: dict[str, M]) -> Callable[[M, str], None]:
-    """Return a handler that keeps the newest message of each name."""
+def _store_in(messages: dict[str, M]) -> Callable[[M, str], None]:
+    """Return a handler that stores the newest message of each name."""
 
-    def keep(message: M, name: str) -> None:
-        kept[name] = message
+    def store(message: M, name: str) -> None:
+        messages[name] = message
 
-    return keep
+    return store
 
 
 SERVICE = Listener

@@ -52,7 +52,8 @@ class PointingMemory:
 
     def forget(self, now_ns: int) -> None:
         """Remove what is too old at `now_ns`."""
-        while self._cursors and self._cursors[0].stamp_ns < now_ns - round(MEMORY_S * NS_PER_S):
+        oldest_ns = now_ns - round(MEMORY_S * NS_PER_S)
+        while self._cursors and self._cursors[0].stamp_ns < oldest_ns:
             self._cursors.popleft()
 
     def between(self, first_ns: int, last_ns: int) -> list[Cursor]:
@@ -68,7 +69,7 @@ class TimingModel:
     """Times of gestures about words; fitted on other simulated people than `pointit evaluate` reports."""
 
     lag_s: float = -0.15
-    """Mean time from the middle of the word to the begin of the stay; negative: the arm is earlier."""
+    """Mean time from the middle of the word to the start of the stay. Negative if the arm is earlier."""
     lag_sigma_s: float = 0.45
     """Standard deviation of that, of people (0.3), recognisers (0.2) and where a stay begins."""
     slow_radps: float = math.radians(10.0)
@@ -90,34 +91,45 @@ class Stay(NamedTuple):
     last: int
     """Index of its first and last ray."""
     begin_s: float
-    """Time of its beginning, or minus infinity if it began before the first ray."""
+    """Time of its start, or minus infinity if it began before the first ray."""
     end_s: float
     way_rad: float
-    """Angle from the stay before, infinite if unknown: people's errors grow with the way."""
+    """Angle from the previous stay, infinite if unknown: people's errors grow with the way."""
     weight: float = 1.0
     """Less than 1 if the arm left soon for a place nearby: people correct what they see."""
 
 
 def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[Stay]:
-    """Return the stays, in order; of rays that only move the slowest moment, if any."""
+    """Return the stays, in order. If the arm moves all the time, that is its slowest moment."""
+    # Runs of slow rays, cut where the speed changes and at gaps
     speeds = _speeds(times_s, directions)
     is_slow = speeds <= model.slow_radps
-    cuts = np.flatnonzero((np.diff(is_slow.astype(int)) != 0) | (np.diff(times_s) > GAP_S)) + 1
-    runs = [(a, b - 1) for a, b in pairwise([0, *cuts.tolist(), len(times_s)]) if is_slow[a]]
-    runs = [run for run in _merged(runs, times_s, directions) if _lasts(run, times_s, model.shortest_s)]
+    has_changed = np.diff(is_slow.astype(int)) != 0
+    has_gap = np.diff(times_s) > GAP_S
+    cuts = np.flatnonzero(has_changed | has_gap) + 1
+    slow_runs: list[tuple[int, int]] = []
+    for first, end in pairwise([0, *cuts.tolist(), len(times_s)]):
+        if is_slow[first]:
+            slow_runs.append((first, end - 1))
+
+    # Those that last, after those with about the same direction have become one
+    merged_runs = _merged(slow_runs, times_s, directions)
+    runs = [run for run in merged_runs if _lasts(run, times_s, model.shortest_s)]
     if not runs:
         slowest = int(np.argmin(speeds))
         runs = [(slowest, slowest)]
+
+    # Stays. A short one that is followed by a near one was corrected
     stays: list[Stay] = []
-    before: Floats | None = None
+    previous: Floats | None = None
     for first, last in runs:
         direction = directions[first : last + 1].mean(axis=0)
-        way = math.inf if before is None else _angle(before, direction)
+        way = math.inf if previous is None else _angle(previous, direction)
         begin_s = -math.inf if first == 0 else float(times_s[first])
         if stays and way <= CORRECTED_RAD and _is_short(stays[-1], begin_s):
             stays[-1] = stays[-1]._replace(weight=CORRECTED)
         stays.append(Stay(first, last, begin_s, float(times_s[last]), way))
-        before = direction
+        previous = direction
     return stays
 
 
@@ -126,12 +138,22 @@ def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: 
 
     What is missing to 1 is the probability that no stay does.
     """
-    fits = [[_fit(stay, at_s, model) for stay in stays] for at_s in words_s]
-    before = _messages(fits[:which], len(stays), model)
-    after = _messages([row[::-1] for row in fits[:which:-1]], len(stays), model)[::-1]
-    weights = [fit * b * a for fit, b, a in zip(fits[which], before, after, strict=True)]
+    # Fit of the word itself, and of all words before and after it in their order (forward and backward)
+    fits: list[list[float]] = []
+    for at_s in words_s:
+        fits.append([_fit(stay, at_s, model) for stay in stays])
+    own_fits = fits[which]
+    later_fits = [row[::-1] for row in fits[:which:-1]]
+    forward = _messages(fits[:which], len(stays), model)
+    backward = _messages(later_fits, len(stays), model)
+    backward.reverse()
+    weights: list[float] = []
+    for fit, before, after in zip(own_fits, forward, backward, strict=True):
+        weights.append(fit * before * after)
+
+    # Normalize
     total = math.fsum(weights)
-    seen = math.fsum(fits[which])
+    seen = math.fsum(own_fits)
     if total <= 0.0:
         return [0.0] * len(stays)
     return [seen / (seen + model.missed) * weight / total for weight in weights]
@@ -141,10 +163,11 @@ def _messages(rows: Sequence[Sequence[float]], count: int, model: TimingModel) -
     """Return the fit of the words before, for each stay that the next word may have."""
     weights_before = [1.0] * count
     for row in rows:
-        mine = [fit * each for fit, each in zip(row, weights_before, strict=True)]
-        weights_before = [
-            model.missed + model.shared * mine[index] + math.fsum(mine[:index]) for index in range(count)
-        ]
+        own = [fit * weight for fit, weight in zip(row, weights_before, strict=True)]
+        weights_before = []
+        for index in range(count):
+            earlier = math.fsum(own[:index])
+            weights_before.append(model.missed + model.shared * own[index] + earlier)
     return weights_before
 
 
@@ -155,7 +178,8 @@ def _fit(stay: Stay, at_s: float, model: TimingModel) -> float:
     low_s = at_s + model.lag_s - model.lag_sigma_s
     high_s = at_s + model.lag_s + model.lag_sigma_s
     overlap_s = min(stay.end_s, high_s) - max(stay.begin_s, low_s)
-    return stay.weight * (arrives + model.held * max(overlap_s, 0.0) / (high_s - low_s))
+    held = model.held * max(overlap_s, 0.0) / (high_s - low_s)
+    return stay.weight * (arrives + held)
 
 
 def _speeds(times_s: Floats, directions: Floats) -> Floats:
@@ -164,32 +188,39 @@ def _speeds(times_s: Floats, directions: Floats) -> Floats:
     last = np.searchsorted(times_s, times_s + SPEED_S, side="right") - 1
     chords = np.linalg.norm(directions[last] - directions[first], axis=1)
     angles = 2.0 * np.arcsin(np.clip(chords / 2.0, 0.0, 1.0))
-    speeds: Floats = angles / np.maximum(times_s[last] - times_s[first], 0.02)
+    elapsed_s = np.maximum(times_s[last] - times_s[first], 0.02)
+    speeds: Floats = angles / elapsed_s
     return speeds
 
 
 def _merged(runs: Sequence[tuple[int, int]], times_s: Floats, directions: Floats) -> list[tuple[int, int]]:
+    """Merge each run into the previous one that is near in time and direction."""
     merged: list[tuple[int, int]] = []
     for first, last in runs:
-        if merged and times_s[first] - times_s[merged[-1][1]] <= GAP_S:
+        if merged:
             start, end = merged[-1]
-            apart = _angle(
-                directions[start : end + 1].mean(axis=0), directions[first : last + 1].mean(axis=0)
-            )
-            if apart <= APART_RAD:
-                merged[-1] = (start, last)
-                continue
+            if times_s[first] - times_s[end] <= GAP_S:
+                previous = directions[start : end + 1].mean(axis=0)
+                current = directions[first : last + 1].mean(axis=0)
+                if _angle(previous, current) <= APART_RAD:
+                    merged[-1] = (start, last)
+                    continue
         merged.append((first, last))
     return merged
 
 
 def _is_short(stay: Stay, next_s: float) -> bool:
+    """Return True if a stay was short, and the next one began soon."""
     return max(stay.end_s - stay.begin_s, next_s - stay.end_s) <= CORRECTED_S
 
 
 def _lasts(run: tuple[int, int], times_s: Floats, shortest_s: float) -> bool:
-    return bool(times_s[run[1]] - times_s[run[0]] >= shortest_s)
+    """Return True if a run of rays is long enough for a stay."""
+    first, last = run
+    return bool(times_s[last] - times_s[first] >= shortest_s)
 
 
 def _angle(a: Floats, b: Floats) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
+    """Return the angle between two directions, rad."""
+    sine = np.linalg.norm(np.cross(a, b))
+    return float(np.arctan2(sine, np.dot(a, b)))

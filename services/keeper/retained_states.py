@@ -1,7 +1,7 @@
 """The newest of every state, its retention and lookup, and the file of all, written atomically.
 
-The newest is the one that came last: stamps of writers on different machines, or of another run's simulated
-time, cannot be compared. States from disk are older than any that comes.
+The newest is the last received: stamps of writers on different machines, or of another run's simulated time,
+cannot be compared. States from disk are older than any received one.
 """
 
 from collections.abc import Iterator
@@ -132,7 +132,8 @@ def write(path: Path, record: StateRecord) -> None:
 
 def retained() -> tuple[Topic[Any], ...]:
     """Return the topics of retained states, with those that services of other packages have added."""
-    return tuple(topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in NOT_RETAINED)
+    states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
+    return tuple(topic for topic in states if topic not in NOT_RETAINED)
 
 
 def dies_with_writer(message: Message) -> bool:
@@ -171,11 +172,11 @@ class RetainedStates:
         self._users: set[str] = set()
         self._instances: set[str] = set()
         self._lamps: frozenset[str] = frozenset()
-        """The map's lamps; states of other lamps are evicted first."""
+        """The map's lamps. States of other lamps are evicted first."""
         self.size = 0
         """Total size of the stored states, bytes."""
         self.refused = 0
-        """Number of states that found no room."""
+        """Number of states that were not stored, as the limits were reached."""
         self.changes = 0
         """Number of changes of the stored states."""
 
@@ -189,28 +190,39 @@ class RetainedStates:
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
         if isinstance(message, Deployment):
             message = message.believed(name)
-            for where, value in list(self._values.items()):
-                earlier = value.message
-                # a site runs one scenario at a time; people come and go independently
-                if isinstance(earlier, Deployment) and earlier.scenario and message.scenario:
-                    self._forget(where)
+            if message.scenario:
+                self._forget_scenarios()
         if not dies_with_writer(message):
             self._store(topic, name, message, encode(message), now_ns)
+
+    def _forget_scenarios(self) -> None:
+        """Drop the deployments of scenarios: a site runs one at a time. People come and go independently."""
+        for key, value in list(self._values.items()):
+            if isinstance(value.message, Deployment) and value.message.scenario:
+                self._forget(key)
 
     def set_user(self, user: str, now_ns: int, *, present: bool) -> None:
         """Update the presence of a person."""
         self.expire(now_ns)  # users were present until now
-        (self._users.add if present else self._users.discard)(user)
+        if present:
+            self._users.add(user)
+        else:
+            self._users.discard(user)
 
     def set_instance(self, instance: str, now_ns: int, *, present: bool) -> None:
         """Update the presence of a service."""
         self.expire(now_ns)
-        (self._instances.add if present else self._instances.discard)(instance)
+        if present:
+            self._instances.add(instance)
+        else:
+            self._instances.discard(instance)
 
     def lookup(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
         """Yield name and value of the states of `topic` that may be handed out."""
         for (key, name), value in list(self._values.items()):
-            if key == topic.key and (not is_personal(topic) or self._is_owned(name, value)):
+            if key != topic.key:
+                continue
+            if not is_personal(topic) or self._is_owned(name, value):
                 yield name, value.message
 
     def expire(self, now_ns: int) -> None:
@@ -223,71 +235,87 @@ class RetainedStates:
 
     def record(self, now_ns: int) -> StateRecord:
         """Return the record for the next keeper."""
-        return StateRecord(
-            stamp_ns=now_ns,
-            states=tuple(
-                StoredState(
-                    key=key, name=name, schema_name=value.topic.message.schema_name(), payload=value.payload
-                )
-                for (key, name), value in self._values.items()
-            ),
-        )
+        states: list[StoredState] = []
+        for (key, name), value in self._values.items():
+            schema_name = value.topic.message.schema_name()
+            states.append(StoredState(key=key, name=name, schema_name=schema_name, payload=value.payload))
+        return StateRecord(stamp_ns=now_ns, states=tuple(states))
 
     def restore(self, record: StateRecord, now_ns: int) -> int:
         """Restore the states of `record` that are not replaced yet. Return the number of unusable ones."""
-        broken = 0
-        rows = {topic.key: topic for topic in retained()}
+        unusable = 0
+        topics_by_key = {topic.key: topic for topic in retained()}
         for state in record.states:
-            topic = rows.get(state.key)
+            # Unusable: of another version, or damaged
+            topic = topics_by_key.get(state.key)
             if topic is None:
-                broken += 1
+                unusable += 1
                 continue
             try:
                 topic.at(state.name)
                 message = decode(topic.message, state.payload, state.schema_name)
             except SchemaError:
-                broken += 1
+                unusable += 1
                 continue
-            if (topic.key, state.name) not in self._values and not dies_with_writer(message):
+
+            # A state that has been received since the start is newer
+            is_replaced = (topic.key, state.name) in self._values
+            if not is_replaced and not dies_with_writer(message):
                 self._store(topic, state.name, message, state.payload, now_ns)
-        return broken
+        return unusable
 
     def _store(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
+        """Store a state, in place of the oldest ones that can be evicted. If there are none, refuse it."""
         while len(self._values) >= self._max_values or self.size + len(payload) > self._max_bytes:
-            evictable = (key for key, value in self._values.items() if self._is_evictable(*key, value))
-            ownerless = next(evictable, None)
-            if ownerless is None:
+            evictable = self._first_evictable()
+            if evictable is None:
                 self.refused += 1
                 return
-            self._forget(ownerless)
+            self._forget(evictable)
         value = _Value(topic, message, payload, now_ns)
         self._values[topic.key, name] = value
         self.size += len(payload)
         self.changes += 1
 
     def _limit_ns(self, topic: Topic[Any]) -> int:
+        """Return the retention time of a state whose owners are absent, ns."""
         if is_personal(topic):
             return self._person_ns
         return self._deployment_ns if topic is topics.DEPLOYMENT else self._site_ns
 
-    def _is_evictable(self, _key: str, name: str, value: _Value) -> bool:
+    def _first_evictable(self) -> tuple[str, str] | None:
+        """Return the key of the oldest state that can be evicted, or None."""
+        for key, value in self._values.items():
+            _topic_key, name = key
+            if self._is_evictable(name, value):
+                return key
+        return None
+
+    def _is_evictable(self, name: str, value: _Value) -> bool:
+        """Return True if a state is of a lamp of no map, or of somebody who is absent."""
         if value.topic is topics.LAMP_COLOR:
             return name not in self._lamps
         may_be_left = is_personal(value.topic) or value.topic is topics.DEPLOYMENT
         return may_be_left and not self._is_owned(name, value)
 
-    def _forget(self, where: tuple[str, str]) -> None:
-        value = self._values.pop(where, None)
+    def _forget(self, key: tuple[str, str]) -> None:
+        value = self._values.pop(key, None)
         if value is not None:
             self.size -= len(value.payload)
             self.changes += 1
 
     def _is_owned(self, name: str, value: _Value) -> bool:
+        """Return True if an owner is present: the person, a service of the deployment, or a writer."""
         if is_personal(value.topic):
             return name in self._users
         if isinstance(value.message, Deployment):
-            return any(
-                (f"{service.service}.{service.user}" if service.user else service.service) in self._instances
-                for service in value.message.services
-            )
-        return any(instance.partition(".")[0] in value.topic.writers for instance in self._instances)
+            for service in value.message.services:
+                instance = f"{service.service}.{service.user}" if service.user else service.service
+                if instance in self._instances:
+                    return True
+            return False
+        for instance in self._instances:
+            service_name, _, _ = instance.partition(".")
+            if service_name in value.topic.writers:
+                return True
+        return False

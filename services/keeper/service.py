@@ -1,4 +1,4 @@
-"""Reads every state and hands the newest to late subscribers when its writer is gone."""
+"""Receives every state and gives the newest to late subscribers when its writer is gone."""
 
 import asyncio
 import functools
@@ -42,6 +42,8 @@ class Keeper(Service[KeeperConfig]):
 
     def __init__(self, config: KeeperConfig, context: Context) -> None:
         super().__init__(config, context)
+
+        # States, and their file
         add_all_rows()  # their services may run in other processes
         self._topics = retained()
         self._retained = RetainedStates(config)
@@ -49,10 +51,14 @@ class Keeper(Service[KeeperConfig]):
         self._written = 0
         """`changes` of the states on disk."""
         self._changed = asyncio.Event()
+
+        # Clocks of other machines
         self._wall = WallClock()
         self._skews = ClockSkewMonitor(socket.gethostname())
         self._skewed_hosts: set[str] = set()
         """Machines with a clock warning."""
+
+        # Restored states first: what is received is newer
         if config.file.enabled:
             self._restore()
         self.bus.watch(USER_ALIVE, self._on_user)
@@ -62,14 +68,15 @@ class Keeper(Service[KeeperConfig]):
         self.bus.subscribe(HEALTH, self._on_health)
 
     async def run(self) -> None:
-        """Answer queries once presence is known; expire states and write changes."""
+        """Answer queries once presence is known. Expire states and write changes."""
         try:
+            # until then a state whose writer is present would look like one whose writer is gone
             await asyncio.sleep(SETTLE_S)
             self.bus.serve_retained(self._topics, self._retained.lookup)
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._expire(), name="keeper forgets")
+                group.create_task(self._expire_periodically(), name="keeper forgets")
                 if self.config.file.enabled:
-                    group.create_task(self._write(), name="keeper writes")
+                    group.create_task(self._write_changes(), name="keeper writes")
         finally:
             if self.config.file.enabled and self._retained.changes != self._written:
                 try:
@@ -90,40 +97,54 @@ class Keeper(Service[KeeperConfig]):
     def _on_health(self, health: Health, instance: str) -> None:
         if health.host:
             now_s = asyncio.get_running_loop().time()
-            person = split_instance(instance)[1]  # its owner may forge it
+            _service, person = split_instance(instance)  # its owner may forge it
             self._skews.on_report(health.host, health.stamp_ns, self._wall.now_ns(), now_s, person)
 
-    def _compare_clocks(self) -> None:
-        skewed = {skew.host: skew for skew in self._skews.skews(asyncio.get_running_loop().time())}
-        for host in self._skewed_hosts | skewed.keys():
-            skew = skewed.get(host)
-            sentence = f"{skew.sentence(self._skews.here)}; {REMEDY}" if skew is not None else ""
-            is_claim = skew is not None and bool(skew.claimant)
-            is_far = skew is not None and skew.exceeds_limit and not is_claim
-            self.bus.warn(CLOCK_CLAIM, sentence if is_claim else "", host)
-            self.bus.warn(CLOCK_LIMIT, sentence if is_far else "", host)
-            self.bus.warn(CLOCK, "" if is_far or is_claim else sentence, host)
-        self._skewed_hosts = set(skewed)
+    def _warn_of_clocks(self) -> None:
+        """Warn of clocks of other machines by three codes, each in force or cleared for each machine."""
+        now_s = asyncio.get_running_loop().time()
+        skews = {skew.host: skew for skew in self._skews.skews(now_s)}
+        for host in self._skewed_hosts | skews.keys():
+            claim = ""
+            beyond_limit = ""
+            within_limit = ""
+            skew = skews.get(host)
+            if skew is not None:
+                sentence = f"{skew.sentence(self._skews.here)}; {REMEDY}"
+                if skew.claimant:
+                    claim = sentence
+                elif skew.exceeds_limit:
+                    beyond_limit = sentence
+                else:
+                    within_limit = sentence
+            self.bus.warn(CLOCK_CLAIM, claim, host)
+            self.bus.warn(CLOCK_LIMIT, beyond_limit, host)
+            self.bus.warn(CLOCK, within_limit, host)
+        self._skewed_hosts = set(skews)
 
-    async def _expire(self) -> None:
+    async def _expire_periodically(self) -> None:
+        """Expire states, and report their number, until cancelled."""
         while True:
-            self._compare_clocks()
+            self._warn_of_clocks()
             self._retained.expire(self.clock.now_ns())
-            self.bus.set_metric("kept", float(len(self._retained)), "states")
-            self.bus.set_metric("size", self._retained.size / 1e6, "MB")
+            count = len(self._retained)
+            size_mb = self._retained.size / 1e6
+            self.bus.set_metric("kept", float(count), "states")
+            self.bus.set_metric("size", size_mb, "MB")
             if self._retained.refused:
                 self.bus.warn(
                     "room",
-                    f"{self._retained.refused} states found no room among {len(self._retained)} of "
-                    f"{self._retained.size / 1e6:.1f} MB and will not outlive their writers; find the "
+                    f"{self._retained.refused} states found no room among {count} of "
+                    f"{size_mb:.1f} MB and will not outlive their writers; find the "
                     f"service that writes them, or raise the limits of the keeper, as by "
                     f"{set_option('keeper', 'max_mb', 64)}",
                 )
-            if self._retained.changes != self._written:
+            if self._retained.changes != self._written:  # by an expiry, or after a write error
                 self._changed.set()
             await sleep(self.clock, EXPIRE_S)
 
-    async def _write(self) -> None:
+    async def _write_changes(self) -> None:
+        """Write the states after changes, at most once a `write_every_s`, until cancelled."""
         while True:
             await self._changed.wait()
             self._changed.clear()
@@ -148,13 +169,16 @@ class Keeper(Service[KeeperConfig]):
         except ConfigError as error:
             self.bus.warn("restored", f"earlier states are not restored: {error}")
             return
-        now_ns = self.clock.now_ns()
-        if record is None or abs(now_ns - record.stamp_ns) > self.config.file.restore_within_s * NS_PER_S:
+        if record is None:
             return
-        if broken := self._retained.restore(record, now_ns):
+        now_ns = self.clock.now_ns()
+        if abs(now_ns - record.stamp_ns) > self.config.file.restore_within_s * NS_PER_S:
+            return
+        unusable = self._retained.restore(record, now_ns)
+        if unusable:
             self.bus.warn(
                 "restored",
-                f"{broken} earlier states were not usable: {self._path} is of another version, or damaged",
+                f"{unusable} earlier states were not usable: {self._path} is of another version, or damaged",
             )
 
 

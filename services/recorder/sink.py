@@ -1,4 +1,4 @@
-"""Thread that decodes and writes messages, with people's names replaced where it is wished."""
+"""Thread that decodes and writes messages, with people's names replaced if that is configured."""
 
 import contextlib
 import functools
@@ -34,7 +34,7 @@ SHORT = 3
 """Names of fewer characters, and mere numbers, are replaced only where `-` and `_` do not continue them."""
 
 MAX_NAMES = 10_000
-"""Most names that are learnt: anybody can send messages that have some."""
+"""Maximum number of names that are learnt: anybody can send messages with names."""
 BATCH_S = 0.1
 """Period at which the thread works: short, as it holds Python's lock meanwhile."""
 
@@ -42,13 +42,13 @@ FLUSH_S = 0.5
 """Longest time until what was written is on disk, s."""
 
 MAX_WAITING = 30_000
-"""Most messages that wait for the disk: about half a minute of four people."""
+"""Maximum number of messages that wait for the disk: about half a minute of four people."""
 
 MAX_WAITING_BYTES = 64 * 1024 * 1024
-"""Most bytes that wait of messages from other processes."""
+"""Maximum number of waiting bytes of messages from other processes."""
 
 LEARN_S = 2.0
-"""Time that messages wait for names that come after them, if people get pseudonyms."""
+"""Time for which messages wait for names that are received after them, if people get pseudonyms, s."""
 
 CLOSE_S = 5.0
 """Longest time that closing waits for the disk."""
@@ -78,75 +78,87 @@ class Pseudonyms:
     def learn(self, entry: Entry) -> None:
         """Store the names in `entry`: the user of its key, and the user in its body."""
         _, _, row, name, body = entry
-        is_own = row.placeholder == "user" or row is USER_ALIVE
-        if is_own or (row is DEPLOYMENT and not name.startswith(RUN)):
-            self._learn(name)
-        self._learn_in(body)
+        is_personal = row.placeholder == "user" or row is USER_ALIVE
+        is_deployment_of_person = row is DEPLOYMENT and not name.startswith(RUN)
+        if is_personal or is_deployment_of_person:
+            self._learn_name(name)
+        self._learn_names_in(body)
         if isinstance(body, Configuration):
-            self._learn_in(_parsed(body.parameters))
+            self._learn_names_in(_parsed(body.parameters))
 
-    def replace(self, found: Entry) -> Entry:
+    def replace(self, named_entry: Entry) -> Entry:
         """Return an entry with pseudonyms for the known names, and without command lines of services."""
-        time_ns, _, row, name, body = found
+        time_ns, _, row, name, body = named_entry
         if isinstance(body, Configuration):
-            body = body.model_copy(update={"parameters": json.dumps(self._in(_parsed(body.parameters)))})
+            parameters = self._replaced(_parsed(body.parameters))
+            body = body.model_copy(update={"parameters": json.dumps(parameters)})
         elif isinstance(body, Deployment):
-            services = tuple(each.model_copy(update={"command": ()}) for each in body.services)
+            services = tuple(service.model_copy(update={"command": ()}) for service in body.services)
             body = body.model_copy(update={"services": services})
-        return entry(time_ns, row, self._in(name), self._in(body))
+        return entry(time_ns, row, self._replaced(name), self._replaced(body))
 
-    def _learn_in(self, value: object) -> None:
+    def _learn_names_in(self, value: object) -> None:
+        """Learn the values of all fields of `value`, at any depth, that have names of people."""
         if isinstance(value, BaseModel):
-            self._learn_in({name: getattr(value, name) for name in _text_fields(type(value))})
+            fields = {name: getattr(value, name) for name in _text_fields(type(value))}
+            self._learn_names_in(fields)
         elif isinstance(value, (tuple, list)):
-            for each in cast("list[object]", value):
-                self._learn_in(each)
+            for item in cast("list[object]", value):
+                self._learn_names_in(item)
         elif isinstance(value, dict):
-            for field, each in cast("dict[str, object]", value).items():
-                if field in ("user", "person") and isinstance(each, str):
-                    self._learn(each)
-                elif field == "places" and isinstance(each, dict):
-                    for name in cast("dict[str, object]", each):
-                        self._learn(name)
+            for field, field_value in cast("dict[str, object]", value).items():
+                if field in ("user", "person") and isinstance(field_value, str):
+                    self._learn_name(field_value)
+                elif field == "places" and isinstance(field_value, dict):
+                    for name in cast("dict[str, object]", field_value):
+                        self._learn_name(name)
                 else:
-                    self._learn_in(each)
+                    self._learn_names_in(field_value)
 
-    def _learn(self, name: str) -> None:
-        if not name or name in self._numbers or len(self._numbers) >= MAX_NAMES:
+    def _learn_name(self, name: str) -> None:
+        if not name or name in self._numbers:
             return
-        self._numbers[name] = f"person-{len(self._numbers) + 1}"
-        self._folded.setdefault(name.lower(), self._numbers[name])
+        if len(self._numbers) >= MAX_NAMES:
+            return
+        pseudonym = f"person-{len(self._numbers) + 1}"
+        self._numbers[name] = pseudonym
+        self._folded.setdefault(name.lower(), pseudonym)
+        # longer names first: the first alternative that fits is replaced
         names = sorted(self._numbers, key=len, reverse=True)
-        self._pattern = re.compile("|".join(_as_word(each) for each in names), re.IGNORECASE)
+        words = "|".join(_word_pattern(known_name) for known_name in names)
+        self._pattern = re.compile(words, re.IGNORECASE)
 
-    def _in(self, value: Any) -> Any:
+    def _replaced(self, value: Any) -> Any:
         """Return `value` with its texts replaced."""
         if isinstance(value, BaseModel):
-            fields = {name: self._in(getattr(value, name)) for name in _text_fields(type(value))}
+            fields = {name: self._replaced(getattr(value, name)) for name in _text_fields(type(value))}
             return value.model_copy(update=fields) if fields else value
         if type(value) is str:
-            return value if self._pattern is None else self._pattern.sub(self._number, value)
+            return value if self._pattern is None else self._pattern.sub(self._pseudonym, value)
         if isinstance(value, PurePath):
-            return type(value)(self._in(str(value)))
+            return type(value)(self._replaced(str(value)))
         if type(value) in (tuple, list, set, frozenset):
-            return type(value)(self._in(each) for each in value)
+            return type(value)(self._replaced(item) for item in value)
         if isinstance(value, dict):
             items = cast("dict[object, object]", value).items()
-            return {self._in(name): self._in(each) for name, each in items}
+            return {self._replaced(name): self._replaced(item) for name, item in items}
         return value
 
-    def _number(self, match: re.Match[str]) -> str:
-        return self._numbers.get(match[0]) or self._folded[match[0].lower()]
+    def _pseudonym(self, match: re.Match[str]) -> str:
+        """Return the pseudonym of a name, or that of its first spelling in other cases."""
+        name = match[0]
+        return self._numbers.get(name) or self._folded[name.lower()]
 
 
-def _as_word(name: str) -> str:
-    """Return the pattern of `name` as a word; a number is none within another number."""
+def _word_pattern(name: str) -> str:
+    """Return the pattern of `name` as a word. A number is none within another number."""
     if len(name) < SHORT or name.isdecimal():
         return rf"(?<![\w-])(?<!\d\.){re.escape(name)}(?![\w-])(?!\.\d)"
     return rf"(?<![^\W_]){re.escape(name)}(?![^\W_])"
 
 
 def _parsed(text: str) -> Any:
+    """Return the value of a JSON text, or the text itself if it is none."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
@@ -160,6 +172,7 @@ def _text_fields(kind: type[BaseModel]) -> tuple[str, ...]:
 
 
 def _has_text(annotation: Any) -> bool:
+    """Return True if a value of this type can hold a text that anybody may choose."""
     if isinstance(annotation, type) and not get_args(annotation):
         if issubclass(annotation, BaseModel):
             return bool(_text_fields(annotation))
@@ -168,7 +181,7 @@ def _has_text(annotation: Any) -> bool:
         return True
     if get_origin(annotation) is Literal:
         return False
-    return any(_has_text(each) for each in get_args(annotation))
+    return any(_has_text(argument) for argument in get_args(annotation))
 
 
 class FileSeries:
@@ -189,16 +202,15 @@ class FileSeries:
         self.left_out = 0
         """Number of entries that are in none, as there are too many keys."""
         self.closed_entries = 0
-        """Number of entries in all files but the one that is being written."""
+        """Number of entries in all files except the one that is being written."""
         self._closed_size = 0
         self._retained_entries: dict[tuple[str, str], Entry] = {}
         """By row and name: the newest of each state, and who is present."""
         try:
             self._file, self._writer = self._open(head)
         except OSError as error:
-            raise ConfigError(
-                f"{path} cannot be written ({error.strerror}); give another file to record"
-            ) from error
+            problem = f"{path} cannot be written ({error.strerror})"
+            raise ConfigError(f"{problem}; give another file to record") from error
 
     def __enter__(self) -> Self:
         return self
@@ -214,8 +226,10 @@ class FileSeries:
     def add(self, entry: Entry) -> None:
         """Write `entry`. Like all methods, raises the `OSError` of the disk."""
         if not self._writer.takes(entry.time_ns):
-            self._next(entry.time_ns)
+            self._begin_next_file(entry.time_ns)
         self._write(entry)
+
+        # States and presences that the next file begins with
         if isinstance(entry.row, Topic) and entry.row.delivery is Delivery.STATE:
             self._retained_entries[entry.row.key, entry.name] = entry
         elif isinstance(entry.row, Presence):
@@ -232,26 +246,28 @@ class FileSeries:
         """Write the index of the file."""
         self._writer.close()
 
-    def _next(self, now_ns: int) -> None:
-        """End the file, and begin one whose first entries are those that still hold."""
+    def _begin_next_file(self, now_ns: int) -> None:
+        """End the file, and start one whose first entries are those that are still valid."""
         self.close()
         self._closed_size = self.size
         self.closed_entries = self.entries
         self._file.close()
-        self._file, self._writer = self._open(self._head.model_copy(update={"began_ns": now_ns}))
+        head = self._head.model_copy(update={"began_ns": now_ns})
+        self._file, self._writer = self._open(head)
         log.info("the recording goes on in %s", self.path)
-        for each in self._retained_entries.values():
-            self._write(each._replace(time_ns=now_ns))
+        for retained in self._retained_entries.values():
+            self._write(retained._replace(time_ns=now_ns))
 
     def _write(self, entry: Entry) -> None:
-        before = self._writer.entries
+        entries_before = self._writer.entries
         self._writer.add(entry)
-        if self._writer.entries > before:
+        if self._writer.entries > entries_before:
             self.entries += 1
         else:
             self.left_out += 1
 
     def _open(self, head: Head) -> tuple[IO[bytes], RecordingWriter]:
+        """Create the next file whose name is free, and write its head."""
         number = 1
         while True:
             try:
@@ -264,7 +280,7 @@ class FileSeries:
         try:
             writer = RecordingWriter(file, head)
             writer.flush()
-        except OSError:
+        except OSError:  # the caller has no file to close yet
             file.close()
             raise
         return file, writer
@@ -290,13 +306,17 @@ class Sink:
         """
         self._files = FileSeries(path, head)
         self._pseudonyms = pseudonyms
+
+        # Messages on their way to the disk. The lock is for what both threads change
         self._lock = threading.Lock()
         self._waiting: deque[Arrival] = deque()
         self._waiting_bytes = 0
         self._held: deque[tuple[float, Entry]] = deque()
-        """Entries that wait for names, and when they were decoded (monotonic, s)."""
+        """Entries that wait for names, and the times at which they were decoded (monotonic, s)."""
         self._keys: dict[tuple[str, str], str] = {}
         self._ending = threading.Event()
+
+        # Figures for the event loop
         self.problem = ""
         """Error message if nothing more is written, else `""`."""
         self.entries = 0
@@ -314,7 +334,7 @@ class Sink:
         return self._files.path
 
     def add(self, arrival: Arrival) -> None:
-        """Hand `arrival` to the thread. From any thread; never waits for the disk."""
+        """Pass `arrival` to the thread. It can be called in any thread, and never waits for the disk."""
         size = _size(arrival)
         with self._lock:
             if self.problem:
@@ -326,27 +346,31 @@ class Sink:
                 self._waiting_bytes += size
 
     async def close(self) -> None:
-        """Write the rest and the index, and end the thread; give up on a disk that hangs."""
+        """Write the rest and the index, and end the thread. Give up on a disk that hangs."""
         self._ending.set()
         await in_daemon_thread(functools.partial(self._thread.join, CLOSE_S), "recorder ends")
         if self._thread.is_alive() and not self.problem:
             self._end(f"{self.path}: the disk hangs; what it has taken is readable")
 
     def _work(self) -> None:
+        """Write until the end, or until an error, which is reported."""
         try:
             with self._files:
                 self._write_all()
         except Exception as error:
+            reason = str(error) or type(error).__name__
             if not isinstance(error, OSError):
                 log.exception("the recorder's thread has failed")
-            reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
-            self._recount()
+            elif error.strerror:
+                reason = error.strerror
+            self._count_as_reader()
             self._end(
                 f"{self.path}: {reason}; nothing more is recorded, "
                 f"and the {self.entries} messages before are readable"
             )
 
     def _end(self, problem: str) -> None:
+        """Set the problem, and drop what waits."""
         with self._lock:
             self.problem = problem
             self.left_out[ENDED] += len(self._waiting) + len(self._held)
@@ -354,18 +378,29 @@ class Sink:
             self._held.clear()
 
     def _write_all(self) -> None:
+        """Decode and write in batches until the end, then write the index."""
+        hold_s = 0.0 if self._pseudonyms is None else LEARN_S
         flushed_s = time.monotonic()
         is_over = False
         while not is_over:
             is_over = self._ending.wait(BATCH_S)
+
+            # Decode what waits now: what is added meanwhile is of the next batch
             for _ in range(len(self._waiting)):
-                arrival = self._next()
-                entry = self._guarded(self._entry, arrival) if arrival is not None else None
+                arrival = self._next_arrival()
+                if arrival is None:
+                    continue
+                entry = self._guarded(self._entry, arrival)
                 if entry is not None:
                     self._held.append((time.monotonic(), entry))
-            learnt_s = time.monotonic() - (LEARN_S if self._pseudonyms is not None and not is_over else 0.0)
-            while self._held and self._held[0][0] <= learnt_s:
-                self._guarded(self._write, self._held.popleft()[1])
+
+            # Write the entries whose names were learnt for long enough, at the end all
+            if is_over:
+                hold_s = 0.0
+            decoded_before_s = time.monotonic() - hold_s
+            while self._held and self._held[0][0] <= decoded_before_s:
+                _decoded_s, entry = self._held.popleft()
+                self._guarded(self._write, entry)
             if time.monotonic() - flushed_s >= FLUSH_S:
                 self._files.flush()
                 flushed_s = time.monotonic()
@@ -373,7 +408,7 @@ class Sink:
         self._files.close()
         self._count()
 
-    def _next(self) -> Arrival | None:
+    def _next_arrival(self) -> Arrival | None:
         with self._lock:
             if not self._waiting:  # given up meanwhile
                 return None
@@ -382,13 +417,14 @@ class Sink:
         return arrival
 
     def _count(self) -> None:
+        """Update the figures."""
         self.entries = self._files.entries
         self.size = self._files.size
         if self._files.left_out:
             with self._lock:
                 self.left_out[TOO_MANY_KEYS] = self._files.left_out
 
-    def _recount(self) -> None:
+    def _count_as_reader(self) -> None:
         """Count the entries as a reader does, since the last ones may be on disk or not."""
         with contextlib.suppress(PointItError), Recording.open(self.path) as recording:
             self.entries = self._files.closed_entries + sum(recording.counts.values())
@@ -408,6 +444,7 @@ class Sink:
             return None
 
     def _entry(self, arrival: Arrival) -> Entry | None:
+        """Return the entry of an arrival, and learn the names in it. None if it is not valid."""
         time_ns, row, name, body = arrival
         entry: Entry | None = None
         try:
@@ -421,7 +458,8 @@ class Sink:
             else:
                 key = self._keys.get((row.key, name))
                 if key is None:
-                    key = self._keys[row.key, name] = row.at(name)
+                    key = row.at(name)
+                    self._keys[row.key, name] = key
                 entry = Entry(time_ns, key, row, name, body)
         if entry is None:
             with self._lock:
@@ -431,9 +469,13 @@ class Sink:
         return entry
 
     def _write(self, entry: Entry) -> None:
-        self._files.add(entry if self._pseudonyms is None else self._pseudonyms.replace(entry))
+        if self._pseudonyms is not None:
+            entry = self._pseudonyms.replace(entry)
+        self._files.add(entry)
 
 
 def _size(arrival: Arrival) -> int:
-    """Return the bytes of a message from another process; those of this one are no copies."""
-    return 0 if isinstance(arrival.body, bool | Message) else arrival.body.size
+    """Return the bytes of a message from another process. Those of this one are no copies."""
+    if isinstance(arrival.body, bool | Message):
+        return 0
+    return arrival.body.size

@@ -1,4 +1,4 @@
-"""HTTP requests of which only the status of the response is read, within limits of time and size.
+"""HTTP requests that read only the status of the response, within limits of time and size.
 
 A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body
 is read or decoded, and no redirect is followed.
@@ -39,7 +39,7 @@ def open_pool(url: httpx.URL) -> httpcore.AsyncConnectionPool:
 
 
 async def post(pool: httpcore.AsyncConnectionPool, request: httpx.Request) -> tuple[int, str]:
-    """Send `request` and return status and reason of the response, of which no body is read.
+    """Send `request` and return status and reason of the response. Its body is not read.
 
     Raises:
         httpcore.NetworkError, httpcore.ProtocolError, httpcore.ProxyError: If there is no response, or its
@@ -73,15 +73,23 @@ def proxy_address(url: httpx.URL) -> str | None:
     """
     proxies = getproxies()
     address = proxies.get(url.scheme) or proxies.get("all")
-    names = (url.netloc.decode("ascii"), url.host, f"[{url.host}]")  # no_proxy may have ::1 or [::1]
-    if not address or is_local(str(url)) or any(map(proxy_bypass, names)):
+    if not address or is_local(str(url)):
         return None
-    address = address if "://" in address else f"http://{address}"
-    parse_address(urlsplit(address).netloc.rpartition("@")[2])
+    host_and_port = url.netloc.decode("ascii")
+    names = (host_and_port, url.host, f"[{url.host}]")  # no_proxy may have ::1 or [::1]
+    if any(map(proxy_bypass, names)):
+        return None
+
+    # The environment often names a host without a scheme, and may have a user and password
+    if "://" not in address:
+        address = f"http://{address}"
+    _user, _at, proxy_host_and_port = urlsplit(address).netloc.rpartition("@")
+    parse_address(proxy_host_and_port)
     return address
 
 
 def _proxy_to(url: httpx.URL) -> httpcore.Proxy | None:
+    """Return the proxy for `url`, or None. The package for its protocol is imported, so that it fails now."""
     address = proxy_address(url)
     if address is None:
         return None
@@ -114,15 +122,16 @@ class _LimitedBackend(httpcore.AsyncNetworkBackend):
 class _LimitedStream(httpcore.AsyncNetworkStream):
     """Stream of which at most `MAX_HEAD_BYTES` can be read."""
 
-    def __init__(self, stream: httpcore.AsyncNetworkStream, left: int = MAX_HEAD_BYTES) -> None:
+    def __init__(self, stream: httpcore.AsyncNetworkStream, remaining_bytes: int = MAX_HEAD_BYTES) -> None:
         self._stream = stream
-        self._left = left
+        self._remaining_bytes = remaining_bytes
 
     async def read(self, max_bytes: int, timeout: float | None = None) -> bytes:  # noqa: ASYNC109
-        if not self._left:
+        if not self._remaining_bytes:
             raise httpcore.RemoteProtocolError(f"the headers of its answer exceed {MAX_HEAD_BYTES} bytes")
-        data = await self._stream.read(min(max_bytes, MAX_READ_BYTES, self._left), timeout)
-        self._left -= len(data)
+        count = min(max_bytes, MAX_READ_BYTES, self._remaining_bytes)
+        data = await self._stream.read(count, timeout)
+        self._remaining_bytes -= len(data)
         return data
 
     async def write(self, buffer: bytes, timeout: float | None = None) -> None:  # noqa: ASYNC109
@@ -137,7 +146,9 @@ class _LimitedStream(httpcore.AsyncNetworkStream):
         server_hostname: str | None = None,
         timeout: float | None = None,  # noqa: ASYNC109
     ) -> httpcore.AsyncNetworkStream:
-        return _LimitedStream(await self._stream.start_tls(ssl_context, server_hostname, timeout), self._left)
+        # what a proxy has answered before counts, too
+        stream = await self._stream.start_tls(ssl_context, server_hostname, timeout)
+        return _LimitedStream(stream, self._remaining_bytes)
 
     def get_extra_info(self, info: str) -> Any:
         return self._stream.get_extra_info(info)

@@ -1,4 +1,4 @@
-"""Starts programs and sends webhooks when people point at things, and tells the result of each."""
+"""Starts programs and sends webhooks when people point at things, and reports the result of each."""
 
 import asyncio
 from collections.abc import Iterable
@@ -26,8 +26,8 @@ class ReactionsConfig(Config):
 def targets_of(reactions: Iterable[Reaction]) -> dict[str, list[Target]]:
     """Return the targets of each thing."""
     targets: dict[str, list[Target]] = {}
-    for each in reactions:
-        targets.setdefault(each.thing, []).append(each.target)
+    for reaction in reactions:
+        targets.setdefault(reaction.thing, []).append(reaction.target)
     return targets
 
 
@@ -42,7 +42,9 @@ class Reactions(Service[ReactionsConfig]):
     def __init__(self, config: ReactionsConfig, context: Context) -> None:
         """Prepare. Raises ConfigError as `validate_config`."""
         super().__init__(config, context)
-        self._reactions = [each for text in config.on for each in reactions_in(text)]
+        self._reactions: list[Reaction] = []
+        for text in config.on:
+            self._reactions.extend(reactions_in(text))
         self._carrier = Carrier(self.bus, self.clock, self.NAME)
         self._carrier.use(targets_of(self._reactions))
         self.bus.subscribe(MAP, self._on_map)
@@ -61,12 +63,13 @@ class Reactions(Service[ReactionsConfig]):
             await self._carrier.close()
 
     def _on_map(self, room: Environment, _name: str) -> None:
-        for each in self._reactions:
+        """Warn of things that the new map lacks."""
+        for reaction in self._reactions:
             try:
-                each.check(room)
-                self.bus.clear("things", each.thing)
+                reaction.check(room)
+                self.bus.clear("things", reaction.thing)
             except ConfigError as error:
-                self.bus.warn("things", str(error), each.thing)
+                self.bus.warn("things", str(error), reaction.thing)
 
 
 SERVICE = Reactions

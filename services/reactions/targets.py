@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 MAX_S = 60.0
 """Time after which a program is ended, s."""
 STARTED_S = 2.0
-"""Time after which people are told that a program has started, s."""
+"""Time after which it is reported that a program has started, s."""
 GRACE_S = 1.0
 """Time from SIGTERM to SIGKILL, s."""
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 PLACEHOLDERS = ("thing", "user", "confidence", "state")
 
 WEBHOOK_TIMEOUT_S = 5.0
-"""Maximum time of a try, s."""
+"""Maximum time of an attempt, s."""
 PAUSES_S = (1.0, 4.0)
-"""Pauses before the second and the third try, s."""
+"""Pauses before the second and the third attempt, s."""
 AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
 MAX_REASON = 200
-"""Characters of a server's words that are shown."""
+"""Number of characters of a server's text that are shown."""
 SUCCESS = 200
 REDIRECT = 300
 TOO_MANY_REQUESTS = 429
@@ -58,7 +58,8 @@ def check_placeholders(text: str) -> None:
     """Check that all placeholders in `text` are known. Raises ConfigError."""
     for name in PLACEHOLDER.findall(text):
         if name not in PLACEHOLDERS:
-            raise ConfigError(f"there is no {{{name}}}; {nearest(name, PLACEHOLDERS)}")
+            hint = nearest(name, PLACEHOLDERS)
+            raise ConfigError(f"there is no {{{name}}}; {hint}")
 
 
 def values_of(act: Act) -> Mapping[str, str]:
@@ -74,7 +75,7 @@ def values_of(act: Act) -> Mapping[str, str]:
 
 
 def filled(text: str, values: Mapping[str, str]) -> str:
-    """Return `text` with the values of its placeholders, which are those of `PLACEHOLDERS`."""
+    """Return `text` with the values of its placeholders, all of which are in `PLACEHOLDERS`."""
     return PLACEHOLDER.sub(lambda match: values[match[1]], text)
 
 
@@ -84,7 +85,7 @@ class Program:
 
     arguments: Sequence[str]
     is_shown: bool = False
-    """Its output goes to that of this process."""
+    """True if its output is that of this process."""
 
     @property
     def state(self) -> ThingState:
@@ -103,7 +104,9 @@ class Program:
         except ValueError as error:
             raise ConfigError(f"{str(error).lower()}; close it") from error
         check_placeholders(line)
-        if not PLACEHOLDER.search(program := arguments[0]) and shutil.which(program) is None:
+        program = arguments[0]
+        has_placeholder = PLACEHOLDER.search(program) is not None
+        if not has_placeholder and shutil.which(program) is None:
             raise ConfigError(f"no program {program}; give a path, and `chmod +x` a script")
         return cls(arguments=arguments)
 
@@ -115,26 +118,30 @@ class Program:
         arguments = [filled(argument, values) for argument in self.arguments]
         name = shlex.join(arguments)
         act.check_in_time()
+
+        # Start it in a session of its own, whose process group has all that it starts
         try:
             program = await asyncio.create_subprocess_exec(
                 *arguments, stdin=nothing, stdout=output, stderr=output, start_new_session=True
             )
         except OSError as error:
-            raise ActFailedError(
-                "error", f"{name} could not be started ({error.strerror or error})"
-            ) from error
+            reason = error.strerror or error
+            raise ActFailedError("error", f"{name} could not be started ({reason})") from error
+
+        # Wait for its end. The start of a program that runs for long is reported
         started_timer = asyncio.get_running_loop().call_later(STARTED_S, act.tell_started)
         try:
             async with asyncio.timeout(MAX_S):
                 code = await program.wait()
         except TimeoutError:
-            raise ActFailedError("no_answer", f"{name} was ended after {MAX_S:g} s") from None
+            problem = f"{name} was ended after {MAX_S:g} s"
+            raise ActFailedError("no_answer", problem) from None
         finally:
             started_timer.cancel()
             await _end_group(program.pid)
         if code:
-            ended = f"exit code {code}" if code > 0 else f"signal {-code}"
-            raise ActFailedError("error", f"{name} ended with {ended}")
+            status = f"exit code {code}" if code > 0 else f"signal {-code}"
+            raise ActFailedError("error", f"{name} ended with {status}")
 
 
 async def _end_group(group: int) -> None:
@@ -157,7 +164,7 @@ class Webhook:
 
     @property
     def state(self) -> ThingState:
-        """Return the limit, which is longer than that of three tries with their pauses."""
+        """Return the limit, which is longer than that of three attempts with their pauses."""
         return ThingState(id="", limit_s=30.0)
 
     @classmethod
@@ -167,12 +174,14 @@ class Webhook:
         Raises:
             ConfigError: If it has no host, an unknown placeholder, or the extra is missing.
         """
+        # A URL with a host and perhaps a port, both of which raise if they are malformed
         try:
             parts = urlsplit(url)
             host = parts.hostname
             _port = parts.port
             if host:
-                parse_address(parts.netloc.rpartition("@")[2])
+                _user, _at, host_and_port = parts.netloc.rpartition("@")
+                parse_address(host_and_port)
         except ValueError as error:
             # an unquoted / in a password ends the host, and the error has the rest of it
             raise ConfigError(
@@ -181,7 +190,9 @@ class Webhook:
         if not host:
             raise ConfigError(f"{hide_secrets(url)} has no host; write http://HOST/PATH")
         check_placeholders(url)
-        try:  # now, as it takes longer than a loop may be held up
+
+        # The extra, imported now, as that takes longer than an event loop may be blocked
+        try:
             importlib.import_module("pointit.services.reactions.http_status")
         except ImportError as error:
             raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}") from error
@@ -189,7 +200,8 @@ class Webhook:
 
     def describe(self) -> str:
         """Return its scheme and host: what follows them is often a secret."""
-        return hide_secrets(urlsplit(self.url)._replace(path="/...", query="", fragment="").geturl())
+        without_path = urlsplit(self.url)._replace(path="/...", query="", fragment="")
+        return hide_secrets(without_path.geturl())
 
     async def carry_out(self, act: Act) -> None:
         """Send it, up to three times, always with the same key. Raise ActFailedError if that fails."""
@@ -208,6 +220,8 @@ class Webhook:
             request = self._request(act)
         except (httpx.InvalidURL, UnicodeError) as error:
             return "error", f"was not sent, as its address is not valid ({error}): correct it"
+
+        # Errors of connections and servers may pass, so they are tried again. Those of settings do not
         problem = ""
         code = cast("FailureCode", "no_answer")
         for pause_s in (0.0, *PAUSES_S):
@@ -242,10 +256,12 @@ class Webhook:
                 if SUCCESS <= status < REDIRECT:
                     return "", ""
                 code = "refused"
-                problem = f"answered {status} {one_line(reason, MAX_REASON)}".rstrip()
+                shown_reason = one_line(reason, MAX_REASON)
+                problem = f"answered {status} {shown_reason}".rstrip()
                 if status < SERVER_ERROR and status != TOO_MANY_REQUESTS:
                     return code, problem
-        return code, f"{problem}, {1 + len(PAUSES_S)} times"
+        attempts = 1 + len(PAUSES_S)
+        return code, f"{problem}, {attempts} times"
 
     def _request(self, act: Act) -> "httpx.Request":
         """Return the request, always the same one for the same event.
@@ -255,32 +271,42 @@ class Webhook:
         """
         import httpx  # noqa: PLC0415 - an extra
 
+        # Values are quoted, so that none adds a part to the address
         values = values_of(act)
-        url = httpx.URL(filled(self.url, {name: quote(value, safe="") for name, value in values.items()}))
+        quoted_values = {name: quote(value, safe="") for name, value in values.items()}
+        url = httpx.URL(filled(self.url, quoted_values))
+        thing = values["thing"]
+        user = values["user"]
         confidence = values["confidence"]
+        stamp_ns = act.event.stamp_ns
         body = {
-            **{name: values[name] for name in ("thing", "user", "state")},
+            "thing": thing,
+            "user": user,
+            "state": values["state"],
             "confidence": float(confidence) if confidence else None,
-            "stamp_ns": act.event.stamp_ns,
+            "stamp_ns": stamp_ns,
         }
+
+        # Servers recognize a repeated request by its key
         headers = {
             "Accept-Encoding": "identity",
             "Connection": "close",
             "Content-Type": "application/json",
-            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{act.event.stamp_ns}"),
+            "Idempotency-Key": quote(f"{thing}-{user}-{stamp_ns}"),
             "User-Agent": f"PointIt/{pointit_version()}",
         }
         request = httpx.Request("POST", url, headers=headers, content=json.dumps(body))
         if url.username or url.password:
-            next(httpx.BasicAuth(url.username, url.password).auth_flow(request))
+            authentication = httpx.BasicAuth(url.username, url.password)
+            next(authentication.auth_flow(request))
         return request
 
 
 def _cause(error: Exception) -> str:
-    """Return the reason of an error of a connection, and the remedy for one of a certificate."""
-    refusal = certificate_error_in(error)
-    if refusal is not None:
-        return describe_certificate_error(refusal, "the server", AUTHORITY_HINT)
+    """Return the reason for an error of a connection, and the remedy for one of a certificate."""
+    certificate_error = certificate_error_in(error)
+    if certificate_error is not None:
+        return describe_certificate_error(certificate_error, "the server", AUTHORITY_HINT)
     return one_line(str(error), MAX_REASON) or type(error).__name__
 
 
@@ -307,7 +333,8 @@ class Reaction:
         try:
             if room is not None:
                 check_things([thing], room)
-            return cls(thing=thing, target=Webhook.parse(line) if is_url else Program.parse(line))
+            target = Webhook.parse(line) if is_url else Program.parse(line)
+            return cls(thing=thing, target=target)
         except ConfigError as error:
             raise ConfigError(f"{thing}: {error}") from error
 
@@ -330,8 +357,9 @@ def reactions_in(text: str, room: Environment | None = None) -> Iterator[Reactio
     if "=" in text or not text.endswith(FILES):
         yield Reaction.parse(text, room)
         return
-    for thing, lines in read_yaml(Path(text)).items():
-        for line in cast("list[object]", lines) if isinstance(lines, list) else [lines]:
+    for thing, value in read_yaml(Path(text)).items():
+        lines = cast("list[object]", value) if isinstance(value, list) else [value]
+        for line in lines:
             if not isinstance(line, str):
                 raise ConfigError(
                     f"{text}: {thing}: write a program or a URL, or a list of them, not {line!r}"

@@ -14,6 +14,7 @@ from pointit.schemas.text import LANGUAGE
 from pointit.schemas.topics import ANNOUNCED
 
 COUNT_PERIOD_S = 0.5
+"""Period of the metric, s."""
 
 
 class SpeakerConfig(Config):
@@ -47,8 +48,8 @@ class Speaker(Service[SpeakerConfig]):
         require_synthesizer("service speaker")
 
     async def run(self) -> None:
-        """Find out whether anything can be heard, and speak until cancelled."""
-        self._synthesizer.speak("")
+        """Check that speaking works, and speak until cancelled."""
+        self._synthesizer.speak("")  # an empty text reports a missing voice or sound card at once
         try:
             while True:
                 self.bus.set_metric(NAMES_SPOKEN, self._synthesizer.spoken)

@@ -1,4 +1,4 @@
-"""A synthetic voice: it says one sentence at a time, and notices that it is not heard."""
+"""A synthetic voice: it says one sentence at a time, and detects that it is not heard."""
 
 import asyncio
 import contextlib
@@ -17,11 +17,13 @@ PROGRAM = "espeak-ng"
 VOICE_REMEDY = f"choose another language (`{PROGRAM} --voices`)"
 SOUND_REMEDY = "does this machine have a sound card that its user may use (group audio)?"
 LONGEST = 200
-"""Number of characters that are said."""
+"""Maximum number of characters of a sentence. The rest is not said."""
 MIN_SPOKEN_NS = 300_000_000
 """Time after which a name that is cut off counts as heard, ns."""
 ECHO_NS = NS_PER_S // 4
 """Time after the voice in which a microphone may still hear it, ns."""
+SPEAKING_NS = 2**62
+"""End of a sentence that is being spoken, ns: later than any time."""
 
 
 def require_synthesizer(user: str) -> None:
@@ -31,7 +33,7 @@ def require_synthesizer(user: str) -> None:
 
 
 class SpeechSynthesizer:
-    """Says one sentence at a time; a newer one ends it."""
+    """Says one sentence at a time. A newer one ends it."""
 
     def __init__(
         self, clock: Clock, language: str = "", *, on_problem: Callable[[str], None] | None = None
@@ -40,7 +42,7 @@ class SpeechSynthesizer:
 
         Args:
             clock: clock of the words that are heard.
-            language: such as `de`; `""` for the program's own.
+            language: such as `de`. `""`: the program's own.
             on_problem: called with the reason why nothing is heard, and `""` once something is.
 
         Raises:
@@ -53,36 +55,41 @@ class SpeechSynthesizer:
         self._on_problem = on_problem
         self._problem = ""
         self._clock = clock
-        self._saying: asyncio.Task[None] | None = None
+        self._newest_task: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         """Sentences that are spoken, or being cut off."""
-        self._from_ns = self._until_ns = 0
+        self._from_ns = 0
+        self._until_ns = 0
 
     def say(self, understood: Understood) -> None:
-        """Say the message; of a question only what is asked, since its answer is awaited."""
+        """Say the message. Of a question only what is asked, since its answer is expected."""
         text = understood.message
         if understood.result == "asked":
-            text = f"{text.partition('?')[0]}?"
+            question, _, _ = text.partition("?")
+            text = f"{question}?"
         if text:
             self.speak(text)
 
     def speak(self, text: str) -> None:
         """Speak `text`. It cuts off what is being spoken."""
-        if self._saying is not None:
-            self._saying.cancel()
-        if self._until_ns < 2**62:  # else it goes on speaking
+        if self._newest_task is not None:
+            self._newest_task.cancel()
+        if self._until_ns < SPEAKING_NS:  # else it goes on speaking
             self._from_ns = self._clock.now_ns()
-            self._until_ns = 2**62
-        self._saying = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
-        self._tasks.add(self._saying)
-        self._saying.add_done_callback(self._tasks.discard)
+            self._until_ns = SPEAKING_NS
+        task = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
+        self._newest_task = task
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
-    def _report(self, output: str) -> None:
-        """Report what the program said; it ends with 0 although it could not speak."""
-        found = re.search(r"^error:\s*(.*?)\.?$", output, re.IGNORECASE | re.MULTILINE)
-        fault = found[1] if found else ""
-        remedy = VOICE_REMEDY if "voice" in fault else SOUND_REMEDY
-        problem = f"nothing is heard: {PROGRAM} says {fault!r}; {remedy}" if fault else ""
+    def _report_output(self, output: str) -> None:
+        """Report the problem in the output of the program, which ends with 0 although it could not speak."""
+        problem = ""
+        error = re.search(r"^error:\s*(.*?)\.?$", output, re.IGNORECASE | re.MULTILINE)
+        if error and error[1]:
+            fault = error[1]
+            remedy = VOICE_REMEDY if "voice" in fault else SOUND_REMEDY
+            problem = f"nothing is heard: {PROGRAM} says {fault!r}; {remedy}"
         if problem != self._problem and self._on_problem is not None:
             self._on_problem(problem)
         self._problem = problem
@@ -94,8 +101,8 @@ class SpeechSynthesizer:
 
     async def close(self, *, cuts: bool = False) -> None:
         """Wait until the sentence is spoken, or cut it off."""
-        if self._saying is not None and cuts:
-            self._saying.cancel()
+        if self._newest_task is not None and cuts:
+            self._newest_task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _run(self, text: str) -> None:
@@ -107,19 +114,23 @@ class SpeechSynthesizer:
             asyncio.create_subprocess_exec(PROGRAM, *self._language, "--stdin", **options)
         )
         try:
-            process = await asyncio.shield(starting)
+            process = await asyncio.shield(starting)  # a start that is cut off still has to be ended
             _, output = await process.communicate(text.encode())
             is_whole = True
-            self._report(output.decode(errors="replace"))
+            self._report_output(output.decode(errors="replace"))
         except OSError as error:
-            self._report(f"error: {error.strerror or error}")
+            reason = error.strerror or error
+            self._report_output(f"error: {reason}")
         finally:
             is_audible = is_whole or self._clock.now_ns() - began_ns >= MIN_SPOKEN_NS
-            self.spoken += bool(text) and is_audible and not self._problem
+            if text and is_audible and not self._problem:
+                self.spoken += 1
+
+            # Cut off, or not started: end the program
             if not is_whole:
                 with contextlib.suppress(OSError):  # it could not be started, or has ended
                     process = await starting
                     os.killpg(process.pid, signal.SIGKILL)  # what it has started holds its output, too
                     await process.wait()
-            if self._saying is asyncio.current_task():  # no newer sentence is said
+            if self._newest_task is asyncio.current_task():  # no newer sentence is said
                 self._until_ns = self._clock.now_ns()

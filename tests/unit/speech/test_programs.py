@@ -70,7 +70,7 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     clock = ManualClock()
     speaker = SpeechSynthesizer(clock)
     speaker.say(understood("one"))
-    first = speaker._saying
+    first = speaker._newest_task
     assert first is not None
     await asyncio.to_thread(begun.read_text)
     clock.advance(1.0)
@@ -80,8 +80,8 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     clock.advance(2.0)
     assert speaker.is_echo(heard(clock, -0.5, -0.1)), "the newer one is said"
     assert speaker.is_echo(heard(clock, -2.5, -2.4)), "words of the one before come late"
-    assert speaker._saying is not None
-    speaker._saying.cancel()
+    assert speaker._newest_task is not None
+    speaker._newest_task.cancel()
     async with asyncio.timeout(30.0):
         await speaker.close()
 

@@ -59,7 +59,7 @@ class Process:
     announces: tuple[Presence, ...] = ()
     """Presences that it announces besides its own."""
     room: Literal["services", "bridges"] = "services"
-    """Folder of its package."""
+    """Room of its package."""
     extra: str = ""
     """Extra of the distribution, if it needs more than the base."""
     plugin: "ServicePlugin | None" = None
@@ -98,7 +98,8 @@ class Process:
         try:
             return import_room(f"{self.package}.service", self.name).SERVICE
         except ImportError as error:
-            if not self.extra or (error.name or "").partition(".")[0] == "pointit":
+            package, _, _ = (error.name or "").partition(".")
+            if not self.extra or package == "pointit":
                 raise  # not a missing extra but a bug of ours
             raise ConfigError(f"{self.name} needs {remedy(self.extra)}") from error
 
@@ -312,19 +313,24 @@ PROCESSES: list[Process] = [
 
 def person_of(instance: str) -> str:
     """Return the person whose service `instance` is, or `""` if it is a shared one."""
-    service, which = split_instance(instance)
-    is_shared = any(row.name == service and row.scope == "site" for row in PROCESSES)
-    return "" if is_shared else which
+    service, person = split_instance(instance)
+    for row in PROCESSES:
+        if row.name == service and row.scope == "site":
+            return ""
+    return person
 
 
 def moves_arm(service: str) -> bool:
     """Return True if `service`, which may be of another package, is a simulated person with an arm."""
     row = row_of(service) or _row_of_package(service)
-    return row is not None and row.scope == "user" and topics.IMU in row.writes and service != IMU_BRIDGE
+    if row is None or service == IMU_BRIDGE:
+        return False
+    return row.scope == "user" and topics.IMU in row.writes
 
 
 @functools.lru_cache(maxsize=256)  # presences may have any name
 def _row_of_package(service: str) -> Process | None:
+    """Return the row of a service of another package, or None if there is none that can be used."""
     with contextlib.suppress(ConfigError, KeyError):
         return process(service)
     return None
@@ -332,47 +338,68 @@ def _row_of_package(service: str) -> Process | None:
 
 def row_of(service: str) -> Process | None:
     """Return the row of a service in the process table, or None."""
-    return next((row for row in PROCESSES if row.name == service), None)
+    for row in PROCESSES:
+        if row.name == service:
+            return row
+    return None
 
 
 def present_writers(topic: Topic[Any], name: str, present: Iterable[str]) -> list[str]:
     """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
     if topic in topics.ACCOUNTS:
         return sorted(instance for instance in present if name in (topics.ANY, "", instance))
-    found: list[str] = []
-    for instance in present:
-        service, which = split_instance(instance)
-        row = row_of(service)
-        is_shard = bool(which) and row is not None and row.shard_serves is not None
-        only = person_of(instance) if topic.placeholder == "user" else which
-        other = topic.placeholder in ("user", service) and only and name not in (topics.ANY, "", only)
-        other = other or (is_shard and topic.placeholder != "user")  # its site's instance writes these
-        writes = service in topic.writers or (row is not None and topic in row.writes)
-        if writes and not other:
-            found.append(instance)
-    return sorted(found)
+    writers = [instance for instance in present if _may_write(instance, topic, name)]
+    return sorted(writers)
+
+
+def _may_write(instance: str, topic: Topic[Any], name: str) -> bool:
+    """Return True if `instance` may write `topic`, which is not of all services, at `name`."""
+    # By its row, or by the topic, as services of other packages
+    service, instance_name = split_instance(instance)
+    row = row_of(service)
+    is_writer = service in topic.writers
+    is_shard = False
+    if row is not None:
+        is_writer = is_writer or topic in row.writes
+        is_shard = bool(instance_name) and row.shard_serves is not None
+    if not is_writer:
+        return False
+
+    # Shards write of people only: their site's instance writes the rest
+    if is_shard and topic.placeholder != "user":
+        return False
+
+    # At its person or its own name only, if the topic has a key for each
+    own_name = person_of(instance) if topic.placeholder == "user" else instance_name
+    if topic.placeholder not in ("user", service) or not own_name:
+        return True
+    return name in (topics.ANY, "", own_name)
 
 
 def names() -> list[str]:
     """Return the names of all services, including those of other packages, without importing any."""
     ours = [row.name for row in PROCESSES]
-    return ours + sorted({entry.name for entry in installed_entry_points(GROUP)} - set(ours))
+    installed = {entry.name for entry in installed_entry_points(GROUP)}
+    return ours + sorted(installed - set(ours))
 
 
 def with_service_name(instance: str) -> str:
     """Return `instance` with the name of its service: `home-assistant` for `home_assistant`."""
-    name = split_instance(instance)[0]
+    name, _ = split_instance(instance)
     known = names()
     service = name if name in known else name.replace("_", "-")
-    return service + instance.removeprefix(name) if service in known else instance
+    if service not in known:
+        return instance
+    return service + instance.removeprefix(name)
 
 
 def sections_by_service(sections: Mapping[str, Any], source: str) -> dict[str, Any]:
     """Return `sections` by the name of their service. Raises ConfigError if one has two, naming `source`."""
     renamed = {with_service_name(section): parameters for section, parameters in sections.items()}
     if len(renamed) < len(sections):
-        twice = next(each for each in sections if each not in renamed)
-        raise ConfigError(f"{source}: {twice} and {with_service_name(twice)} are the same; keep one section")
+        duplicate = next(section for section in sections if section not in renamed)
+        service = with_service_name(duplicate)
+        raise ConfigError(f"{source}: {duplicate} and {service} are the same; keep one section")
     return renamed
 
 
@@ -383,11 +410,13 @@ def process(name: str) -> Process:
         KeyError: If there is none. The message lists the existing ones.
         ConfigError: If it is that of another package, which cannot be used.
     """
-    for row in PROCESSES:
-        if row.name == name:
-            return row
+    known_row = row_of(name)
+    if known_row is not None:
+        return known_row
     if name not in names():
         raise KeyError(f"no service {name!r}; there are {', '.join(names())}")
+
+    # Its package is imported, once: from now on its row is in the table
     from pointit.services.service_plugin import SERVICES, usable  # noqa: PLC0415 - only if there is one
 
     plugin = usable(name)

@@ -1,4 +1,4 @@
-"""Services of installed packages: processes with rows of the tables of their own."""
+"""Services of installed packages: processes with their own rows of the tables."""
 
 import contextlib
 import re
@@ -48,21 +48,28 @@ class ServicePlugin(Plugin):
             ConfigError: If not. The message names the attribute, topic or request.
         """
         self._check_class(name)
+
+        # The service of one person writes and answers for this person only
         is_personal = self.make.SCOPE == "user"
         for row in (*self.writes, *self.serves):
             if is_personal and row.placeholder != "user":
                 raise ConfigError(f"its SCOPE is 'user', so its key {row.key} must contain {{user}}")
+
+        # Rights: our topics except those of the runtime, and rows that name it as their owner
         for topic in self.writes:
             is_ours = topic in OURS
-            if topic in SYSTEM or (not is_ours and name not in topic.writers):
-                raise ConfigError(
-                    f"it cannot write {topic.key}, whose writers are {', '.join(topic.writers)}"
-                )
-            if is_ours and topic.placeholder == "user" and not is_personal:
+            may_write = is_ours or name in topic.writers
+            if topic in SYSTEM or not may_write:
+                writers = ", ".join(topic.writers)
+                raise ConfigError(f"it cannot write {topic.key}, whose writers are {writers}")
+            is_our_personal_topic = is_ours and topic.placeholder == "user"
+            if is_our_personal_topic and not is_personal:
                 raise ConfigError(f"it cannot write {topic.key} of all people: its SCOPE must be 'user'")
         for request in self.serves:
             if request.server != name:
                 raise ConfigError(f"it cannot answer {request.key}, whose server is {request.server}")
+
+        # Keys of its own rows
         rows: tuple[Row, ...] = (*self.reads, *self.writes, *self.serves, *self.asks)
         for row in rows:
             if row not in OURS:
@@ -73,52 +80,64 @@ class ServicePlugin(Plugin):
         make = cast("object", self.make)
         if not (isinstance(make, type) and issubclass(make, Service)):
             raise ConfigError("its make must be a subclass of Service")
+        class_name = self.make.__name__
         if name != self.make.NAME or self.make.CONFIG is not self.config:
-            raise ConfigError(
-                f"NAME of {self.make.__name__} must be {name!r}, and its CONFIG the plug-in's config"
-            )
+            raise ConfigError(f"NAME of {class_name} must be {name!r}, and its CONFIG the plug-in's config")
         if "." in name or not NAME.match(name):  # NAME.USER is the instance of a person
             raise ConfigError(f"its NAME {name!r} must be of letters, digits, '_' and '-' only")
         if self.make.SCOPE not in get_args(Scope):
-            raise ConfigError(f"SCOPE of {self.make.__name__} must be 'site' or 'user'")
+            raise ConfigError(f"SCOPE of {class_name} must be 'site' or 'user'")
 
     def add_rows(self) -> None:
         """Add its topics and requests to the tables, unless they are there already."""
-        topics.TOPICS.extend(topic for topic in (*self.reads, *self.writes) if topic not in topics.TOPICS)
-        topics.REQUESTS.extend(
-            request for request in (*self.serves, *self.asks) if request not in topics.REQUESTS
-        )
+        for topic in (*self.reads, *self.writes):
+            if topic not in topics.TOPICS:
+                topics.TOPICS.append(topic)
+        for request in (*self.serves, *self.asks):
+            if request not in topics.REQUESTS:
+                topics.REQUESTS.append(request)
 
 
 def _check_key(row: Row) -> None:
-    """Check that `row`, which is not ours, has a key that begins with its owner's name and is its alone.
+    """Check that `row`, which is not ours, has a key of its own that starts with its owner's name.
 
     Raises:
         ConfigError: If not. The message names the key.
     """
+    # Its first part
     first, *others = row.key.split("/")
     owners = row.writers if isinstance(row, Topic) else (row.server,)
-    if first.replace("_", "-") not in {owner.replace("_", "-") for owner in owners}:
+    owner_names = {owner.replace("_", "-") for owner in owners}
+    if first.replace("_", "-") not in owner_names:
         raise ConfigError(f"its key {row.key} must begin with {owners[0]}/, the name of its service")
-    words = [part for part in others if not NAME.match(part)]
-    if len(words) > 1 or not all(PLACEHOLDER.match(word) for word in words):
+
+    # Its other parts
+    no_names = [part for part in others if not NAME.match(part)]
+    are_placeholders = all(PLACEHOLDER.match(part) for part in no_names)
+    if len(no_names) > 1 or not are_placeholders:
         raise ConfigError(
             f"its key {row.key} must consist of names of letters, digits, '_', '-' and '.', one of which may "
             "be a placeholder such as {user}"
         )
+
+    # No message may be of two rows
     rows: tuple[Row | Presence, ...] = (*topics.TOPICS, *topics.REQUESTS, *topics.PRESENCES)
-    taken = [other.key for other in rows if other != row and _overlap(row.key, other.key)]
-    if taken:
-        raise ConfigError(f"its key {row.key} is that of another row of the tables, {taken[0]}")
+    for other in rows:
+        if other != row and _overlap(row.key, other.key):
+            raise ConfigError(f"its key {row.key} is that of another row of the tables, {other.key}")
 
 
-def _overlap(one: str, other: str) -> bool:
+def _overlap(key: str, other_key: str) -> bool:
     """Return True if a key can fit both patterns."""
-    parts = one.split("/")
-    others = other.split("/")
-    return len(parts) == len(others) and all(
-        part == each or "{" in (part[:1], each[:1]) for part, each in zip(parts, others, strict=True)
-    )
+    parts = key.split("/")
+    other_parts = other_key.split("/")
+    if len(parts) != len(other_parts):
+        return False
+    for part, other_part in zip(parts, other_parts, strict=True):
+        has_placeholder = "{" in (part[:1], other_part[:1])
+        if part != other_part and not has_placeholder:
+            return False
+    return True
 
 
 SERVICES = PluginGroup("pointit.services", ServicePlugin, "service", has_ours=False)
@@ -134,10 +153,11 @@ def usable(name: str) -> ServicePlugin:
     try:
         plugin.check(name)
     except Exception as error:  # an object of others, whose fields may be of any type
-        reason = str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
-        raise ConfigError(
-            f"{SERVICES.label(name)} cannot be used: {reason}; update or uninstall it"
-        ) from error
+        reason = f"{type(error).__name__}: {error}"
+        if isinstance(error, ConfigError):
+            reason = str(error)
+        label = SERVICES.label(name)
+        raise ConfigError(f"{label} cannot be used: {reason}; update or uninstall it") from error
     plugin.add_rows()
     return plugin
 

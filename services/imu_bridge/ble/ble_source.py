@@ -143,15 +143,14 @@ class WristSearch:
         next_advertisement: asyncio.Future[Advertisement],
         advertisement: Advertisement,
     ) -> None:
-        if advertisement.address.lower() != self._wanted and not self._kind.includes(advertisement):
+        is_wanted_address = advertisement.address.lower() == self._wanted
+        if not is_wanted_address and not self._kind.includes(advertisement):
             return
         identity = self.identify(advertisement)
         advertisements[identity] = advertisement
-        if (
-            not next_advertisement.done()
-            and identity not in self.refused
-            and self._is_eligible(advertisement)
-        ):
+        if next_advertisement.done() or identity in self.refused:
+            return
+        if self._is_eligible(advertisement):
             next_advertisement.set_result(advertisement)
 
     def identify(self, advertisement: Advertisement) -> str:
@@ -161,18 +160,23 @@ class WristSearch:
     def is_named(self, advertisement: Advertisement) -> bool:
         """Return True if the wanted text is its identity, its address, or begins its name."""
         wanted = self._wanted
-        identities = (self.identify(advertisement), advertisement.address.lower())
-        return wanted != "" and (wanted in identities or advertisement.name.lower().startswith(wanted))
+        if not wanted:
+            return False
+        if wanted in (self.identify(advertisement), advertisement.address.lower()):
+            return True
+        return advertisement.name.lower().startswith(wanted)
 
     def _is_eligible(self, advertisement: Advertisement) -> bool:
         """Return True unless it cannot be the wanted one. Serial numbers are known when it is connected."""
         if self.used:
             return self.identify(advertisement) == self.used
-        is_serial_number = self._kind.has_serial_number and not self._wanted.startswith(
-            tuple(name.lower() for name in self._kind.names)
-        )
-        may_differ = not self._wanted or (is_serial_number and not self._is_address)
-        return may_differ or self.is_named(advertisement)
+        if not self._wanted:
+            return True
+        if self._kind.has_serial_number and not self._is_address:
+            kind_names = tuple(name.lower() for name in self._kind.names)
+            if not self._wanted.startswith(kind_names):  # it may be a serial number
+                return True
+        return self.is_named(advertisement)
 
     @property
     def _is_address(self) -> bool:
@@ -181,44 +185,51 @@ class WristSearch:
 
     def _warn_others(self, used: Advertisement, advertisements: dict[str, Advertisement]) -> None:
         """Warn if other wrists are as eligible as `used`. A serial number is unique."""
-        kind = self._kind
+        used_identity = self.identify(used)
+        others: list[str] = []
+        for identity, advertisement in advertisements.items():
+            if identity != used_identity and self._is_eligible(advertisement):
+                others.append(advertisement.label)
+
+        # A wanted text that is no beginning of a name is an address or a number, which fits one wrist alone
         is_named = self._wanted != "" and used.name.lower().startswith(self._wanted)
-        others = [
-            each.label
-            for identity, each in advertisements.items()
-            if identity != self.identify(used) and self._is_eligible(each)
-        ]
-        sentence = (
-            f"several wrists of the kind {kind.label} are within reach: {used.label} is used, not "
-            f"{first_of(others, NAMED)}; give the address of the right one by "
-            f"{set_option('imu-bridge', f'{kind.plugin}.sensor', 'ADDRESS')}"
-        )
-        self._warnings.warn("sensors", sentence if others and (is_named or not self._wanted) else "")
+        is_ambiguous = is_named or not self._wanted
+        message = ""
+        if others and is_ambiguous:
+            kind = self._kind
+            option = set_option("imu-bridge", f"{kind.plugin}.sensor", "ADDRESS")
+            message = (
+                f"several wrists of the kind {kind.label} are within reach: {used.label} is used, not "
+                f"{first_of(others, NAMED)}; give the address of the right one by {option}"
+            )
+        self._warnings.warn("sensors", message)
 
     def _absence(self, advertisements: dict[str, Advertisement]) -> str:
-        what = f"no {self._kind.label}"
-        wanted = (self.used if advertisements else "") or self._config.sensor
+        label = self._kind.label
+        wanted = self._config.sensor
+        if advertisements and self.used:
+            wanted = self.used
+        absence = f"no {label} is heard"
         if wanted:
-            what = f"{self._kind.label} {wanted}"
-        labels = [each.label for each in advertisements.values()]
+            absence = f"{label} {wanted} is not heard"
+        labels = [advertisement.label for advertisement in advertisements.values()]
         others = first_of(labels, NAMED) or "none"
-        verb = "is not heard" if wanted else "is heard"
         if wanted == self.used != "":
             option = set_option("imu-bridge", f"{self._kind.plugin}.sensor", "ADDRESS")
             others += f"; to use one of them: {option}"
         return (
-            f"{what} {verb}; searching: switch it on, bring it near, and disconnect it from other programs "
+            f"{absence}; searching: switch it on, bring it near, and disconnect it from other programs "
             f"and phones (others within reach: {others})"
         )
 
 
 @contextlib.contextmanager
-def _left_anyway(what: str) -> Generator[None]:
+def _logging_failure(action: str) -> Generator[None]:
     """Log a failed command to a wrist. A lost wrist is reported by its link, so this is no warning."""
     try:
         yield
     except Exception as error:  # noqa: BLE001 - of any system's radio
-        log.debug("cannot %s: %s", what, describe_error(error))
+        log.debug("cannot %s: %s", action, describe_error(error))
 
 
 class BleSource:
@@ -248,7 +259,10 @@ class BleSource:
 
     def cue(self, feedback: Feedback) -> None:
         """Play `feedback` on the wrist at once, in place of an earlier one. Does not block."""
-        if self._is_open and (commands := self._wrist.cue(feedback)):
+        if not self._is_open:
+            return
+        commands = self._wrist.cue(feedback)
+        if commands:
             self._cue = commands
             self._cue_came.set()
 
@@ -259,6 +273,7 @@ class BleSource:
         label = self._wrist.kind.label
         wait_s = FIRST_WAIT_S
         while True:
+            # One connection, from the search until it is lost or refused
             lasted_s = pause_s = 0.0
             try:
                 advertisement = await self._search.find()
@@ -275,19 +290,23 @@ class BleSource:
                 problem = f"{label} cannot be used: {describe_error(error)}"
             else:
                 problem = f"{label} is another one"
+            # A wrist that drops each connection at once is left alone for longer and longer
             if lasted_s < SHORT_S:
                 self._shorts += 1
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
             else:
                 self._shorts = 0
                 wait_s = FIRST_WAIT_S
+            # Report it once: `Disconnected` has the reason, too
             times = f", {self._shorts} times now" if self._shorts > 2 else ""
             after = f" after {pause_s:.0f} s" if pause_s else ""
             problem = f"{problem}{times}; searching again{after}"
-            self._warn("" if self._was_open else problem)  # `Disconnected` tells it, too
             if self._was_open:
+                self._warn("")
                 self._was_open = False
                 deliver(Disconnected(problem))
+            else:
+                self._warn(problem)
             await asyncio.sleep(max(wait_s, pause_s))
 
     async def _use(self, advertisement: Advertisement) -> None:
@@ -298,6 +317,7 @@ class BleSource:
         connection = Connection(client)
         is_wanted = False
         try:
+            # Connect, listen before the wrist is started, and configure it unless it has run on
             async with asyncio.timeout(CONNECT_S):
                 await client.connect()
                 if not await self._is_wanted(advertisement, connection):
@@ -307,19 +327,20 @@ class BleSource:
                 self._search.used = self._search.identify(advertisement)
                 self._wrist.begin(advertisement.address)
                 for characteristic in self._wrist.notifications:
-                    await client.start_notify(
-                        characteristic, functools.partial(self._on_data, characteristic)
-                    )
+                    on_data = functools.partial(self._on_data, characteristic)
+                    await client.start_notify(characteristic, on_data)
                 runs_on = await self._wrist.resume(connection)
                 if not runs_on:
                     await self._wrist.configure(connection)
+
+            # Deliver
             self._received_s = asyncio.get_running_loop().time()
             self._open(keeps_yaw=runs_on)
             if advertisement.rssi_dbm is not None:
                 self._deliver(Signal(advertisement.rssi_dbm))
             await self._stream(connection)
         except asyncio.CancelledError:  # only then: one that runs on keeps its yaw for the next connection
-            with _left_anyway("stop the stream"):
+            with _logging_failure("stop the stream"):
                 async with asyncio.timeout(STOP_S):
                     if is_wanted and not lost.is_set():
                         await self._wrist.stop(connection)
@@ -327,7 +348,7 @@ class BleSource:
         finally:
             self._is_open = False
             self._button.release()
-            with _left_anyway("disconnect"):
+            with _logging_failure("disconnect"):
                 async with asyncio.timeout(END_S):
                     await client.disconnect()
 
@@ -338,9 +359,12 @@ class BleSource:
 
     async def _is_wanted(self, advertisement: Advertisement, connection: Connection) -> bool:
         """Return True if it is the wanted wrist; a serial number is known only when it is connected."""
-        if not (self._wanted and self._wrist.kind.has_serial_number) or self._search.is_named(advertisement):
+        if not self._wanted or not self._wrist.kind.has_serial_number:
             return True
-        number = (await connection.read(SERIAL_NUMBER)).rstrip(b"\0").decode("ascii", "replace")
+        if self._search.is_named(advertisement):
+            return True
+        data = await connection.read(SERIAL_NUMBER)
+        number = data.rstrip(b"\0").decode("ascii", "replace")
         return number.strip().lower() == self._wanted
 
     async def _stream(self, connection: Connection) -> None:
@@ -357,22 +381,30 @@ class BleSource:
         asked_s = loop.time() - ASK_S
         configured_s = 0.0
         while True:
+            # Ask for what it does not send by itself
             if self._wrist.is_ready and loop.time() - asked_s >= ASK_S:
                 asked_s = loop.time()
                 async with asyncio.timeout(CONNECT_S):
                     for item in await self._wrist.ask(connection):
                         self._deliver(item)
+
+            # Wait, and go on while it sends
             if await wait_up_to(self._lost, SILENCE_S / 2):
                 raise self._failure
             silent_s = loop.time() - max(self._received_s, configured_s)
             if silent_s < SILENCE_S:
                 continue
-            if (obstacle := self._wrist.obstacle) is not None:
+
+            # Silent for a reason that only a person can remove: wait for that person
+            obstacle = self._wrist.obstacle
+            if obstacle is not None:
                 if silent_s >= obstacle.timeout_s:
                     raise LinkError(obstacle.clause)
                 self._warn(f"{self._wrist.kind.label} {obstacle.clause}")
                 self._is_paused = True
                 continue
+
+            # Silent for no known reason: configure it again, then reset it
             if configured_s > self._received_s:
                 await self._wrist.reset(connection)
                 raise LinkError(f"is connected but is still {self._silence}, and was reset")
@@ -385,7 +417,9 @@ class BleSource:
 
     @property
     def _silence(self) -> str:
-        return "silent" if self._useless < MANY else f"without readings in {self._useless} notifications"
+        if self._useless < MANY:
+            return "silent"
+        return f"without readings in {self._useless} notifications"
 
     def _on_data(self, characteristic: str, _sender: object, data: bytearray) -> None:
         was_ready = self._wrist.is_ready
@@ -423,7 +457,7 @@ class BleSource:
             for pause_s, command in self._cue:
                 if pause_s and await wait_up_to(self._cue_came, pause_s):
                     break
-                with _left_anyway("play a cue"):
+                with _logging_failure("play a cue"):
                     await self._wrist.play(connection, command)
 
     def _warn(self, problem: str) -> None:
@@ -447,12 +481,12 @@ def discover_ble(kind: Kind, adapter: str = "") -> Discover:
                 await asyncio.sleep(seconds)
         except Exception as error:  # errors of bleak and its backends, which differ by system
             raise ConfigError(describe_error(error)) from error
-        return [_found(text, each) for text, each in advertisements.items()]
+        return [_found_device(text, advertisement) for text, advertisement in advertisements.items()]
 
     return discover
 
 
-def _found(text: str, advertisement: Advertisement) -> FoundDevice:
+def _found_device(text: str, advertisement: Advertisement) -> FoundDevice:
     details: dict[str, str | float] = {"name": advertisement.name}
     if advertisement.rssi_dbm is not None:
         details["rssi_dbm"] = advertisement.rssi_dbm

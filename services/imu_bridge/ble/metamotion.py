@@ -106,13 +106,11 @@ def teardown() -> tuple[bytes, ...]:
 
 def stop() -> tuple[bytes, ...]:
     """Return commands that end the fusion and its sensors."""
-    return tuple(
-        bytes.fromhex(each)
-        for each in (
-            "190100", "1903007f", "030100", "130100", "03020001", "13020001", "150100", "15020001",
-            "190700", "010100",
-        )
+    texts = (
+        "190100", "1903007f", "030100", "130100", "03020001", "13020001", "150100", "15020001",
+        "190700", "010100",
     )  # fmt: skip
+    return tuple(bytes.fromhex(text) for text in texts)
 
 
 def start(accelerometer: Accelerometer, *, magnetometer: bool) -> tuple[bytes, ...]:
@@ -120,22 +118,25 @@ def start(accelerometer: Accelerometer, *, magnetometer: bool) -> tuple[bytes, .
 
     Six axes (`IMU_PLUS`), or with the `magnetometer` nine (`NDOF`); ±16 g, 2000 °/s.
     """
+    # Mode of the fusion, and the ranges and rates of its sensors
     texts = [
         "19020113" if magnetometer else "19020213",
         "0303280c" if accelerometer == "BMI160" else "0303a803",
         "13032800",
-        *(("1504040e", "150306") if magnetometer else ()),
-        "190701",
-        "03020100",
-        "13020100",
-        *(("15020100",) if magnetometer else ()),
-        "030101",
-        "130101",
-        *(("150101",) if magnetometer else ()),
-        "19030800",
-        "190101",
-        "010101",
     ]
+    if magnetometer:
+        texts += ["1504040e", "150306"]
+
+    # Notify quaternions, and sample
+    texts += ["190701", "03020100", "13020100"]
+    if magnetometer:
+        texts.append("15020100")
+
+    # Start the sensors, then the fusion that reads them, then the button
+    texts += ["030101", "130101"]
+    if magnetometer:
+        texts.append("150101")
+    texts += ["19030800", "190101", "010101"]
     return (*map(bytes.fromhex, texts), FAST_INTERVAL)
 
 
@@ -146,19 +147,23 @@ def buzz(duration_ms: int) -> bytes:
 
 def flash(color: tuple[int, int, int]) -> tuple[bytes, ...]:
     """Return commands of one flash in red, green, blue, 0 to 255 each."""
-    patterns = [
-        struct.pack("<BBBBBBHHHHHB", 0x02, 0x03, channel, 0x02, intensity, 0, 0, FLASH_MS, 0, FLASH_MS, 0, 1)
-        for channel, place in _LED_CHANNELS
-        if (intensity := round(color[place] * MAX_LED / 255))
-    ]
-    return (STOP_LED, *patterns, PLAY_LED) if patterns else (STOP_LED,)
+    patterns: list[bytes] = []
+    for channel, place in _LED_CHANNELS:
+        intensity = round(color[place] * MAX_LED / 255)
+        if intensity:
+            values = (channel, 0x02, intensity, 0, 0, FLASH_MS, 0, FLASH_MS, 0, 1)
+            patterns.append(struct.pack("<BBBBBBHHHHHB", 0x02, 0x03, *values))
+    if not patterns:
+        return (STOP_LED,)
+    return (STOP_LED, *patterns, PLAY_LED)
 
 
 def cue(feedback: Feedback) -> list[tuple[float, bytes]]:
     """Return commands that play `feedback`, each with the pause before it, s. The motor comes first."""
-    commands = [(pause_s, buzz(duration_ms)) for pause_s, duration_ms in vibration_pulses(feedback.haptic_ms)]
+    pulses = vibration_pulses(feedback.haptic_ms)
+    commands = [(pause_s, buzz(duration_ms)) for pause_s, duration_ms in pulses]
     lights = () if feedback.color is None else flash(feedback.color)
-    commands[1:1] = [(0.0, each) for each in lights]
+    commands[1:1] = [(0.0, light) for light in lights]
     return commands
 
 
@@ -200,22 +205,23 @@ class MetaMotion(Wrist):
 
     async def resume(self, connection: Connection) -> bool:
         """Return True if the board still sends: one that was restarted, and lost its yaw, would not."""
-        if self._configured != self._address or not await wait_up_to(self._runs_on, RESUME_S):
+        if self._configured != self._address:
+            return False
+        if not await wait_up_to(self._runs_on, RESUME_S):
             return False
         await connection.write(COMMAND, FAST_INTERVAL)  # holds for one connection
         return True
 
     async def configure(self, connection: Connection) -> None:
         """Identify the chips, remove what an earlier program left, and start the fusion."""
-        accelerometer = ACCELEROMETERS.get(
-            await self._implementation(connection, READ_ACCELEROMETER, ACCELEROMETER)
-        )
+        implementation = await self._implementation(connection, READ_ACCELEROMETER, ACCELEROMETER)
+        accelerometer = ACCELEROMETERS.get(implementation)
         await self._implementation(connection, READ_GYRO, GYRO)
         await self._implementation(connection, READ_FUSION, FUSION)
         if accelerometer is None:
             raise LinkError("has an accelerometer that is not known here: only R, RL and S can be used")
         commands = start(accelerometer, magnetometer=self._config.magnetometer)
-        self._configured = ""
+        self._configured = ""  # until all is written: a connection that is lost meanwhile leaves a part
         for command in (*teardown(), *commands):
             await connection.write(COMMAND, command)
         self._configured = self._address
@@ -225,8 +231,9 @@ class MetaMotion(Wrist):
         del characteristic
         item = parse(data, stamp_ns)
         if isinstance(item, ModuleInfo):
-            if (waiting := self._modules.get(item.module)) is not None and not waiting.done():
-                waiting.set_result(item)
+            reply = self._modules.get(item.module)
+            if reply is not None and not reply.done():
+                reply.set_result(item)
             return ()
         if isinstance(item, Reading):
             self._count += 1

@@ -86,9 +86,10 @@ class _Scan:
 
     def heard(self, device: "BLEDevice", data: "AdvertisementData") -> None:
         """Report an advertisement to all searches."""
+        name = data.local_name or device.name or ""
         advertisement = Advertisement(
             device=device,
-            name=data.local_name or device.name or "",
+            name=name,
             services=frozenset(data.service_uuids),
             rssi_dbm=float(data.rssi),
             manufacturer_data=data.manufacturer_data,
@@ -116,12 +117,12 @@ async def scanning(adapter: str, on_advertisement: OnAdvertisement) -> AsyncGene
     await asyncio.to_thread(_load, adapter)
     from bleak import BleakScanner  # noqa: PLC0415 - an extra
 
-    scan = _scans.setdefault(asyncio.get_running_loop(), {}).setdefault(adapter, _Scan())
+    scans = _scans.setdefault(asyncio.get_running_loop(), {})
+    scan = scans.setdefault(adapter, _Scan())
     async with scan.lock:
         if scan.scanner is None:
-            scanner = BleakScanner(
-                scan.heard, bluez=_bluez(adapter), backend=VIRTUAL_RADIOS.get(adapter, Radio()).scanner
-            )
+            radio = VIRTUAL_RADIOS.get(adapter, Radio())
+            scanner = BleakScanner(scan.heard, bluez=_bluez(adapter), backend=radio.scanner)
             await scanner.start()
             scan.scanner = scanner
         scan.listeners.add(on_advertisement)
@@ -138,12 +139,13 @@ def client_of(device: "BLEDevice", adapter: str, on_lost: Callable[[], None]) ->
     """Return a client of `device`, which is not connected yet."""
     from bleak import BleakClient  # noqa: PLC0415 - an extra
 
+    radio = VIRTUAL_RADIOS.get(adapter, Radio())
     return BleakClient(
         device,
         lambda _client: on_lost(),
         timeout=CONNECT_S,
         bluez=_bluez(adapter),
-        backend=VIRTUAL_RADIOS.get(adapter, Radio()).client,
+        backend=radio.client,
     )
 
 
@@ -155,6 +157,7 @@ def describe_error(error: BaseException) -> str:
         BleakGATTProtocolError,
     )
 
+    # Errors of bleak, which state their reason
     text = f"{type(error).__name__}: {error}".rstrip(": ")
     if isinstance(error, BleakBluetoothNotAvailableError):
         if error.reason.name.startswith("DENIED"):
@@ -167,7 +170,9 @@ def describe_error(error: BaseException) -> str:
         )
     if isinstance(error, BleakGATTProtocolError):
         return f"it refuses a command ({error.args[-1]}): update its firmware by its maker's app"
-    if isinstance(error, PermissionError) or "AccessDenied" in text or "NotPermitted" in text:
+    # Errors of the operating system. D-Bus gives its own as text.
+    is_denied = "AccessDenied" in text or "NotPermitted" in text
+    if isinstance(error, PermissionError) or is_denied:
         return _NO_PERMISSION
     if isinstance(error, FileNotFoundError | ConnectionRefusedError) or "ServiceUnknown" in text:
         return _NO_SERVICE
@@ -186,4 +191,6 @@ def _load(adapter: str) -> None:
 
 
 def _bluez(adapter: str) -> Any:
-    return {"adapter": adapter} if adapter and adapter not in VIRTUAL_RADIOS else {}
+    if not adapter or adapter in VIRTUAL_RADIOS:
+        return {}
+    return {"adapter": adapter}

@@ -107,21 +107,32 @@ class FrameTimes:
 
     def read(self, update: Update) -> Sequence[int | None]:
         """Return the time of each frame of the next message, ns, or None if the watch sends no times."""
-        deltas = [each.delta_ms if 0 < each.delta_ms <= MAX_DELTA_MS else 0 for each in update.frames]
+        deltas = [frame.delta_ms if 0 < frame.delta_ms <= MAX_DELTA_MS else 0 for frame in update.frames]
         if not deltas:
             return ()
-        before_ms = self._newest_ms
+
+        # Time of the last frame
+        previous_ms = self._newest_ms
         if 0 < update.unix_ms < MAX_UNIX_MS:
             last_ms = update.unix_ms
         else:
-            span_ms = sum(deltas) or (update.delta_ms if 0 < update.delta_ms <= MAX_DELTA_MS else 0)
+            span_ms = sum(deltas)
+            if not span_ms and 0 < update.delta_ms <= MAX_DELTA_MS:
+                span_ms = update.delta_ms
             if not span_ms:
                 return (None,) * len(deltas)
-            last_ms = (before_ms or 0) + span_ms
+            last_ms = (previous_ms or 0) + span_ms
         self._newest_ms = last_ms
+
         # A time of the message before is not reached again, unless the clock was set back.
-        first_ms = before_ms if before_ms is not None and before_ms <= last_ms else 0
-        return [max(last_ms - sum(deltas[index + 1 :]), first_ms) * NS_PER_MS for index in range(len(deltas))]
+        first_ms = 0
+        if previous_ms is not None and previous_ms <= last_ms:
+            first_ms = previous_ms
+        times_ns: list[int] = []
+        for index in range(len(deltas)):
+            time_ms = last_ms - sum(deltas[index + 1 :])
+            times_ns.append(max(time_ms, first_ms) * NS_PER_MS)
+        return times_ns
 
 
 class SwipeDetector:
@@ -139,12 +150,17 @@ class SwipeDetector:
         if len(event.coordinates_px) > 1 or event.kind == CANCEL:
             self._began_px = None
             return 0
-        if event.kind != END or self._began_px is None or not event.coordinates_px:
-            return 0
         began_px = self._began_px
+        if event.kind != END or began_px is None:
+            return 0
+        if not event.coordinates_px:
+            return 0
         self._began_px = None
-        right_px, down_px = (b - a for a, b in zip(began_px, event.coordinates_px[0], strict=True))
-        if not abs(right_px) >= max(MIN_SHARE * self.width_px, abs(down_px)):  # also if it is not a number
+        ended_px = event.coordinates_px[0]
+        right_px = ended_px[0] - began_px[0]
+        down_px = ended_px[1] - began_px[1]
+        min_right_px = max(MIN_SHARE * self.width_px, abs(down_px))
+        if not abs(right_px) >= min_right_px:  # also if it is not a number
             return 0
         return 1 if right_px > 0.0 else -1
 
@@ -171,8 +187,11 @@ class TouchSdkConfig(BleConfig):
 
 def watch_id(advertisement: Advertisement) -> str:
     """Return the id of a watch, which stays while its address changes; the address if it sends none."""
-    found = advertisement.manufacturer_data.get(ID_COMPANY, b"")[:ID_LENGTH].decode("ascii", "replace")
-    return found if len(found) == ID_LENGTH and found.isalnum() else advertisement.address
+    data = advertisement.manufacturer_data.get(ID_COMPANY, b"")
+    identifier = data[:ID_LENGTH].decode("ascii", "replace")
+    if len(identifier) == ID_LENGTH and identifier.isalnum():
+        return identifier
+    return advertisement.address
 
 
 class TouchSdkWatch(Wrist):
@@ -241,7 +260,8 @@ class TouchSdkWatch(Wrist):
         """Return the battery, after the hand was read."""
         try:
             async with asyncio.timeout(REPLY_S):
-                update = touch_sdk_messages.decode_update(await connection.read(touch_sdk_messages.OUTPUT))
+                data = await connection.read(touch_sdk_messages.OUTPUT)
+                update = touch_sdk_messages.decode_update(data)
         except Exception as error:  # of any system's radio; readings go on without a description
             if not connection.is_connected:
                 raise
@@ -251,9 +271,10 @@ class TouchSdkWatch(Wrist):
 
     def cue(self, feedback: Feedback) -> Sequence[tuple[float, bytes]]:
         """Return commands for the vibration."""
+        pulses = vibration_pulses(feedback.haptic_ms)
         return [
             (pause_s, touch_sdk_messages.encode_haptic(VIBRATION, duration_ms))
-            for pause_s, duration_ms in vibration_pulses(feedback.haptic_ms)
+            for pause_s, duration_ms in pulses
         ]
 
     async def play(self, connection: Connection, command: bytes) -> None:
@@ -270,25 +291,28 @@ class TouchSdkWatch(Wrist):
                 yield reading
         for _ in range(update.gestures.count(touch_sdk_messages.PINCH)):
             yield Press(stamp_ns)
-        turned = -self._config.crown_sign * sum(update.rotary_steps)  # as the maker's client turns the sign
-        for _ in range(min(abs(turned), MAX_STEPS)):
-            yield StepGesture(stamp_ns, 1 if turned > 0 else -1)
+        steps = -self._config.crown_sign * sum(update.rotary_steps)  # as the maker's client turns the sign
+        for _ in range(min(abs(steps), MAX_STEPS)):
+            yield StepGesture(stamp_ns, 1 if steps > 0 else -1)
         for touch in update.touches:
-            if direction := self._swipe.step(touch):
+            direction = self._swipe.step(touch)
+            if direction:
                 yield StepGesture(stamp_ns, 1 if direction > 0 else -1)
 
     def _reading(self, frame: SensorFrame, stamp_ns: int, time_ns: int | None) -> Reading | RawReading | None:
-        turn = _HALF_TURN if self._is_right and not self._is_mounted_right else rotation.IDENTITY
+        turn = rotation.IDENTITY
+        if self._is_right and not self._is_mounted_right:
+            turn = _HALF_TURN
         if self._config.orientation == "fusion":
-            if not any(frame.acceleration_mps2) or not all(
-                map(math.isfinite, (*frame.acceleration_mps2, *frame.angular_velocity_radps))
-            ):
+            rate_radps = frame.angular_velocity_radps
+            acceleration_mps2 = frame.acceleration_mps2
+            if not any(acceleration_mps2):
                 return None
-            rate, acceleration = (
-                rotation.rotate(turn, each)
-                for each in (frame.angular_velocity_radps, frame.acceleration_mps2)
-            )
-            return RawReading(stamp_ns, rate, acceleration, time_ns)
+            if not all(map(math.isfinite, (*acceleration_mps2, *rate_radps))):
+                return None
+            rate_radps = rotation.rotate(turn, rate_radps)
+            acceleration_mps2 = rotation.rotate(turn, acceleration_mps2)
+            return RawReading(stamp_ns, rate_radps, acceleration_mps2, time_ns)
         try:
             orientation = unit_quaternion(frame.orientation_xyzw)
         except ValueError:
@@ -300,11 +324,14 @@ class TouchSdkWatch(Wrist):
             self._swipe.width_px = info.screen_width_px
         if 0 < info.battery_percent <= 100:  # an empty watch is off: 0 is one that does not state its charge
             yield Battery(info.battery_percent / 100.0)
-        if self._config.hand == "watch" and info.hand in (touch_sdk_messages.LEFT, touch_sdk_messages.RIGHT):
-            is_right = info.hand == touch_sdk_messages.RIGHT
-            if is_right != self._is_right:
-                self._is_right = is_right
-                yield Reconnected(keeps_yaw=False)  # readings are turned from now on
+        if self._config.hand != "watch":
+            return
+        if info.hand not in (touch_sdk_messages.LEFT, touch_sdk_messages.RIGHT):
+            return
+        is_right = info.hand == touch_sdk_messages.RIGHT
+        if is_right != self._is_right:
+            self._is_right = is_right
+            yield Reconnected(keeps_yaw=False)  # readings are turned from now on
 
     def _on_unreadable(self, length: int) -> Iterable[LinkError]:
         self._unreadable[length] += 1

@@ -60,17 +60,17 @@ class MessageFields:
 
     def integer(self, number: int, bits: int = 32) -> int:
         """Return a signed integer of some bits. The last one counts."""
-        found = [each for each in self._values.get(number, ()) if isinstance(each, int)]
-        return signed(found[-1], bits) if found else 0
+        values = [value for value in self._values.get(number, ()) if isinstance(value, int)]
+        return signed(values[-1], bits) if values else 0
 
     def real(self, number: int) -> float:
         """Return a float. The last one counts."""
-        found = [each for each in self._values.get(number, ()) if isinstance(each, float)]
-        return found[-1] if found else 0.0
+        values = [value for value in self._values.get(number, ()) if isinstance(value, float)]
+        return values[-1] if values else 0.0
 
     def messages(self, number: int) -> list[bytes]:
         """Return the bytes of each message of a list."""
-        return [each for each in self._values.get(number, ()) if isinstance(each, bytes)]
+        return [value for value in self._values.get(number, ()) if isinstance(value, bytes)]
 
     def message(self, number: int) -> bytes | None:
         """Return the bytes of one message, or None if it is absent. Parts of it are put together."""
@@ -79,16 +79,16 @@ class MessageFields:
 
     def integers(self, number: int) -> tuple[int, ...]:
         """Return a list of signed integers of 32 bits, packed or not."""
-        found: list[int] = []
-        for each in self._values.get(number, ()):
-            if isinstance(each, int):
-                found.append(each)
-            elif isinstance(each, bytes):
+        integers: list[int] = []
+        for value in self._values.get(number, ()):
+            if isinstance(value, int):
+                integers.append(value)
+            elif isinstance(value, bytes):
                 position = 0
-                while position < len(each):
-                    value, position = _read_varint(each, position)
-                    found.append(value)
-        return tuple(signed(each, 32) for each in found)
+                while position < len(value):
+                    integer, position = _read_varint(value, position)
+                    integers.append(integer)
+        return tuple(signed(integer, 32) for integer in integers)
 
 
 def signed(value: int, bits: int) -> int:
@@ -101,11 +101,13 @@ def _read_fields(data: bytes) -> Iterator[tuple[int, Value]]:
     """Yield number and value of each field; fixed numbers of 64 bits, which no message has, are skipped."""
     position = 0
     while position < len(data):
+        # Number and wire type are in one varint
         tag, position = _read_varint(data, position)
         number = tag >> 3
         kind = tag & 7
         if not 0 < number <= MAX_FIELD:
             raise ValueError(f"field {number} at byte {position}: numbers are 1 to {MAX_FIELD}")
+        # Integers have no length of their own. All others: the length, then the value.
         if kind == _VARINT:
             value, position = _read_varint(data, position)
             yield number, value
@@ -220,12 +222,16 @@ def decode_update(data: bytes) -> Update:
         ValueError: If it is cut, or no message.
     """
     fields = MessageFields(data)
+    frames = [_decode_frame(message) for message in fields.messages(1)]
+    gestures = _decode_types(fields.messages(2))
+    touches = [_decode_touch(message) for message in fields.messages(3)]
+    rotary_steps = _decode_types(fields.messages(5))
     info = fields.message(9)
     return Update(
-        frames=tuple(_decode_frame(each) for each in fields.messages(1)),
-        gestures=tuple(MessageFields(each).integer(1) for each in fields.messages(2)),
-        touches=tuple(_decode_touch(each) for each in fields.messages(3)),
-        rotary_steps=tuple(MessageFields(each).integer(1) for each in fields.messages(5)),
+        frames=tuple(frames),
+        gestures=gestures,
+        touches=tuple(touches),
+        rotary_steps=rotary_steps,
         signals=fields.integers(6),
         delta_ms=fields.integer(7),
         unix_ms=fields.integer(8, 64),
@@ -235,24 +241,30 @@ def decode_update(data: bytes) -> Update:
 
 def encode_haptic(intensity: float, duration_ms: int) -> bytes:
     """Return the `InputUpdate` of one vibration: `intensity` from 0 to 1, at most `MAX_HAPTIC_MS` long."""
-    event = (
-        encode_varint(1, 1) + encode_float(2, intensity) + encode_varint(3, min(duration_ms, MAX_HAPTIC_MS))
-    )
+    duration_ms = min(duration_ms, MAX_HAPTIC_MS)
+    event = encode_varint(1, 1) + encode_float(2, intensity) + encode_varint(3, duration_ms)
     return encode_bytes(1, event)
 
 
 def encode_client_info(app: str, device: str, system: str) -> bytes:
     """Return the `InputUpdate` by which a program introduces itself; the watch shows it to the person."""
-    return encode_bytes(2, encode_text(1, app) + encode_text(2, device) + encode_text(4, system))
+    info = encode_text(1, app) + encode_text(2, device) + encode_text(4, system)
+    return encode_bytes(2, info)
+
+
+def _decode_types(messages: list[bytes]) -> tuple[int, ...]:
+    """Return the first field of each message: the type of a gesture, or the step of the crown."""
+    return tuple(MessageFields(message).integer(1) for message in messages)
 
 
 def _decode_frame(data: bytes) -> SensorFrame:
     fields = MessageFields(data)
     quaternion = MessageFields(fields.message(4) or b"")
+    orientation_xyzw = (quaternion.real(2), quaternion.real(3), quaternion.real(4), quaternion.real(1))
     return SensorFrame(
         angular_velocity_radps=_decode_vector(fields.message(1)),
         acceleration_mps2=_decode_vector(fields.message(2)),
-        orientation_xyzw=(quaternion.real(2), quaternion.real(3), quaternion.real(4), quaternion.real(1)),
+        orientation_xyzw=orientation_xyzw,
         delta_ms=fields.integer(5),
     )
 
@@ -264,14 +276,16 @@ def _decode_vector(data: bytes | None) -> Vec3:
 
 def _decode_touch(data: bytes) -> TouchEvent:
     fields = MessageFields(data)
-    positions = [MessageFields(each) for each in fields.messages(4)]
-    return TouchEvent(fields.integer(1), tuple((each.real(1), each.real(2)) for each in positions))
+    positions = [MessageFields(position) for position in fields.messages(4)]
+    coordinates_px = tuple((position.real(1), position.real(2)) for position in positions)
+    return TouchEvent(fields.integer(1), coordinates_px)
 
 
 def _decode_info(data: bytes) -> WatchInfo:
     fields = MessageFields(data)
+    screen = MessageFields(fields.message(11) or b"")
     return WatchInfo(
         hand=fields.integer(1),
         battery_percent=fields.integer(9),
-        screen_width_px=MessageFields(fields.message(11) or b"").real(1),
+        screen_width_px=screen.real(1),
     )

@@ -50,17 +50,18 @@ class ButtonGestures:
 
     def down(self, now_s: float) -> Gesture | None:
         """Start a press. Return the previous press if it was too long ago for a double press."""
-        before = self.wait(now_s)
+        previous = self.wait(now_s)
         if self._down_s is None:
             self._down_s = now_s
-        return before
+        return previous
 
     def up(self, now_s: float) -> Gesture | None:
         """End a press. Return the gesture that this completes, a double press or a late hold, or None."""
         if self._down_s is None:
             return None
-        if (held := self.wait(now_s)) is not None:
-            return held
+        hold = self.wait(now_s)
+        if hold is not None:
+            return hold
         self._down_s = None
         if self._tapped_s is not None and now_s <= self._tapped_s + DOUBLE_S:
             self._tapped_s = None
@@ -142,7 +143,8 @@ class Kind:
 
     def includes(self, advertisement: Advertisement) -> bool:
         """Return True if `advertisement` is that of such a wrist."""
-        return advertisement.name.startswith(self.names) or bool(self.services & advertisement.services)
+        has_name = advertisement.name.startswith(self.names)
+        return has_name or bool(self.services & advertisement.services)
 
 
 class Connection:
@@ -158,8 +160,10 @@ class Connection:
 
     async def write(self, characteristic: str, data: bytes) -> None:
         """Write without a response if the characteristic can do so: nothing waits for one."""
-        found = self._client.services.get_characteristic(characteristic)
-        response = found is None or "write-without-response" not in found.properties
+        gatt_characteristic = self._client.services.get_characteristic(characteristic)
+        response = True
+        if gatt_characteristic is not None:
+            response = "write-without-response" not in gatt_characteristic.properties
         await self._client.write_gatt_char(characteristic, data, response)
 
     async def read(self, characteristic: str) -> bytes:

@@ -4,7 +4,7 @@ import asyncio
 import ipaddress
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from pydantic import Field
 
@@ -42,7 +42,7 @@ def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
     Raises:
         ContentError: If they are fewer, or one is not finite.
     """
-    if len(numbers) < 3 or not all(math.isfinite(number) for number in numbers[:3]):
+    if len(numbers) < 3 or not all(map(math.isfinite, numbers[:3])):
         raise ContentError("has a vector that is not three finite numbers")
     x, y, z = numbers[:3]
     return (scale * x, scale * y, scale * z)
@@ -91,10 +91,21 @@ class SenderChoice:
                 its own machine.
         """
         is_beside = self.used is not None and address[0] == self.used[0]
-        timeout_s = min(timeout_s, RESTARTED_S) if is_beside else timeout_s
+        if is_beside:
+            timeout_s = min(timeout_s, RESTARTED_S)
         is_free = self.used is None or self.is_used(address) or now_s - self._received_s > timeout_s
-        if is_free and self._wanted in ("", address[0]) and (self._wanted or not self._is_rival(address)):
+
+        # A free place is for the one that is named, or for any that was not heard side by side
+        if not is_free:
+            is_allowed = False
+        elif self._wanted:
+            is_allowed = address[0] == self._wanted
+        else:
+            is_allowed = not self._is_rival(address)
+        if is_allowed:
             return True
+
+        # A machine that sends each datagram from another port is one sender
         if is_beside:
             self._ports.add(address[1])
             if len(self._ports) == ROAMING:
@@ -108,7 +119,9 @@ class SenderChoice:
     def use(self, address: Address, now_s: float) -> None:
         """Use `address`, which has sent something readable."""
         if self._excludes_rivals and address == self.used and len(self._rivals) < MAX_RIVALS:
-            self._rivals |= {each if each[0] == address[0] else (each[0], 0) for each in self._others}
+            for rival in self._others:
+                is_beside = rival[0] == address[0]
+                self._rivals.add(rival if is_beside else (rival[0], 0))
         self.used = address
         self._received_s = now_s
         self._ports.clear()
@@ -119,14 +132,20 @@ class SenderChoice:
 
     def others(self, now_s: float) -> list[str]:
         """Return the other senders of the last seconds: their address, with the port if it is that in use."""
-        self._others = {each: s for each, s in self._others.items() if now_s - s < OTHERS_S}
-        return sorted({self.label(each) for each in self._others})
+        self._others = {
+            sender: heard_s for sender, heard_s in self._others.items() if now_s - heard_s < OTHERS_S
+        }
+        labels = {self.label(sender) for sender in self._others}
+        return sorted(labels)
 
     def label(self, address: Address) -> str:
         """Return the IP address of a sender, with its port if another at this address is in use."""
         host, port = address
-        is_beside = self.used is not None and host == self.used[0] and not self.is_used(address)
-        return f"{host}:{port}" if is_beside else host
+        if self.used is None or host != self.used[0]:
+            return host
+        if self.is_used(address):
+            return host
+        return f"{host}:{port}"
 
 
 class DatagramConfig(AddressConfig):
@@ -221,12 +240,13 @@ class DatagramSource(PortSource):
     def _is_used(self, address: Address) -> bool:
         return self._senders.is_used(address)
 
-    def _take(self, data: bytes, address: Address, now_s: float) -> None:
+    def _process_datagram(self, data: bytes, address: Address, now_s: float) -> None:
         if not self._senders.may_use(address, now_s):
             return
         sender = self._senders.name(address)
         is_new = self._read_s is None or sender != self._senders.used
         decoder = self._decoders.get(sender) or self._new_decoder(sender)
+        # Read it. A part that is unreadable is reported, and the rest used.
         items: Sequence[Item] = ()
         try:
             items = decoder.items(data, self._clock.now_ns())
@@ -239,6 +259,7 @@ class DatagramSource(PortSource):
             decoder.problem = ""
         if not items:
             return
+        # Use its sender, which the first items connect
         decoder.has_orientation = decoder.has_orientation or any(map(_is_motion, items))
         self._senders.use(sender, now_s)
         self._read_s = now_s
@@ -272,35 +293,49 @@ class DatagramSource(PortSource):
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:
             self._bad_s = None
             self._bad_count = 0
-        choices = [self._sensors[host]] if host in self._sensors else self._sensors.values()
-        several = next((each.warning for each in choices if each.warning), "")
+        # Several sensors in one stream: of the sender in use, or of those that may be used
+        choices: Iterable[SensorChoice] = self._sensors.values()
+        if host in self._sensors:
+            choices = [self._sensors[host]]
+        several = ""
+        for choice in choices:
+            several = several or choice.warning
+
+        # The sender in use has fallen silent, unless a warning has the reason
         is_explained = several != "" or self._bad_s is not None
         if self._read_s is not None and now_s - self._read_s > LOST_S:
             self._read_s = None
             self._decoders.clear()
             reason = f"{host} sends nothing any more: check its app and its network"
             self._deliver(Disconnected("" if is_explained else reason))
+
+        # a device out of reach is reported by `Disconnected`; one that sends its battery alone is not
         place = self._server.place
-        missing = f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
         unused = self._unused_clause()
-        missing = f"UDP port {place} {unused}" if unused else f"{missing}{self._only_here}"
-        # a device out of reach is told by `Disconnected`; one that sends its battery alone is not
-        is_known = bool(host) and not (unused and self._read_s is not None)
-        self._health.warn("silent", "" if is_known or is_explained else missing)
+        if unused:
+            silence = f"UDP port {place} {unused}"
+        else:
+            silence = (
+                f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
+                f"{self._only_here}"
+            )
+        sends_unused = unused != "" and self._read_s is not None
+        is_known = host != "" and not sends_unused
+        self._health.warn("silent", "" if is_known or is_explained else silence)
         self._health.warn("sensors", several)
+
+        # Other senders matter only if none was named
         others = "" if self._is_chosen else ", ".join(self._senders.others(now_s))
-        self._health.warn(
-            "others",
-            f"{others} sends to port {place}, too, and is not used: give the address of the wrist's by "
-            f"{set_option('imu-bridge', f'{self._name}.sensor', 'ADDRESS')}, or another port in one of the "
-            f"apps (one that was restarted is used after {RESTARTED_S:g} s)"
-            if others
-            else "",
-        )
-        self._health.warn(
-            "unreadable",
-            f"{self._bad_count} datagrams at port {place} could not be read; {self._bad}"
-            if self._bad_s is not None
-            else "",
-        )
+        message = ""
+        if others:
+            message = (
+                f"{others} sends to port {place}, too, and is not used: give the address of the wrist's by "
+                f"{set_option('imu-bridge', f'{self._name}.sensor', 'ADDRESS')}, or another port in one of "
+                f"the apps (one that was restarted is used after {RESTARTED_S:g} s)"
+            )
+        self._health.warn("others", message)
+        message = ""
+        if self._bad_s is not None:
+            message = f"{self._bad_count} datagrams at port {place} could not be read; {self._bad}"
+        self._health.warn("unreadable", message)
         self._warn_flood(host, now_s)

@@ -97,23 +97,30 @@ def parse(data: bytes) -> tuple[list[OscMessage], str]:
 
 def _contents(data: bytes, time_ns: int | None, depth: int) -> Iterator[tuple[bytes, int | None]]:
     """Yield the bytes of each message and the time of its bundle; `b""` for a part that is cut off."""
-    at = len(_BUNDLE) + 8
-    if not data.startswith(_BUNDLE) or len(data) < at or depth >= DEEPEST:
+    offset = len(_BUNDLE) + 8
+    is_bundle = data.startswith(_BUNDLE) and len(data) >= offset
+    if not is_bundle or depth >= DEEPEST:
         yield data, time_ns
         return
-    tag = int.from_bytes(data[len(_BUNDLE) : at])
+
+    # Its time is NTP's. A sender whose clock was never set counts from its start.
+    tag = int.from_bytes(data[len(_BUNDLE) : offset])
     if tag > IMMEDIATELY:
         seconds = tag >> 32
-        seconds -= UNIX_S if seconds >= UNIX_S else 0
-        time_ns = seconds * NS_PER_S + ((tag & 0xFFFFFFFF) * NS_PER_S >> 32)
-    while at < len(data):
-        size = int.from_bytes(data[at : at + 4], signed=True)
-        at += 4
-        if size <= 0 or at + size > len(data):
+        if seconds >= UNIX_S:
+            seconds -= UNIX_S
+        fraction_ns = (tag & 0xFFFFFFFF) * NS_PER_S >> 32
+        time_ns = seconds * NS_PER_S + fraction_ns
+
+    # Its elements, each behind its size
+    while offset < len(data):
+        size = int.from_bytes(data[offset : offset + 4], signed=True)
+        offset += 4
+        if size <= 0 or offset + size > len(data):
             yield b"", None
             return
-        yield from _contents(data[at : at + size], time_ns, depth + 1)
-        at += size
+        yield from _contents(data[offset : offset + size], time_ns, depth + 1)
+        offset += size
 
 
 def _message(data: bytes, time_ns: int | None) -> OscMessage:
@@ -124,21 +131,24 @@ def _message(data: bytes, time_ns: int | None) -> OscMessage:
     """
     if not data:
         raise ValueError("an element of a bundle is cut off")
-    if data.startswith(_BUNDLE):
+    if data.startswith(_BUNDLE):  # `_contents` has not opened it
         raise ValueError("too many bundles in bundles, or one that is cut off")
-    address, at = _text(data, 0)
+    address, offset = _text(data, 0)
     if not address.startswith("/"):
         raise ValueError("an address without /")
-    if at >= len(data):  # old senders leave the types out if there is no argument
+    if offset >= len(data):  # old senders leave the types out if there is no argument
         return OscMessage(address, (), time_ns)
-    rest = data[at:]
+
+    # Arguments without types are floats
+    rest = data[offset:]
     if not rest.startswith(b","):
         if len(rest) < MIN_UNTYPED or len(rest) % 4:
             raise ValueError("no types of arguments")
         return OscMessage(address, struct.unpack(f">{len(rest) // 4}f", rest), time_ns)
-    types, at = _text(data, at)
-    message = _typed_message(address, types[1:], data[at:], time_ns)
-    if message.problem and not (message.numbers or message.strings):
+    types, offset = _text(data, offset)
+    message = _typed_message(address, types[1:], data[offset:], time_ns)
+    is_empty = not message.numbers and not message.strings
+    if message.problem and is_empty:
         raise ValueError(f"{address} {message.problem}")
     return message
 
@@ -148,10 +158,10 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
     numbers: list[float] = []
     strings: list[str] = []
     problem = ""
-    at = 0
+    offset = 0
     for kind in types:
         try:
-            value, at = _argument(kind, data, at)
+            value, offset = _argument(kind, data, offset)
         except ValueError as error:
             problem = f"has {error}"
             break
@@ -162,46 +172,49 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
     return OscMessage(address, tuple(numbers), time_ns, tuple(strings), problem)
 
 
-def _argument(kind: str, data: bytes, at: int) -> tuple[float | str | None, int]:
-    """Return the argument at `at`, None if it is passed over, and where it ends.
+def _argument(kind: str, data: bytes, offset: int) -> tuple[float | str | None, int]:
+    """Return the argument at `offset`, None if it is passed over, and where it ends.
 
     Raises:
         ValueError: If it is cut off, or its type is not known.
     """
+    # Numbers, which are most of them
     value: float | str | None = _CONSTANTS.get(kind)
     if kind in _NUMBERS:
-        number = data[at : at + _NUMBERS[kind].size]
+        number = data[offset : offset + _NUMBERS[kind].size]
         if len(number) < _NUMBERS[kind].size:
             raise ValueError("a cut-off argument")
-        return float(_NUMBERS[kind].unpack(number)[0]), at + len(number)
+        return float(_NUMBERS[kind].unpack(number)[0]), offset + len(number)
+
+    # Strings, which may be numbers; all others only have a length
     if kind in "sS":
-        text, at = _text(data, at)
+        text, offset = _text(data, offset)
         try:
             value = float(text)
         except ValueError:
             value = text
     elif kind == "b":
-        size = int.from_bytes(data[at : at + 4])
-        at += 4 + size + -size % 4
+        size = int.from_bytes(data[offset : offset + 4])
+        offset += 4 + size + -size % 4
     elif kind not in _CONSTANTS and kind not in _SIZES:
         raise ValueError(f"an argument of the unknown type {kind!r}")
-    at += _SIZES.get(kind, 0)
-    if at > len(data) + 3:  # padding may be left out at the end
+    offset += _SIZES.get(kind, 0)
+    if offset > len(data) + 3:  # padding may be left out at the end
         raise ValueError("a cut-off argument")
-    return value, at
+    return value, offset
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    """Return the string at `at`, UTF-8 or else Latin-1, and where it ends with its padding."""
-    end = data.find(b"\0", at)
-    if end < 0 or at > len(data):
+def _text(data: bytes, offset: int) -> tuple[str, int]:
+    """Return the string at `offset`, UTF-8 or else Latin-1, and where it ends with its padding."""
+    end = data.find(b"\0", offset)
+    if end < 0 or offset > len(data):
         raise ValueError("a string without an end")
-    raw = data[at:end]
+    raw = data[offset:end]
     try:
         text = raw.decode()
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
-    return text, end + 4 - (end - at) % 4
+    return text, end + 4 - (end - offset) % 4
 
 
 class OscConfig(DatagramConfig):
@@ -287,16 +300,21 @@ class OscDecoder(Decoder):
             except ContentError as error:
                 problem = problem or f"{message.address} {error}"
                 continue
+            # Choose one sensor. Several orientations at one time are those of several sensors.
             if isinstance(item, NamedReading):
                 self._has_orientation = True
                 self.unused = ""
                 sender = item.names, item.reading.device_time_ns
                 senders[sender] += 1
-                number = senders[sender]  # several at one time are those of several sensors
-                names = item.names if number == 1 else (" ".join((*item.names, f"{number}")),)
+                number = senders[sender]
+                names = item.names
+                if number > 1:
+                    names = (" ".join((*names, f"{number}")),)
                 item = item.reading if self.sensors.accepts(*names) else None
             if item is not None:
                 items.append(item)
+
+        # A partly readable datagram is used, and its problem reported
         if problem and not items:
             raise ContentError(problem)
         self.problem = problem or self.problem
@@ -310,54 +328,73 @@ class OscDecoder(Decoder):
         """
         address = message.address
         numbers = message.numbers
-        if address == self._config.address or (not self._config.address and self._is_documented(address)):
+        # An orientation in one message, or one of the four messages that make it
+        is_orientation = address == self._config.address
+        if not self._config.address:
+            is_orientation = self._is_documented(address)
+        if is_orientation:
             return self._reading(message, stamp_ns)
         parent, _, last = address.rpartition("/")
         axis = component(last)[1]
-        if axis and len(numbers) == 1 and parent == self._config.address:
+        is_component = axis != "" and len(numbers) == 1
+        if is_component and parent == self._config.address:
             return self._add_component(message, axis, stamp_ns)
-        if address == SENSORS and len(numbers) >= 6 and not self._has_orientation:
+
+        # What stands beside it
+        has_rates = address == SENSORS and len(numbers) >= 6
+        if has_rates and not self._has_orientation:
             rates = vector(numbers[0:3], math.radians(1.0))
             return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
         if address == "/battery" and len(numbers) >= 3:
             return self._changed_battery(numbers)
         if address.endswith("/deviceinfo"):
             self._zig_sim = f"{address.removesuffix('deviceinfo')}quaternion"
-        if address.rpartition("/")[2] == "button":
+        if last == "button":
             is_pressed = not numbers or numbers[-1] > 0
-            return Press(stamp_ns) if is_pressed and not self._is_of_other(address) else None
+            if not is_pressed or self._is_of_other(address):
+                return None
+            return Press(stamp_ns)
+
+        # Anything else is explained as long as there is no orientation
         self.passed_over.add(address)
         if not self._has_orientation:
-            known = ", ".join([*self.passed_over.counts][:MAX_SHOWN])
+            addresses = ", ".join([*self.passed_over.counts][:MAX_SHOWN])
             self.unused = (
-                f"gets messages ({known}), but none with a documented orientation: switch it on in the app, "
-                f"or name the quaternion by {set_option('imu-bridge', 'osc.address', '/ADDRESS')} and its "
-                f"order, xyzw or wxyz, by {ORDER_OPTION}"
+                f"gets messages ({addresses}), but none with a documented orientation: switch it on in the "
+                f"app, or name the quaternion by {set_option('imu-bridge', 'osc.address', '/ADDRESS')} and "
+                f"its order, xyzw or wxyz, by {ORDER_OPTION}"
             )
         return None
 
     def _reading(self, message: OscMessage, stamp_ns: int) -> NamedReading:
         numbers = message.numbers
         address = message.address
-        first = self._config.first or int(address in ACCURATE or len(numbers) == 4)
-        four = numbers[first - 1 : first + 3] if first else ()
-        if len(four) < 4:
-            hint = (
-                ""
-                if len(numbers) < 4
-                else ": give the positions, from 1, of the quaternion's first number and of the sensor's "
-                f"name, 0 if there is none, by {set_option('imu-bridge', 'osc.first', 2)} "
-                + set_option("imu-bridge", "osc.sensor_position", 0)
-            )
+        # Its four numbers: at the configured position, or all of a message that is known to have no others
+        first = self._config.first
+        is_quaternion = address in ACCURATE or len(numbers) == 4
+        if not first and is_quaternion:
+            first = 1
+        components = numbers[first - 1 : first + 3] if first else ()
+        if len(components) < 4:
+            hint = ""
+            if len(numbers) >= 4:
+                hint = (
+                    ": give the positions, from 1, of the quaternion's first number and of the sensor's "
+                    f"name, 0 if there is none, by {set_option('imu-bridge', 'osc.first', 2)} "
+                    + set_option("imu-bridge", "osc.sensor_position", 0)
+                )
             raise ContentError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
-        reading = Reading(stamp_ns, unit_rotation(four, self._order(address)), message.time_ns)
-        at = self._config.sensor_position or 0
-        if at > len(numbers):
+        orientation_xyzw = unit_rotation(components, self._order(address))
+        reading = Reading(stamp_ns, orientation_xyzw, message.time_ns)
+
+        # The names of its sensor
+        position = self._config.sensor_position or 0
+        if position > len(numbers):
             raise ContentError(
                 f"has {len(numbers)} numbers: name one of them, or 0, by "
                 + set_option("imu-bridge", "osc.sensor_position", 0)
             )
-        number = (f"{numbers[at - 1]:.9g}",) if at else ()
+        number = (f"{numbers[position - 1]:.9g}",) if position else ()
         return NamedReading(reading, (address, *message.strings, *number))
 
     def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> NamedReading | None:
@@ -367,20 +404,25 @@ class OscDecoder(Decoder):
         components[axis] = message.numbers[0]
         if len(components) < 4:
             return None
-        four = [components[each] for each in "xyzw"]
+        four = [components[name] for name in "xyzw"]
         components.clear()
         names = (self._config.address, *message.strings)
-        return NamedReading(Reading(stamp_ns, unit_rotation(four, "xyzw"), message.time_ns), names)
+        reading = Reading(stamp_ns, unit_rotation(four, "xyzw"), message.time_ns)
+        return NamedReading(reading, names)
 
     def _is_of_other(self, address: str) -> bool:
         """Return True if an event at `address` stands beside the orientation of another sensor only."""
         parent = address.rpartition("/")[0]
-        others = {each.rpartition("/")[0] for each in self.sensors.others}
-        return parent in others and parent != (self.sensors.used or "").rpartition("/")[0]
+        others = {name.rpartition("/")[0] for name in self.sensors.others}
+        if parent not in others:
+            return False
+        used = self.sensors.used or ""
+        return parent != used.rpartition("/")[0]
 
     def _is_documented(self, address: str) -> bool:
-        is_zig_sim = address.startswith(ZIG_SIM) and address.endswith("/quaternion")
-        return address in ORDERS or is_zig_sim or address == self._zig_sim
+        if address in ORDERS or address == self._zig_sim:
+            return True
+        return address.startswith(ZIG_SIM) and address.endswith("/quaternion")
 
     def _order(self, address: str) -> Order:
         """Return the order of the numbers at `address`.

@@ -113,6 +113,7 @@ class SlimevrTrackers:
 
     def called(self, address: Address, handshake: Handshake, now_s: float) -> SlimevrTracker | None:
         """Return the tracker if it is to be answered, else None."""
+        # Remember who calls. Another handshake at an address is another tracker.
         tracker = self._known.get(address)
         if tracker is None or tracker.handshake != handshake:
             tracker = SlimevrTracker(address, handshake, now_s, now_s, now_s)
@@ -120,14 +121,17 @@ class SlimevrTrackers:
                 return None
             self._known[address] = tracker
         tracker.newest_call_s = tracker.received_s = now_s
+
+        # Answer the one that may be used. A board that was restarted counts on from its last number.
         if not self._may_be_used(tracker, now_s):
             tracker.is_answered = False
             return None
         used = self.used
         if used is tracker:
             self._senders.use(address, now_s)
-        if used is not None and handshake.mac and handshake.mac == used.handshake.mac:
-            tracker.number = used.number
+        if used is not None and handshake.mac:
+            if handshake.mac == used.handshake.mac:
+                tracker.number = used.number
         tracker.is_answered = True
         tracker.has_sent = False
         tracker.called_s = now_s
@@ -141,15 +145,26 @@ class SlimevrTrackers:
         if not self._may_be_used(tracker, now_s):
             tracker.is_answered = False  # it misses the server, and calls again
             return None
+
+        # Drop late ones. A number that falls by more is that of a tracker that was restarted.
         number = datagram.number
-        before = tracker.number
+        previous = tracker.number
         is_first = not tracker.has_sent
-        if number and not is_first and before - LATE <= number <= before:
+        is_late = number != 0 and previous - LATE <= number <= previous
+        if is_late and not is_first:
             return None
-        has_restarted = number < before and bool(number or is_first)
-        is_reconnected = is_first or has_restarted or self.used is not tracker or self.is_lost
-        keeps_yaw = number > before > 0 or (not is_first and not has_restarted and self.used is tracker)
-        tracker.number = number or (0 if is_first else before)
+
+        # One without a number says nothing of a restart, unless it is the first
+        is_counted = number != 0 or is_first
+        has_restarted = is_counted and number < previous
+        runs_on = not is_first and not has_restarted
+        goes_on = runs_on and self.used is tracker
+        is_reconnected = not goes_on or self.is_lost
+        keeps_yaw = number > previous > 0 or goes_on
+
+        # Use it
+        if is_counted:
+            tracker.number = number
         tracker.has_sent = True
         tracker.received_s = now_s
         self.used = tracker
@@ -162,25 +177,34 @@ class SlimevrTrackers:
         for address, tracker in [*self._known.items()]:
             if tracker is not self.used and now_s - tracker.received_s > REPLACED_S:
                 del self._known[address]
-        if self.is_lost or self.used is None or now_s - self.used.received_s <= LOST_S:
+        used = self.used
+        if self.is_lost or used is None:
+            return False
+        if now_s - used.received_s <= LOST_S:
             return False
         self.is_lost = True
         return True
 
     def answered(self, now_s: float) -> list[SlimevrTracker]:
         """Return the trackers that expect to hear from the server."""
-        known = self._known.values()
-        return [each for each in known if each.is_answered and now_s - each.received_s <= REPLACED_S]
+        trackers: list[SlimevrTracker] = []
+        for tracker in self._known.values():
+            is_within_reach = now_s - tracker.received_s <= REPLACED_S
+            if tracker.is_answered and is_within_reach:
+                trackers.append(tracker)
+        return trackers
 
     def others(self, now_s: float) -> list[str]:
         """Return the labels of trackers that have called for a while and that nobody answers."""
-        return [
-            tracker.label(self._senders.label(tracker.address))
-            for tracker in self._known.values()
-            if not tracker.is_answered
-            and now_s - tracker.newest_call_s < CALLING_S
-            and tracker.newest_call_s - tracker.called_s >= SILENT_S
-        ]
+        labels: list[str] = []
+        for tracker in self._known.values():
+            if tracker.is_answered:
+                continue
+            is_calling = now_s - tracker.newest_call_s < CALLING_S
+            waiting_s = tracker.newest_call_s - tracker.called_s
+            if is_calling and waiting_s >= SILENT_S:
+                labels.append(tracker.label(self._senders.label(tracker.address)))
+        return labels
 
     def _has_room(self, tracker: SlimevrTracker) -> bool:
         """Return True if `tracker` may be remembered. The one that is named always may."""
@@ -188,16 +212,20 @@ class SlimevrTrackers:
             return True
         if not (self._wanted and tracker.is_named(self._wanted)):
             return False
-        rest = [each for each in self._known.values() if each is not self.used]
-        del self._known[min(rest, key=lambda each: each.received_s).address]
+        unused = [known for known in self._known.values() if known is not self.used]
+        oldest = min(unused, key=lambda known: known.received_s)
+        del self._known[oldest.address]
         return True
 
     def _may_be_used(self, tracker: SlimevrTracker, now_s: float) -> bool:
         if self._wanted and not tracker.is_named(self._wanted):
             return False
         mac = tracker.handshake.mac
-        is_same = self.used is not None and mac != "" and mac == self.used.handshake.mac
-        return self._senders.may_use(tracker.address, now_s, SILENT_S if is_same else REPLACED_S)
+        has_mac_in_use = self.used is not None and mac == self.used.handshake.mac
+        timeout_s = REPLACED_S
+        if mac and has_mac_in_use:  # the same board, at another address
+            timeout_s = SILENT_S
+        return self._senders.may_use(tracker.address, now_s, timeout_s)
 
 
 async def discover(seconds: float) -> Sequence[FoundDevice]:
@@ -206,18 +234,22 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
     Raises:
         ConfigError: If the port is taken by a program that does not share it.
     """
-    found: dict[str, FoundDevice] = {}
+    devices: dict[str, FoundDevice] = {}
 
     def on_datagram(data: bytes, address: Address) -> None:
-        datagram = protocol.decode(data) if len(found) < MAX_FOUND else None
-        if datagram is not None and isinstance(call := datagram.packet, protocol.Handshake):
-            tracker = SlimevrTracker(address, call, 0.0, 0.0, 0.0)
-            details = {"ip": address[0], "firmware": call.firmware, "board": float(call.board)}
-            label = f"{tracker.label()}; {set_option('imu-bridge', 'slimevr.host', ANY_HOST)}"
-            found[tracker.identity] = FoundDevice(tracker.identity, label, details)
+        if len(devices) >= MAX_FOUND:
+            return
+        datagram = protocol.decode(data)
+        handshake = None if datagram is None else datagram.packet
+        if not isinstance(handshake, protocol.Handshake):
+            return
+        tracker = SlimevrTracker(address, handshake, 0.0, 0.0, 0.0)
+        details = {"ip": address[0], "firmware": handshake.firmware, "board": float(handshake.board)}
+        label = f"{tracker.label()}; {set_option('imu-bridge', 'slimevr.host', ANY_HOST)}"
+        devices[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
     await receive_shared(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
-    return [found[identity] for identity in sorted(found)]
+    return [devices[identity] for identity in sorted(devices)]
 
 
 class SlimevrConfig(AddressConfig):
@@ -277,7 +309,9 @@ class SlimevrSource(PortSource):
     def cue(self, cue: Feedback) -> None:
         """Make the phone or watch vibrate."""
         used = self._trackers.used
-        if used is None or self._trackers.is_lost or not used.handshake.is_owotrack:
+        if used is None or self._trackers.is_lost:
+            return
+        if not used.handshake.is_owotrack:
             return
         on_s = 0.0
         for number, duration_ms in enumerate(cue.haptic_ms):
@@ -299,6 +333,8 @@ class SlimevrSource(PortSource):
                         "nearer, or charge it"
                     )
                 )
+
+            # Keep those alive that are answered, and measure the way there and back
             self._pings += 1
             self._pinged_s = now_s
             answered = self._trackers.answered(now_s)
@@ -313,16 +349,20 @@ class SlimevrSource(PortSource):
         used = self._trackers.used
         return used is not None and used.address == address
 
-    def _take(self, data: bytes, address: Address, now_s: float) -> None:
+    def _process_datagram(self, data: bytes, address: Address, now_s: float) -> None:
         datagram = protocol.decode(data)
         if datagram is None:
             return
+
+        # A call is answered, if its tracker is the one in use
         if isinstance(datagram.packet, protocol.Handshake):
             tracker = self._trackers.called(address, datagram.packet, now_s)
             if tracker is not None:
                 self._server.connect(address)
                 self._send(protocol.HANDSHAKE_ANSWER, tracker)
             return
+
+        # All else counts only from the tracker in use
         admission = self._trackers.admit(address, datagram, now_s)
         used = self._trackers.used
         if admission is None or used is None:
@@ -348,9 +388,9 @@ class SlimevrSource(PortSource):
             case protocol.SlimevrButton(gesture):
                 return Press(stamp_ns, gesture)
             case Battery():
-                before = self._battery
+                previous = self._battery
                 self._battery = packet
-                return packet if packet != before else None
+                return packet if packet != previous else None
             case Signal():
                 return packet
             case _:
@@ -377,52 +417,55 @@ class SlimevrSource(PortSource):
         self._server.send(data, tracker.address)
 
     def _warn_sensor(self, clause: str) -> None:
-        sentence = (
-            f"the tracker's sensor {self._config.sensor} {clause}: switch it off and on" if clause else ""
-        )
-        self._health.warn("sensor", sentence)
+        message = ""
+        if clause:
+            message = f"the tracker's sensor {self._config.sensor} {clause}: switch it off and on"
+        self._health.warn("sensor", message)
 
     def _warn(self, now_s: float) -> None:
+        # The wanted tracker does not call, or others do
         others = ", ".join(self._trackers.others(now_s))
-        calling = (
-            f"; these call and are not assigned: {others} (slimevr.tracker names one; another person's app "
-            "needs another slimevr.port)"
-            if others
-            else ""
-        )
+        calling = ""
+        if others:
+            calling = (
+                f"; these call and are not assigned: {others} (slimevr.tracker names one; another person's "
+                "app needs another slimevr.port)"
+            )
         missing = ""
-        if self._trackers.used is None:  # later, `Disconnected` tells it
+        if self._trackers.used is None:  # later, `Disconnected` reports it
             wanted = self._config.tracker or "any SlimeVR tracker"
             missing = (
                 f"nothing from {wanted} at UDP port {self._server.place}: switch it on and give its app the "
                 f"address of this machine and a port that no other person's app has{self._only_here}"
             )
         self._health.warn("tracker", f"{missing}{calling}".removeprefix("; "))
-        sent = sorted(self._sensors)
-        lacks = bool(sent) and self._config.sensor not in self._sensors
-        self._health.warn(
-            "number",
-            f"the tracker has no sensor {self._config.sensor}, but {', '.join(map(str, sent))}: "
-            + set_option("imu-bridge", "slimevr.sensor", sent[0])
-            if lacks
-            else "",
-        )
-        sends_none = not self._sensors and not self._trackers.is_lost and self.passed_over.count > 0
-        self._health.warn(
-            "kinds",
-            f"the tracker sends packets without a rotation ({self.passed_over.text}): update its firmware"
-            if sends_none
-            else "",
-        )
+
+        # It sends, but not the rotations of the configured sensor
+        sensors = sorted(self._sensors)
+        message = ""
+        if sensors and self._config.sensor not in self._sensors:
+            option = set_option("imu-bridge", "slimevr.sensor", sensors[0])
+            numbers = ", ".join(map(str, sensors))
+            message = f"the tracker has no sensor {self._config.sensor}, but {numbers}: {option}"
+        self._health.warn("number", message)
+        sends_none = not self._sensors and not self._trackers.is_lost
+        message = ""
+        if sends_none and self.passed_over.count > 0:
+            message = (
+                f"the tracker sends packets without a rotation ({self.passed_over.text}): update its firmware"
+            )
+        self._health.warn("kinds", message)
+
+        # It sends what cannot be read
         if now_s - self._unreadable_s > BAD_S:
             self._unreadable = 0
-        self._health.warn(
-            "unreadable",
-            f"{self._unreadable} packets of the tracker are cut off or have numbers without sense, such as "
-            "NaN: update its firmware"
-            if self._unreadable
-            else "",
-        )
+        message = ""
+        if self._unreadable:
+            message = (
+                f"{self._unreadable} packets of the tracker are cut off or have numbers without sense, such "
+                "as NaN: update its firmware"
+            )
+        self._health.warn("unreadable", message)
         self._warn_flood("the tracker", now_s)
 
 

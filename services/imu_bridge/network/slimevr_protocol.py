@@ -143,6 +143,7 @@ def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
 
 
 def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table
+    # Kinds 1 and 16 are of old firmware, which has one for each of two sensors
     match kind:
         case 1:
             return Rotation(0, unit_rotation(struct.unpack_from(">4f", payload), "xyzw"))
@@ -162,7 +163,9 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             return Rotation(1, unit_rotation(struct.unpack_from(">4f", payload), "xyzw"))
         case 17:
             sensor, meaning, *numbers = struct.unpack_from(">BB4f", payload)
-            return Rotation(sensor, unit_rotation(numbers, "xyzw")) if meaning == _NORMAL else None
+            if meaning != _NORMAL:
+                return None
+            return Rotation(sensor, unit_rotation(numbers, "xyzw"))
         case 19:
             return Signal(float(struct.unpack_from(">xb", payload)[0]))
         case 21:
@@ -171,7 +174,8 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             return FlagsRequest()
         case 23:
             sensor, *parts = struct.unpack_from(">B4h", payload)
-            return Rotation(sensor, unit_rotation([part / 32768 for part in parts], "xyzw"))
+            components = [part / 32768 for part in parts]
+            return Rotation(sensor, unit_rotation(components, "xyzw"))
         case 60:
             return SlimevrButton("press")
         case _:
@@ -179,8 +183,9 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
 
 
 def _battery(payload: bytes) -> Battery:
-    first, *rest = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
-    level, volts = (rest[0], first) if rest else (first, 0.0)
+    values = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
+    level = values[-1]
+    volts = values[0] if len(values) == 2 else 0.0
     if not 0.0 <= level <= 1.5:
         raise ContentError(f"has the battery level {level:.3g}")
     return Battery(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
@@ -191,9 +196,12 @@ def _handshake(payload: bytes) -> Handshake:
     if len(payload) < 28:
         return Handshake()
     (board,) = struct.unpack_from(">i", payload)
-    end = 29 + (payload[28] if len(payload) > 28 else 0)
+    firmware_length = payload[28] if len(payload) > 28 else 0
+    end = 29 + firmware_length
     firmware = payload[29:end].split(b"\0")[0].decode("ascii", "replace")
-    six = payload[end : end + 6]
-    mac = six.hex(":").upper() if len(six) == 6 else ""
-    printable = "".join(letter for letter in firmware if letter.isprintable())
-    return Handshake(board, printable[:40], "" if mac in SHARED_MACS else mac)
+    firmware = "".join(filter(str.isprintable, firmware))
+    mac_bytes = payload[end : end + 6]
+    mac = mac_bytes.hex(":").upper() if len(mac_bytes) == 6 else ""
+    if mac in SHARED_MACS:
+        mac = ""
+    return Handshake(board, firmware[:40], mac)

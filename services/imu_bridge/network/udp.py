@@ -80,7 +80,8 @@ class UdpDecoder(Decoder):
         if len(data) > LONGEST_DATAGRAM:
             raise ContentError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
         text = data.strip()
-        if len(data) == _WEARMOCAP.size and not text.isascii() and not self._is_described:
+        is_wearmocap = len(data) == _WEARMOCAP.size and not text.isascii()
+        if is_wearmocap and not self._is_described:
             return [self._wearmocap(data, stamp_ns)]
         items: list[Item] = []
         for message in self._messages(text):
@@ -107,6 +108,7 @@ class UdpDecoder(Decoder):
         Raises:
             ContentError: If it cannot be read.
         """
+        # A message of SensaGram
         content = None if self._is_described else _sensagram(message)
         if content is not None:
             if not self.sensors.accepts(*names_in(content)):
@@ -117,6 +119,8 @@ class UdpDecoder(Decoder):
                 raise
             except (ValueError, TypeError, OverflowError) as error:
                 raise ContentError(f"has a wrong value: {error}") from error
+
+        # A quaternion or a button, as text or as JSON
         parsed = self._lines.parse(message)
         if parsed is None:
             self.passed_over.add("comment lines")
@@ -128,6 +132,7 @@ class UdpDecoder(Decoder):
         return Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)
 
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
+        # An orientation, of the first kind that comes
         time_ns = _time_ns(content)
         kind = str(content["type"]).removeprefix(_ANDROID)
         if kind in _ORIENTATIONS:
@@ -135,19 +140,24 @@ class UdpDecoder(Decoder):
             if kind != self._kind:
                 return None
             if len(values) == 3:  # old phones leave w out
-                values.append(max(0.0, 1.0 - sum(value * value for value in values)) ** 0.5)
+                norm_squared = sum(value * value for value in values)
+                values.append(max(0.0, 1.0 - norm_squared) ** 0.5)
             if len(values) < 4:
                 raise ContentError(f"has {len(values)} values, 4 were expected")
             return Reading(stamp_ns, unit_rotation(values[:4], "xyzw"), time_ns)
+
+        # Rates until then, each with the newest acceleration
         if kind not in _RATES:
             self.passed_over.add(kind)
         if kind == "accelerometer":
             self._acceleration = vector(values)
             self._acceleration_ns = stamp_ns
-        elif kind == "gyroscope" and not self._kind and self._acceleration is not None:
-            rates = vector(values)
-            if 0 <= stamp_ns - self._acceleration_ns < TOGETHER_NS:
-                return RawReading(stamp_ns, rates, self._acceleration, time_ns)
+        elif kind == "gyroscope" and not self._kind:
+            acceleration_mps2 = self._acceleration
+            if acceleration_mps2 is not None:
+                rates = vector(values)
+                if 0 <= stamp_ns - self._acceleration_ns < TOGETHER_NS:
+                    return RawReading(stamp_ns, rates, acceleration_mps2, time_ns)
         self.unused = self.unused or (
             f"gets readings of {kind[:40]}, but no rotation vector: switch on the game rotation vector"
         )
@@ -157,12 +167,14 @@ class UdpDecoder(Decoder):
         """Return the reading of a datagram. Its time is the time of day."""
         numbers = _WEARMOCAP.unpack(data)
         world_from_sensor = unit_rotation(numbers[5:9], "wxyz")
-        hours, minutes, seconds, nanoseconds = vector(numbers[1:4]) + vector(numbers[4:7])[:1]
+        hours, minutes, seconds = vector(numbers[1:4])
+        nanoseconds, _, _ = vector(numbers[4:7])
         time_ns = round((hours * 3600 + minutes * 60 + seconds) * NS_PER_S + nanoseconds)
         if not 0 <= time_ns < DAY_NS:
             return Reading(stamp_ns, world_from_sensor)
         if self._before_ns is not None:  # midnight is no restart
-            time_ns += DAY_NS * max(0, round((self._before_ns - time_ns) / DAY_NS))
+            days = round((self._before_ns - time_ns) / DAY_NS)
+            time_ns += DAY_NS * max(0, days)
         self._before_ns = time_ns
         return Reading(stamp_ns, world_from_sensor, time_ns)
 
@@ -195,8 +207,9 @@ def _sensagram(text: bytes) -> dict[str, Any] | None:
         content = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    is_message = is_object(content) and "type" in content and isinstance(content.get("values"), list)
-    return content if is_message else None
+    if not is_object(content) or "type" not in content:
+        return None
+    return content if isinstance(content.get("values"), list) else None
 
 
 def _numbers(values: Sequence[Any]) -> list[float]:
@@ -205,7 +218,9 @@ def _numbers(values: Sequence[Any]) -> list[float]:
 
 def _time_ns(content: Mapping[str, Any]) -> int | None:
     time_ns = content.get("timestamp")
-    return time_ns if isinstance(time_ns, int) and 0 <= time_ns < 2**62 else None
+    if not isinstance(time_ns, int):
+        return None
+    return time_ns if 0 <= time_ns < 2**62 else None
 
 
 UDP = ImuSource(

@@ -59,6 +59,7 @@ class UdpServer(asyncio.DatagramProtocol):
         self._on_read = on_read
         self._remedy = remedy
         self._is_shared = is_shared and hasattr(socket, "SO_REUSEPORT")
+        # The open port
         self._transport: asyncio.DatagramTransport | None = None
         self._waiting: socket.socket | None = None
         """The server's socket, of which the loop itself reads one datagram a turn."""
@@ -74,16 +75,20 @@ class UdpServer(asyncio.DatagramProtocol):
     async def run(self) -> None:
         """Listen until cancelled."""
         loop = asyncio.get_running_loop()
+        reuse_port = self._is_shared or None
         while True:
+            # Open the port, again and again while another program has it
             self._lost = loop.create_future()
             try:
                 transport, _ = await loop.create_datagram_endpoint(
-                    lambda: self, local_addr=(self._host, self._port), reuse_port=self._is_shared or None
+                    lambda: self, local_addr=(self._host, self._port), reuse_port=reuse_port
                 )
             except OSError as error:
                 self._warn(error)
                 await asyncio.sleep(RETRY_S)
                 continue
+
+            # Serve it until it is lost
             self._health.clear("port")
             self._transport = transport
             try:
@@ -103,7 +108,9 @@ class UdpServer(asyncio.DatagramProtocol):
 
     def connect(self, address: Address) -> None:
         """Get what comes from `address`, though others share the port."""
-        if self._transport is None or not self._is_shared or address in self._links:
+        if self._transport is None:
+            return
+        if not self._is_shared or address in self._links:
             return
         server = self._transport.get_extra_info("socket")
         link = socket.socket(server.family, socket.SOCK_DGRAM)
@@ -120,7 +127,9 @@ class UdpServer(asyncio.DatagramProtocol):
 
     def disconnect_others(self, addresses: Container[Address]) -> None:
         """End what `connect` has begun, but for `addresses`."""
-        for address in [address for address in self._links if address not in addresses]:
+        for address in [*self._links]:
+            if address in addresses:
+                continue
             link = self._links.pop(address)
             asyncio.get_running_loop().remove_reader(link)
             link.close()
@@ -158,7 +167,8 @@ class UdpServer(asyncio.DatagramProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Open the port again."""
         if self._lost is not None and not self._lost.done():
-            self._lost.set_exception(exc if isinstance(exc, OSError) else OSError("the port was closed"))
+            error = exc if isinstance(exc, OSError) else OSError("the port was closed")
+            self._lost.set_exception(error)
             self._lost.exception()  # marks the error as retrieved if no caller waits for it
 
     def _warn(self, error: OSError) -> None:
@@ -171,7 +181,9 @@ def _address(sender: SocketAddress) -> Address:
     host, port, *rest = sender
     if len(rest) == 2 and rest[1]:
         host = f"{host}%{socket.if_indextoname(rest[1])}"
-    return host.removeprefix(MAPPED) if "." in host else host, port
+    if "." in host:
+        host = host.removeprefix(MAPPED)
+    return host, port
 
 
 def _socket_address(address: Address, family: socket.AddressFamily) -> SocketAddress:
@@ -179,8 +191,11 @@ def _socket_address(address: Address, family: socket.AddressFamily) -> SocketAdd
     host, port = address
     if family != socket.AF_INET6:
         return address
-    host, _, link = (f"{MAPPED}{host}" if ":" not in host else host).partition("%")
-    return host, port, 0, socket.if_nametoindex(link) if link else 0
+    if ":" not in host:
+        host = f"{MAPPED}{host}"
+    host, _, link = host.partition("%")
+    scope = socket.if_nametoindex(link) if link else 0
+    return host, port, 0, scope
 
 
 class _Problem(NullHealth):
@@ -260,6 +275,7 @@ class PortSource(ABC):
         self._name = name
         self._clock = clock
         self._health = health
+        # A flood of others must not use up what the sender in use may send
         self._limit = DatagramLimit()
         self._limit_of_others = DatagramLimit()
         self._server = UdpServer(
@@ -290,13 +306,14 @@ class PortSource(ABC):
         """Return True if `address` is that of the sender in use."""
 
     @abstractmethod
-    def _take(self, data: bytes, address: Address, now_s: float) -> None:
+    def _process_datagram(self, data: bytes, address: Address, now_s: float) -> None:
         """Deliver the readings in a datagram of an admitted sender."""
 
     def _on_datagram(self, data: bytes, address: Address) -> None:
         now_s = asyncio.get_running_loop().time()
-        if (self._limit if self._is_used(address) else self._limit_of_others).admits(now_s):
-            self._take(data, address, now_s)
+        limit = self._limit if self._is_used(address) else self._limit_of_others
+        if limit.admits(now_s):
+            self._process_datagram(data, address, now_s)
 
     def _pass_on(self, item: Item) -> None:
         """Deliver `item`; an orientation only if none follows it at once, since the newest counts."""
@@ -329,5 +346,7 @@ class PortSource(ABC):
     @property
     def _only_here(self) -> str:
         """Return a clause about the networks that are not heard, or `""`."""
+        if not self._is_local:
+            return ""
         option = set_option("imu-bridge", f"{self._name}.host", ANY_HOST)
-        return f"; only this machine is heard there: {option} for others" if self._is_local else ""
+        return f"; only this machine is heard there: {option} for others"

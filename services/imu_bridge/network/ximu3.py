@@ -71,13 +71,13 @@ class Ximu3Decoder(Decoder):
                 f"has {len(data)} bytes and {len(messages)} messages, more than {LONGEST_DATAGRAM} or "
                 f"{MAX_MESSAGES}"
             )
-        before = self.framer.bad
+        bad_before = self.framer.bad
         items = self.framer.feed(b"\n".join(messages) + b"\n", stamp_ns)
         if self.passed_over.count:
             self.unused = (
                 f"gets messages that have no orientation ({self.passed_over.text}): {self.framer.MISSING}"
             )
-        if self.framer.bad > before and not items:
+        if self.framer.bad > bad_before and not items:
             raise ContentError(self.framer.reason)
         return items
 
@@ -106,15 +106,16 @@ def announced(data: bytes, host: str) -> FoundDevice | None:
     """Return the device that announces itself by `data` from the address `host`, or None if none does."""
     try:
         content = json.loads(data)
-        name, number = str(content["name"])[:40], str(content.get("sn", content.get("serial", "")))[:40]
-        battery, port = float(content["battery"]), float(content["send"])
+        name = str(content["name"])[:40]
+        number = str(content.get("sn", content.get("serial", "")))[:40]
+        battery = float(content["battery"])
+        port = float(content["send"])
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     if not (math.isfinite(battery) and math.isfinite(port)):
         return None
-    label = f"{name} {number}, battery {battery:.0f} %; it sends to UDP port {port:.0f}; " + set_option(
-        "imu-bridge", "ximu3.host", ANY_HOST
-    )
+    option = set_option("imu-bridge", "ximu3.host", ANY_HOST)
+    label = f"{name} {number}, battery {battery:.0f} %; it sends to UDP port {port:.0f}; {option}"
     return FoundDevice(host, label, {"serial_number": number, "battery_percent": battery, "port": port})
 
 
@@ -124,15 +125,15 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
     Raises:
         ConfigError: If the port of announcements is taken by a program that does not share it.
     """
-    found: dict[str, FoundDevice] = {}
+    devices: dict[str, FoundDevice] = {}
 
     def on_datagram(data: bytes, address: Address) -> None:
         device = announced(data, address[0])
-        if device is not None and len(found) < MAX_FOUND:
-            found[device.address] = device
+        if device is not None and len(devices) < MAX_FOUND:
+            devices[device.address] = device
 
     await receive_shared(ANNOUNCEMENTS, seconds, on_datagram, remedy="end the x-IMU3 program that has it")
-    return [found[address] for address in sorted(found)]
+    return [devices[address] for address in sorted(devices)]
 
 
 XIMU3 = ImuSource(

@@ -67,18 +67,23 @@ class Bno085Framer(SerialFramer):
     def _orientation(self, packet: bytes) -> Quaternion:
         yaw, pitch, roll, *acceleration_mg = _BNO085_VALUES.unpack_from(packet, 3)
         heading = rotation.from_yaw(yaw * CENTIDEGREE)
-        tilts = [
-            rotation.multiply(
-                rotation.from_axis_angle(pitch_axis, pitch * CENTIDEGREE),
-                rotation.from_axis_angle(roll_axis, roll * CENTIDEGREE),
-            )
-            for pitch_axis, roll_axis in ((Y, X), (X, Y))
-        ]
+        pitch_rad = pitch * CENTIDEGREE
+        roll_rad = roll * CENTIDEGREE
+
+        # Tilt by both conventions, whose axes of pitch and roll are exchanged
+        tilts: list[Quaternion] = []
+        for pitch_axis, roll_axis in ((Y, X), (X, Y)):
+            pitch_turn = rotation.from_axis_angle(pitch_axis, pitch_rad)
+            roll_turn = rotation.from_axis_angle(roll_axis, roll_rad)
+            tilts.append(rotation.multiply(pitch_turn, roll_turn))
+
+        # Use the one whose up is nearer to that of the acceleration
         amount = math.hypot(*acceleration_mg)
         if AT_REST_MG[0] < amount < AT_REST_MG[1]:
             for number, tilt in enumerate(tilts):
                 up = rotation.rotate(rotation.inverse(tilt), (0.0, 0.0, 1.0))
-                error = math.dist(up, [value / amount for value in acceleration_mg]) ** 2
+                measured_up = [value / amount for value in acceleration_mg]
+                error = math.dist(up, measured_up) ** 2
                 self._errors[number] = MEMORY * self._errors[number] + (1.0 - MEMORY) * error
             other = 1 - self._used
             if self._errors[other] < RATIO * self._errors[self._used]:

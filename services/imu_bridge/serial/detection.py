@@ -157,16 +157,22 @@ class Detection:
         """Start with the speed of `first` and the choice `sensors`, if known from an earlier connection."""
         self._config = config
         self._sensors = sensor_choice(config) if sensors is None else sensors
-        self._formats: tuple[Format, ...] = tuple(FORMATS) if config.format == "auto" else (config.format,)
+        self._formats: tuple[Format, ...] = (config.format,) if config.format != "auto" else tuple(FORMATS)
+
+        # Speeds in the order in which they are tried, from that of the earlier connection on
         rows = [FORMATS[name] for name in self._formats]
         self._bauds = (config.baud,) if config.baud else rows[0].bauds
-        self._number = self._bauds.index(first.baud) if first and first.baud in self._bauds else 0
+        self._number = 0
+        if first is not None and first.baud in self._bauds:
+            self._number = self._bauds.index(first.baud)
         self.found: DetectedSensor | None = None
         """The recognized format and speed."""
         self.framer: SerialFramer | None = None
         """Framer of the recognized format."""
         self.good = 0
         """Number of valid packets or lines of the recognized format."""
+
+        # State of the trial, which is over at once if there is only one choice
         self._restarts = RestartWatch()
         self._was_silent = False
         self._candidates: dict[Format, SerialFramer] = {}
@@ -185,29 +191,32 @@ class Detection:
     @property
     def tried(self) -> str:
         """Return the formats and speeds in question, for a warning."""
-        return (
-            f"tried {', '.join(FORMATS[name].label for name in self._formats)} at "
-            f"{', '.join(map(str, self._bauds))} baud"
-        )
+        labels = ", ".join(FORMATS[name].label for name in self._formats)
+        bauds = ", ".join(map(str, self._bauds))
+        return f"tried {labels} at {bauds} baud"
 
     @property
     def text_problem(self) -> str:
         """Return the refused last line and the reason if it is text, or `""`."""
         framer = self._candidates.get("text", self.framer)
-        is_text = isinstance(framer, TextFramer) and framer.reason.startswith("'")
-        return framer.reason if framer is not None and is_text else ""
+        if not isinstance(framer, TextFramer):
+            return ""
+        return framer.reason if framer.reason.startswith("'") else ""
 
     @property
     def passed_over(self) -> str:
         """Return a description of messages without readings from the only format in question, or `""`."""
         framers = [*self._candidates.values()] if self.framer is None else [self.framer]
-        if len(framers) != 1 or not framers[0].passed_over.count:
+        if len(framers) != 1:
             return ""
         (framer,) = framers
+        if not framer.passed_over.count:
+            return ""
         return f"messages without an orientation ({framer.passed_over.text}): {framer.MISSING}"
 
     def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
         """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""
+        # The format is recognized
         is_silent = self._restarts.is_silent(now_s)
         if self.framer is not None:
             if is_silent and not self._was_silent:
@@ -216,11 +225,15 @@ class Detection:
             items = self.framer.feed(data, stamp_ns)
             self.good = self.framer.good
             return self._restarts.marked(items, may_be_start=is_silent and not self.framer.ran_on)
+
+        # Try the formats. The first that has enough packets is the device's.
         for name, candidate in self._candidates.items():
             items = candidate.feed(data, stamp_ns)
             if candidate.good >= FORMATS[name].enough:
                 self._recognize(name)
                 return self._restarts.marked(items, may_be_start=is_silent)
+
+        # Go on to the next speed after a while. Text may come seldom.
         if data:
             self._only_text = self._only_text and not data.translate(None, _TEXT)
             if self._since_s is None:
@@ -238,11 +251,12 @@ class Detection:
             self._begin()
 
     def _begin(self) -> None:
-        self._candidates = {
-            name: FORMATS[name].make(self._config, self.baud, self._sensors)
-            for name in self._formats
-            if self.baud in FORMATS[name].bauds or self._config.baud
-        }
+        candidates: dict[Format, SerialFramer] = {}
+        for name in self._formats:
+            row = FORMATS[name]
+            if self.baud in row.bauds or self._config.baud:
+                candidates[name] = row.make(self._config, self.baud, self._sensors)
+        self._candidates = candidates
         self._since_s = None
         self._only_text = True
 
@@ -275,18 +289,24 @@ class RestartWatch:
         readings = [item for item in items if isinstance(item, Reading | RawReading)]
         if not readings:
             return items
-        before = self._newest
+        previous = self._newest
         first = readings[0]
         last = readings[-1]
         self._silent_s = 0.0
-        self._newest = last if isinstance(last, Reading) else before
-        if not may_be_start or before is None or not isinstance(first, Reading):
+        self._newest = last if isinstance(last, Reading) else previous
+
+        # Only the yaw may show a restart, if nothing else does
+        if not may_be_start or previous is None:
+            return items
+        if not isinstance(first, Reading):
             return items
         if first.device_time_ns is not None or Reconnected() in items:
             return items  # decided by the elapsed time, or by the framer
         yaw_rad = _yaw_rad(first)
-        has_started = abs(yaw_rad) < NEAR_RAD and abs(vector.wrap(yaw_rad - _yaw_rad(before))) > JUMP_RAD
-        return [Reconnected(), *items] if has_started else items
+        jump_rad = abs(vector.wrap(yaw_rad - _yaw_rad(previous)))
+        if abs(yaw_rad) < NEAR_RAD and jump_rad > JUMP_RAD:
+            return [Reconnected(), *items]
+        return items
 
 
 def _yaw_rad(reading: Reading) -> float:

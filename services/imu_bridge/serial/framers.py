@@ -91,8 +91,8 @@ class PacketCutter:
         stream = self._rest + data
         packets: list[bytes] = []
         at = taken = 0
-        while (found := self._header.search(stream, at)) is not None:
-            at = found.start()
+        while (match := self._header.search(stream, at)) is not None:
+            at = match.start()
             packet = stream[at : at + self._length]
             if len(packet) < self._length:
                 break

@@ -83,14 +83,20 @@ def compile_line(line: str) -> re.Pattern[str]:
     Raises:
         ValueError: If a part is unknown or is there twice, w, x, y or z is missing, or two parts adjoin.
     """
+    # Each part of the quaternion once, and no part twice
     names = [name for name in _PART.findall(line) if name != "_"]
-    if unknown := sorted(set(names) - {*PARTS}):
+    unknown = sorted(set(names) - {*PARTS})
+    if unknown:
         raise ValueError(f"has the unknown part {{{unknown[0]}}}: use {', '.join(PARTS)}")
     if not set("wxyz") <= set(names) or len(set(names)) < len(names):
         raise ValueError("must have each of {w}, {x}, {y} and {z} once, and no other part twice")
+
+    # A form with commas has them between its parts, so its numbers have a decimal point
     number = _POINT if "," in line else _COMMA
     separators = _SEPARATORS if "," in line else _SEPARATORS.replace(",", "")
-    pieces = [each for each in re.split(r"(\{\w+\}|[,;|\s]+)", line.strip(",;| \t")) if each]
+
+    # Parts, separators and other text in turn
+    pieces = list(filter(None, re.split(r"(\{\w+\}|[,;|\s]+)", line.strip(",;| \t"))))
     expression = ""
     for before, piece, behind in zip(["", *pieces], pieces, [*pieces[1:], ""], strict=False):
         part = _PART.fullmatch(piece)
@@ -98,11 +104,15 @@ def compile_line(line: str) -> re.Pattern[str]:
         if part is not None and is_before_part:
             raise ValueError(f"has {piece}{behind} without a separator between them")
         if part is not None:
-            word = f"[^{separators}{re.escape(behind[:1].strip(',;|'))}]+"  # ends where the next text begins
-            value = word if part[1] in ("_", "sensor") else number
-            expression += value if part[1] == "_" else f"(?P<{part[1]}>{value})"
+            name = part[1]
+            next_letter = re.escape(behind[:1].strip(",;|"))
+            word = f"[^{separators}{next_letter}]+"  # ends where the next text begins
+            value = word if name in ("_", "sensor") else number
+            expression += value if name == "_" else f"(?P<{name}>{value})"
         elif _SEPARATOR.fullmatch(piece):
-            expression += f"[{separators}]{'++' if is_before_part and _PART.fullmatch(before) else '*+'}"
+            is_between_parts = is_before_part and _PART.fullmatch(before) is not None
+            repetition = "++" if is_between_parts else "*+"  # beside other text it may be missing
+            expression += f"[{separators}]{repetition}"
         else:
             expression += rf"[{separators}]*+{re.escape(piece)}[{separators}]*+"
     return re.compile(expression)
@@ -117,9 +127,10 @@ def validated_form(line: str) -> str:
 
 def suggested_line(text: str) -> str:
     """Return the form of the line `text` in which each number is `{_}`, to be filled in by a person."""
-    number = _COMMA if "." not in text and _DECIMAL_COMMA.search(text) else _POINT
+    has_decimal_comma = "." not in text and _DECIMAL_COMMA.search(text) is not None
+    number = _COMMA if has_decimal_comma else _POINT
     form = re.sub(rf"(?<![\w.])(?:{_STAMP}|{number})|(?<=[A-Za-z])[+-]?\d+\.\d+", "{_}", text)
-    return re.sub(r"\s*([,;|])[,;|\s]*|\s+", lambda each: each[1] or " ", form)
+    return re.sub(r"\s*([,;|])[,;|\s]*|\s+", lambda separator: separator[1] or " ", form)
 
 
 class LineParser:
@@ -152,13 +163,17 @@ class LineParser:
             text = _stripped(line)
         except ValueError as error:
             raise ContentError("is not text") from error
-        if self._form is not None and (values := self._form.fullmatch(text)):
-            return _described(values.groupdict())
+        if self._form is not None:
+            values = self._form.fullmatch(text)
+            if values is not None:
+                return _described(values.groupdict())
         if not text or text.casefold().startswith(_PASSED_OVER):
             return None
-        if button := _BUTTON.match(text):
+        button = _BUTTON.match(text)
+        if button is not None:
             names = (button[1].strip(),) if button[1] else ()
-            return ButtonLine(cast("Gesture", (button[2] or "press").lower()), names)
+            gesture = (button[2] or "press").lower()
+            return ButtonLine(cast("Gesture", gesture), names)
         if self._form is not None:
             raise ContentError(f"has another form than {self._parameter}; {self._remedy(text)}")
         return self._documented(text)
@@ -204,14 +219,14 @@ def _stripped(line: bytes) -> str:
 
 
 def _described(values: dict[str, str]) -> QuaternionLine:
-    times = [
-        _time_ns(float(values[key].replace(",", ".")) * unit)
-        for key, unit in TIME_NS.items()
-        if key in values
-    ]
-    four = [values[axis].replace(",", ".") for axis in "xyzw"]
+    times: list[int] = []
+    for key, unit in TIME_NS.items():
+        if key in values:
+            number = float(values[key].replace(",", "."))
+            times.append(_time_ns(number * unit))
+    components = [values[axis].replace(",", ".") for axis in "xyzw"]
     names = (values["sensor"],) if "sensor" in values else ()
-    return QuaternionLine(unit_rotation(four, "xyzw"), next(iter(times), None), names)
+    return QuaternionLine(unit_rotation(components, "xyzw"), times[0] if times else None, names)
 
 
 def _time_ns(time_ns: float) -> int:

@@ -80,23 +80,24 @@ async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_
     """
     stopping = threading.Event()
     try:
-        return await asyncio.gather(
-            *(asyncio.to_thread(_ask, port, config, duration_s, stopping) for port in ports)
-        )
+        asks = [asyncio.to_thread(_ask, port, config, duration_s, stopping) for port in ports]
+        return await asyncio.gather(*asks)
     finally:
         stopping.set()
 
 
 async def discover(duration_s: float) -> Sequence[FoundDevice]:
     """Return all serial ports with their devices."""
-    return [
-        FoundDevice(
-            address=answer.path,
-            label=f"{answer.description}: {answer.found or answer.problem}",
-            details={"format": answer.found.format, "baud": answer.found.baud} if answer.found else {},
-        )
-        for answer in await ask_ports(await asyncio.to_thread(serial_ports), SerialConfig(), duration_s)
-    ]
+    ports = await asyncio.to_thread(serial_ports)
+    devices: list[FoundDevice] = []
+    for answer in await ask_ports(ports, SerialConfig(), duration_s):
+        sensor = answer.found
+        details: dict[str, str | float] = {}
+        if sensor is not None:
+            details = {"format": sensor.format, "baud": sensor.baud}
+        label = f"{answer.description}: {sensor or answer.problem}"
+        devices.append(FoundDevice(address=answer.path, label=label, details=details))
+    return devices
 
 
 def set_speed(port: serial.Serial, baud: int) -> None:
@@ -127,9 +128,10 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
     try:
         with open_port(PortSettings(port=port.path, baud=detection.baud)) as opened:
             begin_s = time.monotonic()
-            while not stopping.is_set() and time.monotonic() - begin_s < (
-                duration_s if count else min(duration_s, NOTHING_S)
-            ):
+            while not stopping.is_set():
+                limit_s = duration_s if count else min(duration_s, NOTHING_S)
+                if time.monotonic() - begin_s >= limit_s:
+                    break
                 if opened.baudrate != detection.baud:
                     set_speed(opened, detection.baud)
                 data = opened.read(max(1, opened.in_waiting))
@@ -139,7 +141,9 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
                     return PortAnswer(port.path, port.description, detection.found, "")
     except OSError as error:
         return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
-    problem = detection.text_problem or (f"{count} bytes, none readable" if count else "silent")
+    problem = detection.text_problem
+    if not problem:
+        problem = f"{count} bytes, none readable" if count else "silent"
     return PortAnswer(port.path, port.description, None, problem)
 
 
@@ -182,15 +186,15 @@ class SilenceWatch:
         return None
 
     def _message(self, detection: Detection) -> str:
-        where = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
+        silence = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
         if not self.received_bytes:
-            return f"{where}, not one byte: check the cable and that the device sends"
+            return f"{silence}, not one byte: check the cable and that the device sends"
         if detection.passed_over:
-            return f"{where}, but {detection.passed_over}"
+            return f"{silence}, but {detection.passed_over}"
         if detection.text_problem:
             return f"the lines from {self._port} are not read, the last: {detection.text_problem}"
         return (
-            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; "
+            f"{silence}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; "
             "check baud and format, or what the device sends"
         )
 
@@ -246,7 +250,9 @@ class SerialSource:
     def cue(self, cue: Feedback) -> None:
         """Show `cue` on the device, if it has a signal and is connected."""
         framer = self._detection.framer
-        begin, end = framer.cue(cue) if framer is not None else (b"", b"")
+        if framer is None:
+            return
+        begin, end = framer.cue(cue)
         if begin:
             self._send(begin)
             asyncio.get_running_loop().call_later(FLASH_S, self._send, end)
@@ -266,19 +272,24 @@ class SerialSource:
         pause_s = SEARCH_PAUSE_S[0]
         due_s = math.inf
         while True:
+            # Listen to new ports at once, and again to all of them when that is due
             ports = await asyncio.to_thread(serial_ports)
             answers = {port.path: answers[port.path] for port in ports if port.path in answers}
-            if is_due := time_s() > due_s:
+            is_due = time_s() > due_s
+            if is_due:
                 asked = ports
                 duration_s = SEARCH_S[1]
             else:
                 asked = [port for port in ports if port.path not in answers]
                 duration_s = SEARCH_S[0]
-            answers |= {each.path: each for each in await ask_ports(asked, self._config, duration_s)}
+            for answer in await ask_ports(asked, self._config, duration_s):
+                answers[answer.path] = answer
             if asked:
                 due_s = time_s() + pause_s
-            if is_due:
+            if is_due:  # let other programs open the ports
                 pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
+
+            # Use the only one. Several are a choice for a person.
             detected_answers = [answer for answer in answers.values() if answer.found is not None]
             if len(detected_answers) == 1:
                 self._first = detected_answers[0].found
@@ -305,10 +316,13 @@ class SerialSource:
         command_s = 0.0
         try:
             while not stopping.is_set():
+                # Follow the speed that is tried, and send at once what a person waits for
                 if port.baudrate != detection.baud:
                     set_speed(port, detection.baud)
                 while self._urgent:
                     port.write(self._urgent.popleft())
+
+                # Deliver what has arrived
                 data = port.read(max(1, port.in_waiting))
                 now_s = time.monotonic()
                 for item in detection.feed(data, self._clock.now_ns(), now_s):
@@ -316,12 +330,16 @@ class SerialSource:
                 if detection.found != detected:
                     detected = detection.found
                     self._on_detected(detected)
+
+                # Configure the device step by step, and report what is unreadable
                 framer = detection.framer
                 if framer is not None:
                     if framer.commands and now_s > command_s:
                         command_s = now_s + COMMAND_PAUSE_S
                         self._command(port, framer)
                     self._watch_bad(framer, now_s)
+
+                # Report silence. Bytes without sense may be those of another format.
                 change = watch.step(data, now_s, detection)
                 if change is not None:
                     self._thread.post(self._health.warn, "silent", change)
@@ -337,10 +355,11 @@ class SerialSource:
         self._thread.post(self._set_port_metrics, found)
 
     def _set_port_metrics(self, found: DetectedSensor | None) -> None:
-        label = "" if found is None else found.label
-        for each in DetectedSensor.labels():
-            baud = float(found.baud) if found is not None and each == label else None
-            self._health.set_metric(f"port of {each}", baud, "baud")
+        for label in DetectedSensor.labels():
+            baud: float | None = None
+            if found is not None and found.label == label:
+                baud = float(found.baud)
+            self._health.set_metric(f"port of {label}", baud, "baud")
 
     def _command(self, port: serial.Serial, framer: SerialFramer) -> None:
         port.write(framer.commands.popleft())

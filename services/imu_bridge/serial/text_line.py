@@ -73,8 +73,9 @@ class TextFramer(SerialFramer):
             return []
         self.good += 1  # also of another sensor
         if isinstance(parsed, QuaternionLine):
-            is_used = self._sensors.accepts(*parsed.names)
-            return [Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)] if is_used else []
+            if not self._sensors.accepts(*parsed.names):
+                return []
+            return [Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)]
         return [] if self._sensors.is_other(*parsed.names) else [Press(stamp_ns, parsed.gesture)]
 
     def _count(self, count: int, reason: str) -> None:

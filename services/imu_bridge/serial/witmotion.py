@@ -63,9 +63,11 @@ class WitMotionFramer(SerialFramer):
         self._preference = Preference()
         self._acceleration: tuple[float, float, float] | None = None
         self._configure = configure
-        self._rate, self._rate_hz = (
-            (RATE_100_HZ, 100) if baud >= BAUD_OF_100_HZ or not baud else (RATE_50_HZ, 50)
-        )
+        self._rate = RATE_50_HZ
+        self._rate_hz = 50
+        if baud >= BAUD_OF_100_HZ or not baud:
+            self._rate = RATE_100_HZ
+            self._rate_hz = 100
         self._asked_at: int | None = None
         """Number of packets at which quaternions were asked for."""
         self._is_switched = self._is_suspect = False
@@ -81,8 +83,9 @@ class WitMotionFramer(SerialFramer):
         items: list[Item] = []
         for packet in packets:
             self.good += 1
-            if self._configure and self._switch(packet[1]) and self._is_suspect:
-                items.append(Reconnected())
+            if self._configure and self._switch(packet[1]):
+                if self._is_suspect:  # it was switched before: its power was off meanwhile
+                    items.append(Reconnected())
             item = self._item(packet[1], _VALUES.unpack_from(packet, 2), stamp_ns)
             if item is not None:
                 items.append(item)
@@ -99,25 +102,27 @@ class WitMotionFramer(SerialFramer):
         a, b, c, d = values
         if kind == ORIENTATION:
             try:
-                turned = unit_quaternion((b / FULL_SCALE, c / FULL_SCALE, d / FULL_SCALE, a / FULL_SCALE))
+                four = (b / FULL_SCALE, c / FULL_SCALE, d / FULL_SCALE, a / FULL_SCALE)
+                orientation_xyzw = unit_quaternion(four)
             except ValueError as error:
                 self.bad += LENGTH
                 self.reason = f"a packet has {error}"
                 return None
-            return Reading(stamp_ns, turned) if self._preference.accepts(QUATERNION) else None
+            return Reading(stamp_ns, orientation_xyzw) if self._preference.accepts(QUATERNION) else None
         if kind == ANGLES and self._preference.accepts(EULER):
             return Reading(stamp_ns, from_roll_pitch_yaw(a * RAD, b * RAD, c * RAD))
         if kind == ACCELERATION:
             self._acceleration = (a * MPS2, b * MPS2, c * MPS2)
         elif kind not in (ANGLES, ANGULAR_VELOCITY):
             self.passed_over.add(f"0x{kind:02x}")
-        elif kind == ANGULAR_VELOCITY and self._preference.accepts(RAW) and self._acceleration is not None:
-            return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
+        elif kind == ANGULAR_VELOCITY and self._preference.accepts(RAW):
+            if self._acceleration is not None:
+                return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
         return None
 
     def _switch(self, kind: int) -> bool:
         """Queue the commands that the packet of `kind` calls for. Return True if there are any."""
-        before = len(self.commands)
+        count_before = len(self.commands)
         if self._asked_at is None:
             if kind == ORIENTATION:  # somebody has configured it
                 self._configure = False
@@ -131,11 +136,11 @@ class WitMotionFramer(SerialFramer):
         elif self.good - self._asked_at > ASKED_PACKETS:  # it has none
             self.commands.extend((UNLOCK, SEND_ANGLES, self._rate))
             self._end("Euler angles")
-        return len(self.commands) > before
+        return len(self.commands) > count_before
 
-    def _end(self, what: str) -> None:
+    def _end(self, output: str) -> None:
         self._configure = False
         self.notice = (
-            f"switched to {what}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "
+            f"switched to {output}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "
             f"{set_option('imu-bridge', 'serial.configure', 'false')} leaves it as it is"
         )

@@ -85,7 +85,8 @@ def _ascii(message: bytes) -> tuple[str, int, list[float]] | None:
         raise UnreadKindError(letter)
     if len(words) < count + 1:
         raise ContentError(f"has {len(words)} values as {letter}, {count + 1} were expected")
-    return letter, int(words[0]), [float(word) for word in words[1 : count + 1]]
+    arguments = [float(word) for word in words[1 : count + 1]]
+    return letter, int(words[0]), arguments
 
 
 def _check_letter(letter: str) -> None:
@@ -111,6 +112,7 @@ class Ximu3Framer(SerialFramer):
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the items in the messages that `data` completes."""
+        # Cut it into messages. Of one without an end, all is skipped up to the next end.
         *ended, rest = (self._rest + data).split(b"\n")
         if ended and self._skipping:
             del ended[0]
@@ -119,14 +121,16 @@ class Ximu3Framer(SerialFramer):
             self._count("has no end")
             self._skipping = True
         self._rest = b"" if self._skipping else rest
+
+        # Read them
         items: list[Item] = []
         for message in ended:
             if not message.strip(b"\r"):
                 continue
             try:
-                found = split(message) if len(message) <= LONGEST else None
-                if found is not None:
-                    item = self._item(*found, stamp_ns)
+                content = split(message) if len(message) <= LONGEST else None
+                if content is not None:
+                    item = self._item(*content, stamp_ns)
                     self.good += 1
                     if item is not None:
                         items.append(item)
@@ -140,7 +144,9 @@ class Ximu3Framer(SerialFramer):
         """Return the commands that begin and end a flash of the LED; there is no motor."""
         if cue.color is None and not cue.haptic_ms:
             return b"", b""
-        color = "FFFFFF" if cue.color is None else "".join(f"{part:02X}" for part in cue.color)
+        color = "FFFFFF"
+        if cue.color is not None:
+            color = "".join(f"{part:02X}" for part in cue.color)
         return f'{{"colour":"{color}"}}\n'.encode(), NORMAL_COLOR
 
     def _count(self, reason: str) -> None:
@@ -171,7 +177,9 @@ class Ximu3Framer(SerialFramer):
         if letter == "A":
             roll, pitch, yaw = (math.radians(value) for value in values)
             world_from_sensor = from_roll_pitch_yaw(roll, pitch, yaw)
-            return Reading(stamp_ns, world_from_sensor, time_ns) if self._preference.accepts(EULER) else None
+            if not self._preference.accepts(EULER):
+                return None
+            return Reading(stamp_ns, world_from_sensor, time_ns)
         world_from_sensor = unit_rotation(values[:4], "wxyz")
         if letter != "Q":  # the same orientation: a device may send it beside its quaternions
             is_used = self._preference.accepts(EULER)

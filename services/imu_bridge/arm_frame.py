@@ -51,8 +51,8 @@ class ArmFrame:
 
     def orientation(self, world_from_sensor: Quaternion) -> Quaternion:
         """Return the arm's orientation in {H}, with norm 1."""
-        turned = rotation.multiply(self._turn, world_from_sensor)
-        return rotation.normalized(rotation.multiply(turned, self._sensor_from_arm))
+        heading_corrected = rotation.multiply(self._turn, world_from_sensor)
+        return rotation.normalized(rotation.multiply(heading_corrected, self._sensor_from_arm))
 
     def set_yaw_origin(self, yaw_origin_rad: float) -> None:
         """Set the device's yaw that counts as 0."""

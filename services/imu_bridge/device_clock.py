@@ -9,6 +9,7 @@ shortest delay itself cannot be seen from one side, and remains.
 
 from collections import deque
 from itertools import pairwise
+from typing import NamedTuple
 
 from pointit.schemas import NS_PER_S
 
@@ -37,6 +38,16 @@ MAX_AGE_NS = NS_PER_S
 """Largest age of a stamp on arrival, ns."""
 
 
+class Outliers(NamedTuple):
+    """Samples in succession that do not fit the relation of the clocks."""
+
+    first_ns: int
+    """Arrival of the first one."""
+    lowest: float
+    """Smallest delay, ns."""
+    highest: float
+
+
 class DeviceClock:
     """Clock of one device, followed from sample to sample."""
 
@@ -48,8 +59,7 @@ class DeviceClock:
         self._jumped_ns: deque[int] = deque(maxlen=MAX_JUMPS)
         self._unused_until_ns: int | None = None
         self._newest_ns = 0
-        self._off: tuple[int, float, float] | None = None
-        """Arrival of the first of the samples that do not fit, their smallest and largest delay, ns."""
+        self._outliers: Outliers | None = None
         self._offset = self._slope = 0.0
         self._points: deque[Point] = deque(maxlen=BINS)
         self._fastest: Point = (0, 0.0)
@@ -93,25 +103,35 @@ class DeviceClock:
         return captured_ns
 
     def _captured_ns(self, device_ns: int, arrival_ns: int) -> int:
-        if self._unused_until_ns is not None and self._is_unused(self._unused_until_ns - arrival_ns):
+        unused_until_ns = self._unused_until_ns
+        if unused_until_ns is not None and self._is_unused(unused_until_ns - arrival_ns):
             return arrival_ns
         begin = self._begin
         if begin is None:
             self._start(device_ns, arrival_ns)
             return arrival_ns
+
+        # Delay relative to the line through the fastest arrivals
         x = device_ns - begin[0]
         delay = arrival_ns - begin[1] - x
         late = delay - self._offset - self._slope * x
+
+        # Faster than all before: the line goes down to it, unless a clock was set
         if late < 0.0:
             if late < -LATE_NS:
-                is_new = self._is_off_again(late, arrival_ns)
-                return self._jumped(device_ns, arrival_ns, late) if is_new else arrival_ns
+                if self._is_jump(late, arrival_ns):
+                    return self._start_after_jump(device_ns, arrival_ns, late)
+                return arrival_ns
             self._offset += late
             late = 0.0
+
+        # Slower: the link has stalled, or a clock was set
         if late <= LATE_NS:
-            self._off = None
-        elif self._is_off_again(late, arrival_ns):
-            return self._jumped(device_ns, arrival_ns, late)
+            self._outliers = None
+        elif self._is_jump(late, arrival_ns):
+            return self._start_after_jump(device_ns, arrival_ns, late)
+
+        # The fastest one of each bin becomes a point. A new bin begins with this sample.
         is_next = x >= self._bin_end
         if is_next:
             self._end_bin(x)
@@ -127,35 +147,37 @@ class DeviceClock:
         self._fastest = (0, 0.0)
         self._fastest_late = 0.0
         self._bin_end = BIN_NS
-        self._off = None
+        self._outliers = None
 
-    def _is_unused(self, left_ns: int) -> bool:
-        """Return True if arrivals are used for `left_ns` more; else start again."""
-        if 0 <= left_ns <= UNUSED_NS:
+    def _is_unused(self, remaining_ns: int) -> bool:
+        """Return True if arrivals are used for `remaining_ns`; else start again."""
+        if 0 <= remaining_ns <= UNUSED_NS:
             return True
         self._unused_until_ns = None
         self.restart()
         return False
 
-    def _is_off_again(self, late: float, arrival_ns: int) -> bool:
-        off = self._off
-        if off is None or arrival_ns < off[0] or (late < 0.0) != (off[1] < 0.0):
-            self._off = (arrival_ns, late, late)
+    def _is_jump(self, late: float, arrival_ns: int) -> bool:
+        """Return True if this delay and those before it mean that a clock was set."""
+        outliers = self._outliers
+        if outliers is None or arrival_ns < outliers.first_ns or (late < 0.0) != (outliers.lowest < 0.0):
+            self._outliers = Outliers(arrival_ns, late, late)
             return False
         if late < 0.0:
             return True
-        since_ns = off[0]
-        lowest = min(late, off[1])
-        highest = max(late, off[2])
-        if arrival_ns - since_ns <= STEADY_NS:
-            self._off = (since_ns, lowest, highest)
+
+        # A stalled link delivers with a delay that falls. That of a clock that was set stays.
+        lowest = min(late, outliers.lowest)
+        highest = max(late, outliers.highest)
+        if arrival_ns - outliers.first_ns <= STEADY_NS:
+            self._outliers = Outliers(outliers.first_ns, lowest, highest)
             return False
-        self._off = None
+        self._outliers = None
         return highest < 2.0 * lowest
 
-    def _jumped(self, device_ns: int, arrival_ns: int, late: float) -> int:
+    def _start_after_jump(self, device_ns: int, arrival_ns: int, late: float) -> int:
         self._start(device_ns, arrival_ns)
-        if -STEP_NS <= late < 0.0:
+        if -STEP_NS <= late < 0.0:  # the link may have been slow until now
             return arrival_ns
         self.jumps += 1
         self.jump_s = -late / NS_PER_S
@@ -165,7 +187,8 @@ class DeviceClock:
     def _limit_jumps(self, arrival_ns: int) -> None:
         jumped_ns = self._jumped_ns
         jumped_ns.append(arrival_ns)
-        if len(jumped_ns) == MAX_JUMPS and arrival_ns - jumped_ns[0] <= UNUSED_NS:
+        has_many = len(jumped_ns) == MAX_JUMPS
+        if has_many and arrival_ns - jumped_ns[0] <= UNUSED_NS:
             self._unused_until_ns = arrival_ns + UNUSED_NS
 
     def _end_bin(self, x: int) -> None:
@@ -175,6 +198,7 @@ class DeviceClock:
         span = points[-1][0] - points[0][0]
         if span <= 0:
             return
+        # Shrink the slope of a short span, which is mostly noise. Then no point is below the line.
         slope = slope_below(points) / (1.0 + (SHRINK_NS / span) ** 2)
         self._slope = min(max(slope, -MAX_DRIFT), MAX_DRIFT)
         self._offset = min(y - self._slope * px for px, y in points)
@@ -187,6 +211,7 @@ def slope_below(points: "deque[Point] | list[Point]") -> float:
         while len(hull) > 1 and _turns_down(hull[-2], hull[-1], point):
             hull.pop()
         hull.append(point)
+    # Among the lines below all points, the edge at the mean abscissa is closest to the points
     middle = sum(x for x, _ in points) / len(points)
     for (x0, y0), (x1, y1) in pairwise(hull):
         if x1 >= middle:

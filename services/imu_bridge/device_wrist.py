@@ -74,10 +74,14 @@ class WristMonitor:
         self.battery: float | None = None
         """Charge left, 0 to 1."""
         self.signal_dbm: float | None = None
+
+        # Connections
         self._is_connected = False
         self._lost = ""
         """Reason why the device is disconnected, or `""`."""
         self._connections: deque[float] = deque(maxlen=STORM)
+
+        # Rate of the readings, and gaps in it
         self._count = 0
         """Readings since the last report."""
         self._counts: deque[tuple[float, int]] = deque()
@@ -88,6 +92,8 @@ class WristMonitor:
         self._gaps: deque[float] = deque(maxlen=1000)
         self._latest_gap_s: float | None = None
         self._reported_s: float | None = None
+
+        # Changes of the values
         self._values: Values = ()
         self._changed_s = math.inf
         self._finest = math.inf
@@ -105,7 +111,8 @@ class WristMonitor:
         if values != self._values:
             if self._is_step_wanted and len(values) == len(self._values):
                 self._is_step_wanted = False
-                step = max(abs(a - b) for a, b in zip(values, self._values, strict=True))
+                changes = [abs(new - old) for new, old in zip(values, self._values, strict=True)]
+                step = max(changes)
                 self._finest = min(self._finest, step)
             self._values = values
             self._changed_s = now_s
@@ -144,7 +151,8 @@ class WristMonitor:
         span_s = now_s - counts[0][0]
         rate_hz = 0.0
         if span_s > 0.0:
-            rate_hz = sum(count for _, count in list(counts)[1:]) / span_s
+            readings = sum(count for _, count in list(counts)[1:])
+            rate_hz = readings / span_s
         if rate_hz > 0.0:
             self._gap_s = max(MIN_GAP_S, GAP_PERIODS / rate_hz)
         while self._gaps and now_s - self._gaps[0] > GAPS_S:
@@ -172,6 +180,7 @@ class WristMonitor:
         label = self._label
         yield "connection", self._lost
 
+        # Silence. After a late report, readings may be waiting for this process itself.
         silent_s = now_s - self._last_s
         can_judge = self._is_connected and not self._is_late and not is_explained
         message = ""
@@ -182,6 +191,7 @@ class WristMonitor:
             )
         yield "silence", message
 
+        # A hand trembles. Values in which that would show, but which stay equal, are of no hand.
         same_s = self._last_s - self._changed_s
         shows_tremor = self._finest < FINE or len(self._values) == RAW
         message = ""
@@ -192,6 +202,7 @@ class WristMonitor:
             )
         yield "frozen", message
 
+        # A storm of short connections
         connections = self._connections
         message = ""
         if len(connections) == STORM and now_s - connections[0] < STORM_S:
@@ -201,6 +212,7 @@ class WristMonitor:
             )
         yield "reconnections", message
 
+        # Battery
         message = ""
         if self.battery is not None and self.battery < LOW_BATTERY:
             message = f"the battery of {label} is at {self.battery:.0%}: charge it"
@@ -299,10 +311,14 @@ class DeviceWrist:
         """Newest world_from_sensor."""
         self.has_changed = False
         """True if the last item may have changed a warning."""
+
+        # Names, and the problem of the newest items
         self._label = label
         self._plugin = plugin
         self._check = ReadingCheck()
         self._problem = ""
+
+        # The device's clock
         self._clock: CaptureClock | None = None
         if has_steady_time:
             for device_clock in present((CLOCK,)):
@@ -312,6 +328,8 @@ class DeviceWrist:
         """Largest age of a reading on arrival since the last report, by the device's clock."""
         self._jumps = 0
         self._jump_shown_s = 0.0
+
+        # The filter, loaded by the first raw reading
         self._fusion: RawFusion | None = None
         self._no_fusion = ""
         """Reason why raw readings cannot be used, or `""`."""
@@ -387,8 +405,10 @@ class DeviceWrist:
 
     def warnings(self, now_s: float, *, is_explained: bool) -> Iterator[WarningText]:
         """Yield the warnings. `is_explained`: the source itself reports why nothing comes."""
-        yield "readings", f"{self._plugin} {self._problem}" if self._problem else ""
-        yield "fusion", f"{self._plugin} {self._no_fusion}" if self._no_fusion else ""
+        problem = f"{self._plugin} {self._problem}" if self._problem else ""
+        yield "readings", problem
+        fusion_problem = f"{self._plugin} {self._no_fusion}" if self._no_fusion else ""
+        yield "fusion", fusion_problem
         yield "device-clock", self._clock_warning(now_s)
         if self._fusion is not None:
             yield "drift", self._fusion.warning(self._label)

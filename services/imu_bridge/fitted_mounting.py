@@ -96,7 +96,8 @@ def mean_pose(orientations: Orientations) -> MountingHold:
     mean = turns.mean()
     angles = (mean.inv() * turns).magnitude()
     x, y, z, w = (float(value) for value in mean.as_quat())
-    return MountingHold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
+    spread_rad = float(np.sqrt(np.mean(np.square(angles))))
+    return MountingHold((x, y, z, w), spread_rad, len(orientations))
 
 
 def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
@@ -108,6 +109,7 @@ def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
     Raises:
         MountingError: If the arm did not rest, did not move in between, or one of the poses was another one.
     """
+    # Each pose was held still, and the arm moved in between
     for pose, name in ((forward, "ahead"), (up, "up")):
         if pose.spread_rad > STILL_RAD:
             limit_deg = math.degrees(STILL_RAD)
@@ -116,17 +118,18 @@ def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
                 f"the arm did not rest while it was {name}: it wandered by {spread_deg}° rms, at most "
                 f"{limit_deg:.0f}° is allowed; hold it still and do it again"
             )
-    turned_rad = rotation.angle_between(forward.mean_xyzw, up.mean_xyzw)
-    if turned_rad < APART_RAD:
+    turn_rad = rotation.angle_between(forward.mean_xyzw, up.mean_xyzw)
+    if turn_rad < APART_RAD:
         raise MountingError(
-            f"the two poses are the same: between them the arm turned by {math.degrees(turned_rad):.0f}° "
+            f"the two poses are the same: between them the arm turned by {math.degrees(turn_rad):.0f}° "
             "only; hold it level ahead first, then straight up"
         )
 
     # in the previous arm frame: up in the first pose, and the arm's axis, which points up in the second
     level = rotation.rotate(rotation.inverse(forward.mean_xyzw), _UP)
     axis = rotation.rotate(rotation.inverse(up.mean_xyzw), _UP)
-    slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
+    slope = vector.dot(axis, level)
+    slope_rad = math.asin(max(-1.0, min(1.0, slope)))
     if abs(slope_rad) > SQUARE_RAD:
         limit_deg = math.degrees(SQUARE_RAD)
         slope_deg = round_beyond(abs(math.degrees(slope_rad)), limit_deg, 0)
@@ -137,11 +140,14 @@ def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
         )
 
     # x halves the angle between the axis and its level part; z is at a right angle to it, next to up
-    levelled = vector.normalized(vector.subtract(axis, vector.scale(level, vector.dot(axis, level))))
+    rise = vector.scale(level, vector.dot(axis, level))
+    levelled = vector.normalized(vector.subtract(axis, rise))
     x = vector.normalized(vector.add(axis, levelled))
-    z = vector.normalized(vector.subtract(level, vector.scale(x, vector.dot(level, x))))
+    along_x = vector.scale(x, vector.dot(level, x))
+    z = vector.normalized(vector.subtract(level, along_x))
     matrix = np.array([x, vector.cross(z, x), z]).T
-    qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(matrix).as_quat(canonical=True))
+    quaternion = Rotation.from_matrix(matrix).as_quat(canonical=True)
+    qx, qy, qz, qw = (float(value) for value in quaternion)
     return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
 
 
@@ -150,19 +156,20 @@ def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> F
     ahead: Vec3 = (1.0, 0.0, 0.0)
     axis = rotation.rotate(arm_from_true, ahead)
 
-    def seen(pose: Quaternion, direction: Vec3) -> Vec3:
-        return rotation.rotate(pose, direction)
-
-    before = seen(forward, ahead)
-    after = seen(forward, axis)
+    # The arm's axis in both poses, as it was assumed before and as it is
+    before = rotation.rotate(forward, ahead)
+    after = rotation.rotate(forward, axis)
+    up_before = rotation.rotate(up, ahead)
+    up_after = rotation.rotate(up, axis)
     half_turn = math.pi / 2.0
+    roll_rad = -2.0 * math.atan2(arm_from_true[0], arm_from_true[3])
     return FittedMounting(
         arm_from_true=arm_from_true,
-        about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
+        about_arm_rad=vector.wrap(roll_rad),
         off_axis_rad=vector.angle_between(axis, ahead),
         forward_before_rad=vector.elevation(before),
-        up_before_rad=vector.elevation(seen(up, ahead)) - half_turn,
+        up_before_rad=vector.elevation(up_before) - half_turn,
         forward_after_rad=vector.elevation(after),
-        up_after_rad=vector.elevation(seen(up, axis)) - half_turn,
+        up_after_rad=vector.elevation(up_after) - half_turn,
         heading_change_rad=vector.wrap(vector.azimuth(after) - vector.azimuth(before)),
     )

@@ -90,7 +90,9 @@ class PeriodRegression:
     @property
     def period_s(self) -> float | None:
         """Return the sample period, s, or None if it cannot be told yet."""
-        return self._cov / self._var_x if self._var_x > 0.0 and self._cov > 0.0 else None
+        if self._var_x > 0.0 and self._cov > 0.0:
+            return self._cov / self._var_x
+        return None
 
     def add(self, arrival_ns: int) -> None:
         """Add the arrival of the next sample."""
@@ -128,8 +130,11 @@ class Fusion:
                 f"sends angular velocities and accelerations, which need an extra: run {remedy('fusion')}"
             ) from error
         self._make: Callable[[float], Vqf] = module.VQF
-        self._gyr, self._acc = np.zeros(3), np.zeros(3)
+        self._gyr = np.zeros(3)
+        self._acc = np.zeros(3)
         self._vqf: Vqf | None = None
+
+        # Bias of the gyroscope, which outlives a restart
         self._offset: Vec3 = (0.0, 0.0, 0.0)
         """Angular velocity of the device at rest at the start, rad/s. That of cheap gyroscopes exceeds the
         2 °/s that the filter accepts as a bias."""
@@ -137,6 +142,8 @@ class Fusion:
         """Bias of the gyroscope before the last restart, rad/s."""
         self.uncertainty_degps = math.inf
         """Standard deviation of the bias, °/s."""
+
+        # Drift of the heading, which a rest reveals
         self._moving_bias: Array | None = None
         """Bias when the device was last moved, rad/s."""
         self.measured_degps = math.inf
@@ -186,7 +193,9 @@ class Fusion:
     def _add(self, vqf: "Vqf", values: Values, step_s: float) -> None:
         steps = max(1, round(step_s / self._period_s))
         scale = step_s / (steps * self._filter_period_s)
-        gyr, acc, (ox, oy, oz) = self._gyr, self._acc, self._offset
+        gyr = self._gyr
+        acc = self._acc
+        ox, oy, oz = self._offset
         gyr[0] = (values[0] - ox) * scale
         gyr[1] = (values[1] - oy) * scale
         gyr[2] = (values[2] - oz) * scale
@@ -200,25 +209,33 @@ class Fusion:
         The change of the bias during a rest is the rate at which the heading drifted before it.
         """
         vqf = self._vqf
-        is_resting = False
-        rate_degps = None
-        since_s = 0.0
-        if vqf is not None:
-            is_resting = vqf.getRestDetected()
-            bias, sigma = vqf.getBiasEstimate()
-            self.uncertainty_degps = math.degrees(sigma)
-            if not is_resting:
-                self._moving_bias = bias
-            else:
-                self._rested_s = now_s
-                if self._moving_bias is not None:
-                    self.measured_degps = math.degrees(float(np.linalg.norm(bias - self._moving_bias)))
-            rate_degps = min(self.uncertainty_degps, self.measured_degps)
-            since_s = 0.0 if self._rested_s is None else now_s - self._rested_s
-        is_known = rate_degps is not None and self._rested_s is not None
-        yield "resting", None if vqf is None else float(is_resting), ""
-        yield "heading drift rate", None if rate_degps is None else round(60.0 * rate_degps, 1), "°/min"
-        yield "heading drift", round(since_s * rate_degps, 1) if is_known and rate_degps else None, "°"
+        if vqf is None:
+            yield "resting", None, ""
+            yield "heading drift rate", None, "°/min"
+            yield "heading drift", None, "°"
+            return
+
+        # Update what is known of the bias
+        is_resting = vqf.getRestDetected()
+        bias, sigma = vqf.getBiasEstimate()
+        self.uncertainty_degps = math.degrees(sigma)
+        if not is_resting:
+            self._moving_bias = bias
+        else:
+            self._rested_s = now_s
+            if self._moving_bias is not None:
+                change_radps = float(np.linalg.norm(bias - self._moving_bias))
+                self.measured_degps = math.degrees(change_radps)
+
+        # Drift since the last rest, at which the heading was not corrected, but stood still
+        rate_degps = min(self.uncertainty_degps, self.measured_degps)
+        drift_deg: float | None = None
+        if self._rested_s is not None and rate_degps:
+            since_s = now_s - self._rested_s
+            drift_deg = round(since_s * rate_degps, 1)
+        yield "resting", float(is_resting), ""
+        yield "heading drift rate", round(60.0 * rate_degps, 1), "°/min"
+        yield "heading drift", drift_deg, "°"
 
     def warning(self, label: str) -> str:
         """Return a message if the bias of the gyroscope is not known yet, else `""`."""
@@ -232,13 +249,17 @@ class Fusion:
     def _start(self) -> "Vqf":
         self._filter_period_s = self._period_s
         vqf = self._vqf = self._make(self._period_s)
-        values = np.array([each for each, _ in self._held_back])
+        values = np.array([held_back for held_back, _ in self._held_back])
+
+        # At rest the gyroscope measures its bias. Else that of the previous filter is the best estimate.
         spread = values.std(0)
         if spread[:3].max() < STILL_RADPS and spread[3:].max() < STILL_MPS2:
             x, y, z = values[:, :3].mean(0).tolist()
             self._offset = (x, y, z)
         elif self._bias is not None:
             vqf.setBiasEstimate(self._bias)
+
+        # Make up for the readings of the first second
         for held_back, step_s in self._held_back:
             self._add(vqf, held_back, step_s)
         self._held_back.clear()
@@ -249,26 +270,32 @@ class Fusion:
         arrivals = self._arrival_regression
         device_ns = reading.device_time_ns
         time_ns = reading.stamp_ns if device_ns is None else device_ns
-        before_ns = self._before_ns
+        previous_ns = self._before_ns
         self._before_ns = time_ns
-        if before_ns is None:
+        if previous_ns is None:
             arrivals.add(time_ns)
             return 0.0
-        between_s = (time_ns - before_ns) / NS_PER_S
-        if device_ns is not None and between_s <= 0.0:
-            if between_s < -MAX_GAP_S:
+
+        # A repeated or late reading is skipped. Arrivals may coincide, the device's times do not.
+        step_s = (time_ns - previous_ns) / NS_PER_S
+        if device_ns is not None and step_s <= 0.0:
+            if step_s < -MAX_GAP_S:
                 return math.inf  # its clock was set: nothing is known of the time between
-            self._before_ns = before_ns
+            self._before_ns = previous_ns
             return 0.0
-        if between_s > MAX_GAP_S:
-            return between_s
+        if step_s > MAX_GAP_S:
+            return step_s
+
+        # Follow the period. The filter has it fixed, so another one needs a new filter.
         arrivals.add(time_ns)
         period_s = arrivals.period_s
         if period_s is None:
             return 0.0
-        if self._vqf is not None and abs(period_s / self._filter_period_s - 1.0) > MAX_CHANGE:
-            return math.inf
+        if self._vqf is not None:
+            change = abs(period_s / self._filter_period_s - 1.0)
+            if change > MAX_CHANGE:
+                return math.inf
         if period_s < MIN_PERIOD_S:
             return 0.0 if arrivals.span_s < START_S else math.inf
         self._period_s = period_s
-        return period_s if device_ns is None else between_s
+        return period_s if device_ns is None else step_s

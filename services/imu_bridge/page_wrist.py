@@ -60,7 +60,10 @@ class PageWrist:
     def is_active(self, now_ns: int, speed: float = 1.0) -> bool:
         """Return True if a page moved the wrist within the timeout. `speed`: clock over wall time."""
         received_ns = self._received_ns
-        return received_ns is not None and abs(now_ns - received_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
+        if received_ns is None:
+            return False
+        timeout_ns = WRIST_PATIENCE_S * NS_PER_S * speed
+        return abs(now_ns - received_ns) <= timeout_ns
 
     def process_sample(
         self, sample: WristSample, now_ns: int, *, home: int | None, speed: float = 1.0
@@ -75,6 +78,8 @@ class PageWrist:
         """
         goes_on = self.is_active(now_ns, speed)
         self._received_ns = now_ns
+
+        # Drop samples too far ahead, and late ones. If the clock was set back, the newest is not believed.
         latest_ns = now_ns + round(MAX_AHEAD_NS * speed)
         if sample.stamp_ns > latest_ns:
             self.ahead_ns = sample.stamp_ns - now_ns
@@ -84,24 +89,34 @@ class PageWrist:
         if newest is not None and sample.stamp_ns < newest.stamp_ns <= latest_ns:
             self.late += 1
             return None
+
+        # An arm begins in {H} whenever it takes over, a phone at a new yaw in each session
         device = sample.device
-        if device == "arm" and not (goes_on and newest is not None and newest.device == device):
+        previous: WristSample | None = None
+        if newest is not None and newest.device == device:
+            previous = newest
+        is_takeover = previous is None or not goes_on
+        if device == "arm" and is_takeover:
             self._frames[device].set_yaw_origin(0.0)
             self._epochs[device] = None
         if device == "phone" and sample.session != self._session:
             self._session = sample.session
             self._start_new_epoch(device)
-        before_ns = None if newest is None or newest.device != device else newest.device_time_ns
         self._newest = sample
-        own = self._epochs[device]
-        if own is not None:
-            self._epoch = own
+
+        # Its own yaw origin, else that of what moved the wrist before
+        own_epoch = self._epochs[device]
+        if own_epoch is not None:
+            self._epoch = own_epoch
         elif home is not None and not goes_on:
             self._epoch = home
+
         # a mouse has no clock of its own, and that of its page would look like a restarted device;
         # the page repeats the orientation of a phone at rest, which is a new sample nevertheless
-        has_device_time = device == "phone" and sample.device_time_ns != before_ns
-        device_time_ns = sample.device_time_ns if has_device_time else None
+        previous_ns = None if previous is None else previous.device_time_ns
+        device_time_ns: int | None = None
+        if device == "phone" and sample.device_time_ns != previous_ns:
+            device_time_ns = sample.device_time_ns
         orientation = self._frames[device].orientation(sample.orientation_xyzw)
         return PageOrientation(orientation, device_time_ns, self._epoch)
 
@@ -128,7 +143,9 @@ class PageWrist:
 
 def mover_name(sample: WristSample | None) -> str:
     """Return the name of the device of the page (or ROS) that sent `sample`, or `""` without one."""
-    return "" if sample is None else sample.source or DEVICE_NAMES[sample.device]
+    if sample is None:
+        return ""
+    return sample.source or DEVICE_NAMES[sample.device]
 
 
 def figures(page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, float | None, str]]:
@@ -136,23 +153,36 @@ def figures(page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, 
 
     `sample` is None after the page has released the wrist.
     """
+    mover = mover_name(sample)
     for name in (*DEVICE_NAMES.values(), "headset"):
-        yield f"moved by a page's {name}", 1.0 if name == mover_name(sample) else None, ""
-    battery = None if sample is None or sample.device != "phone" else sample.battery
-    yield "battery of the phone", None if battery is None else round(100.0 * battery), "%"
-    yield "late samples of a page or ROS", float(page.late) if page.late else None, ""
+        is_mover = 1.0 if name == mover else None
+        yield f"moved by a page's {name}", is_mover, ""
+    battery = _phone_battery(sample)
+    battery_percent = None if battery is None else round(100.0 * battery)
+    yield "battery of the phone", battery_percent, "%"
+    late = float(page.late) if page.late else None
+    yield "late samples of a page or ROS", late, ""
 
 
 def warnings(user: str, page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, str]]:
     """Yield topics and messages of warnings; `""` clears a warning."""
-    ahead_ns = None if sample is None else page.ahead_ns
-    yield (
-        "page",
-        ""
-        if ahead_ns is None
-        else f"the wrist that a page or ROS moves is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this "
-        "machine's clock and left out: synchronize the clocks of the machines",
-    )
-    battery = None if sample is None or sample.device != "phone" else sample.battery
-    is_low = battery is not None and battery < LOW_BATTERY
-    yield "battery", f"the battery of {user}'s phone is at {battery:.0%}: plug it in" if is_low else ""
+    message = ""
+    if sample is not None and page.ahead_ns is not None:
+        message = (
+            f"the wrist that a page or ROS moves is stamped {page.ahead_ns / NS_PER_S:.1f} s ahead of this "
+            "machine's clock and left out: synchronize the clocks of the machines"
+        )
+    yield "page", message
+
+    battery = _phone_battery(sample)
+    message = ""
+    if battery is not None and battery < LOW_BATTERY:
+        message = f"the battery of {user}'s phone is at {battery:.0%}: plug it in"
+    yield "battery", message
+
+
+def _phone_battery(sample: WristSample | None) -> float | None:
+    """Return the charge that `sample` states, or None if it is not a phone's."""
+    if sample is None or sample.device != "phone":
+        return None
+    return sample.battery

@@ -45,7 +45,8 @@ class ReplaySource:
         for sentence in recording.notes:
             log.warning("%s: %s", recording.path, sentence)
         is_known = np.isfinite(recording.orientation_xyzw).all(axis=1)
-        self._times_ns: list[int] = np.rint(recording.t_s[is_known] * NS_PER_S).astype(np.int64).tolist()
+        times_ns = np.rint(recording.t_s[is_known] * NS_PER_S)
+        self._times_ns: list[int] = times_ns.astype(np.int64).tolist()
         self._orientations: list[list[float]] = recording.orientation_xyzw[is_known].tolist()
 
     async def run(self, deliver: Deliver) -> None:

@@ -89,6 +89,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """Other services that write this wrist's samples."""
 
         self._sample_numbers = itertools.count(1)
+        # What it publishes, reports and serves
         self._button_numbers = itertools.count(1)
         self._step_numbers = itertools.count(1)
         self._samples = self.bus.publisher(topics.IMU, self.user)
@@ -227,7 +228,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_service(self, instance: str, *, present: bool) -> None:
         service, _, user = instance.partition(".")
-        if user != self.user or service == self.NAME or service not in topics.IMU.writers:
+        if user != self.user or service == self.NAME:
+            return
+        if service not in topics.IMU.writers:
             return
         if present:
             self._other_writers.add(service)

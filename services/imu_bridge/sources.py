@@ -145,12 +145,12 @@ class ReadingCheck:
             self._count = 0
         self._count += 1
         if self._count > MAX_ITEMS_PER_S:
-            found = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
+            new_problem = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
         else:
-            found = fault(item)
-        self.is_refused = bool(found)
-        if found:
-            self._problem = found
+            new_problem = fault(item)
+        self.is_refused = bool(new_problem)
+        if new_problem:
+            self._problem = new_problem
             self._problem_ns = now_ns
         elif self._problem and not 0 <= now_ns - self._problem_ns < SHOWN_NS:
             self._problem = ""
@@ -184,10 +184,11 @@ def fault(item: Item) -> str:
 
 def time_fault(stamp_ns: int, device_ns: int | None) -> str:
     """Return an error message if a time does not fit messages, else `""`."""
-    if 0 <= stamp_ns < END_NS and (device_ns is None or 0 <= device_ns < END_NS):
+    is_device_time_valid = device_ns is None or 0 <= device_ns < END_NS
+    if 0 <= stamp_ns < END_NS and is_device_time_valid:
         return ""
-    own = "" if device_ns is None else f" and {device_ns} ns of its own clock"
-    return f"delivers the time {stamp_ns} ns{own}; such items are dropped: times are 0 to 2^62 ns"
+    device_time = "" if device_ns is None else f" and {device_ns} ns of its own clock"
+    return f"delivers the time {stamp_ns} ns{device_time}; such items are dropped: times are 0 to 2^62 ns"
 
 
 def _accept(_config: Any) -> None:

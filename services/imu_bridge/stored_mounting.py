@@ -49,6 +49,8 @@ class MountingSelection:
         """True if it differs from the configured one."""
         self.warning = ""
         """Warning that a stored mounting is not used, or `""`."""
+
+        # The measurement is of one device, which the configured mounting tells apart
         own = self.stored_mountings.by_source.get(self._key)
         if own is None:
             return
@@ -73,31 +75,33 @@ class MountingSelection:
         if not self.is_measured:
             return f"{self._key} {self._config.mounting}"
         sign = math.copysign(1.0, self.sensor_from_arm[3])  # q and -q are the same rotation
-        return f"{self._key} {' '.join(f'{sign * value:.3f}' for value in self.sensor_from_arm)}"
+        numbers = " ".join(f"{sign * value:.3f}" for value in self.sensor_from_arm)
+        return f"{self._key} {numbers}"
 
     def set(self, query: SetMounting, now_ns: int) -> StoredMountings | None:
         """Set the requested mounting. Return the mountings to store, or None if they are unchanged.
 
         A relative rotation by 0 changes nothing and serves as a query.
         """
-        wanted = query.sensor_from_arm_xyzw
-        others = {
-            name: stored_mountings
-            for name, stored_mountings in self.stored_mountings.by_source.items()
-            if name != self._key
-        }
-        if wanted is None:
+        requested = query.sensor_from_arm_xyzw
+        others = dict(self.stored_mountings.by_source)
+        others.pop(self._key, None)
+
+        # No mounting: return to the configured one
+        if requested is None:
             self.sensor_from_arm = self._config.configured_mounting
             self.is_measured = False
             self.warning = ""
             self.stored_mountings = StoredMountings(by_source=others)
             return self.stored_mountings
+
+        # A mounting, relative to the present one or to the sensor
         if query.is_relative:
-            if wanted[:3] == (0.0, 0.0, 0.0):
+            if requested[:3] == (0.0, 0.0, 0.0):
                 return None
-            self.sensor_from_arm = rotation.normalized(rotation.multiply(self.sensor_from_arm, wanted))
+            self.sensor_from_arm = rotation.normalized(rotation.multiply(self.sensor_from_arm, requested))
         else:
-            self.sensor_from_arm = rotation.normalized(wanted)
+            self.sensor_from_arm = rotation.normalized(requested)
         self.is_measured = True
         self.warning = ""
         own = StoredMounting(

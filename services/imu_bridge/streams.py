@@ -66,7 +66,8 @@ class PassedOver:
     @property
     def text(self) -> str:
         """Return the numbers by kind for a sentence, such as `120 of L, 3 of N`, or `""`."""
-        return first_of([f"{count} of {kind}" for kind, count in self.counts.items()], MAX_SHOWN_KINDS)
+        numbers = [f"{count} of {kind}" for kind, count in self.counts.items()]
+        return first_of(numbers, MAX_SHOWN_KINDS)
 
 
 class MessageNumbers:
@@ -97,18 +98,17 @@ class MessageNumbers:
         return tuple(sensor_names)
 
     def _count_rises(self, position: int, name: str) -> int:
-        last = self._last.get(position)
-        is_number = name.isdecimal() and len(name) < MAX_DIGITS
-        number = int(name) if is_number else None
-        if number is None:
+        if not name.isdecimal() or len(name) >= MAX_DIGITS:
             self._last.pop(position, None)
             self._rises[position] = 0
             return 0
+        number = int(name)
+        last = self._last.get(position)
         self._last[position] = number
         rises = self._rises.get(position, 0)
-        # a counter of one byte starts again, which a number that was proven before may do
-        is_restart = rises >= PROOF and last is not None and number < last
-        if last is not None and (number > last or is_restart):
+        if last is None:
+            rises = 0
+        elif number > last or (rises >= PROOF and number < last):  # a proven counter of one byte starts again
             rises += 1
         else:
             rises = 0
@@ -138,22 +138,31 @@ class SensorChoice:
                 self._sensors.clear()  # they were numbers of messages
             names = sensor_names
         name = " ".join(filter(None, names))
+
+        # Count the reading. Its sensor moves to the end, so the first one has been silent for longest.
         self._count += 1
         readings = self._sensors.pop(name, (0, 0))[0] + 1
-        self._sensors = {each: at for each, at in self._sensors.items() if self._count - at[1] < FORGET_AFTER}
+        oldest = self._count - FORGET_AFTER
+        self._sensors = {sensor: last for sensor, last in self._sensors.items() if last[1] > oldest}
         if len(self._sensors) >= MAX_SENSORS:
             del self._sensors[next(iter(self._sensors))]
         self._sensors[name] = readings, self._count
-        is_used = (
-            self._is_wanted(name, *names) if self._wanted else [name] in (self.several, [*self._sensors])
-        )
+
+        if self._wanted:
+            is_used = self._is_wanted(name, *names)
+        else:
+            is_used = self.several == [name] or [*self._sensors] == [name]
         if is_used:
             self.used = name
         return is_used
 
     def is_other(self, name: str = "") -> bool:
         """Return True if an event of the sensor with `name` is not of the one in use."""
-        return bool(name) and name.casefold() != (self._wanted or (self.used or "").casefold())
+        if not name:
+            return False
+        used = self.used or ""
+        sensor = self._wanted or used.casefold()
+        return name.casefold() != sensor
 
     def _is_wanted(self, *names: str) -> bool:
         return self._wanted in map(str.casefold, names)
@@ -172,13 +181,17 @@ class SensorChoice:
     def warning(self) -> str:
         """Return the warning that several sensors are heard, or not the configured one, or `""`."""
         sensors = self.several
-        if not sensors and len(self._sensors) >= MAX_SENSORS and not self._numbers.is_undecided:
+        has_many = len(self._sensors) >= MAX_SENSORS and not self._numbers.is_undecided
+        if not sensors and has_many:
             sensors = [*self._sensors]
-        names = ", ".join(sorted(name or "one without a name" for name in sensors))
-        if self._wanted and sensors and self.used not in self._sensors:
+        labels = [name or "one without a name" for name in sensors]
+        names = ", ".join(sorted(labels))
+        if self._wanted:
+            if not sensors or self.used in self._sensors:
+                return ""
             option = set_option("imu-bridge", self._parameter, min(sensors))
             return f"no sensor {self._wanted!r} is heard, but {names}: use one of them, as by {option}"
-        if self._wanted or len(sensors) < 2:
+        if len(sensors) < 2:
             return ""
         option = set_option("imu-bridge", self._parameter, "NAME")
         return f"several sensors send in one stream ({names}), and none is used: name the wrist's by {option}"
@@ -188,11 +201,18 @@ def quoted(data: bytes, max_bytes: int = 40) -> str:
     """Return the first `max_bytes` bytes: quoted text with escaped control characters, else hexadecimal."""
     shown = data[:max_bytes]
     letters = _decoded(shown, "replace")
-    readable = sum(each != _UNREADABLE and (each.isprintable() or each in "\t\r\n") for each in letters)
+    readable = sum(map(_is_readable, letters))
     if readable < MIN_READABLE * len(letters):
         return shown.hex(" ")
     text = _decoded(shown, "backslashreplace")
-    return "'" + "".join(each if each.isprintable() else repr(each)[1:-1] for each in text) + "'"
+    escaped = [letter if letter.isprintable() else repr(letter)[1:-1] for letter in text]
+    return "'" + "".join(escaped) + "'"
+
+
+def _is_readable(letter: str) -> bool:
+    if letter == _UNREADABLE:
+        return False
+    return letter.isprintable() or letter in "\t\r\n"
 
 
 def _decoded(data: bytes, errors: str) -> str:
@@ -206,8 +226,10 @@ class ContentError(ValueError):
 
 def component(key: str) -> tuple[str, str]:
     """Return prefix and component w, x, y or z of a name such as `qw` or `quat_w`, or two empty strings."""
-    found = _COMPONENT.fullmatch(key)
-    return ("", "") if found is None else (found[1].casefold(), found[2].casefold())
+    match = _COMPONENT.fullmatch(key)
+    if match is None:
+        return "", ""
+    return match[1].casefold(), match[2].casefold()
 
 
 def named_components(fields: Mapping[str, Any]) -> list[Any] | None:
@@ -217,8 +239,11 @@ def named_components(fields: Mapping[str, Any]) -> list[Any] | None:
         prefix, axis = component(key)
         if axis:
             groups.setdefault(prefix, {})[axis] = value
-    fours = [[axes[axis] for axis in "xyzw"] for axes in groups.values() if len(axes) == 4]
-    return fours[0] if len(fours) == 1 else None
+    complete_groups = [axes for axes in groups.values() if len(axes) == 4]
+    if len(complete_groups) != 1:
+        return None
+    axes = complete_groups[0]
+    return [axes[axis] for axis in "xyzw"]
 
 
 def quaternion_in(content: Mapping[str, Any], order: Order) -> Quaternion:
@@ -227,26 +252,39 @@ def quaternion_in(content: Mapping[str, Any], order: Order) -> Quaternion:
     Raises:
         ContentError: If it has none or several, or its norm is wrong.
     """
-    four = named_components(content)
-    fields = [key for key in content if key.casefold() in _LISTS]
-    if (four is not None) + len(fields) != 1:
-        raise ContentError("has several quaternions" if fields else "has no quaternion")
-    if four is None and is_object(inner := content[fields[0]]):
-        four = named_components(inner)
-        if four is None:
-            raise ContentError(f"has no w, x, y and z in {fields[0]!r}")
-    if four is not None:
-        return unit_rotation(four, "xyzw")
-    stated = content.get("order", order)
-    if stated not in ("wxyz", "xyzw"):
-        raise ContentError(f"has the order {stated!r}, wxyz or xyzw was expected"[:MAX_NAME])
-    return unit_rotation(content[fields[0]], stated)
+    # It has one quaternion: by components, or in one field of its own
+    components = named_components(content)
+    list_fields = [key for key in content if key.casefold() in _LISTS]
+    count = len(list_fields)
+    if components is not None:
+        count += 1
+    if count != 1:
+        raise ContentError("has several quaternions" if list_fields else "has no quaternion")
+    if components is not None:
+        return unit_rotation(components, "xyzw")
+
+    # The field holds an object of components, or a list in the stated order
+    name = list_fields[0]
+    value = content[name]
+    if is_object(value):
+        components = named_components(value)
+        if components is None:
+            raise ContentError(f"has no w, x, y and z in {name!r}")
+        return unit_rotation(components, "xyzw")
+    stated_order = content.get("order", order)
+    if stated_order not in ("wxyz", "xyzw"):
+        raise ContentError(f"has the order {stated_order!r}, wxyz or xyzw was expected"[:MAX_NAME])
+    return unit_rotation(value, stated_order)
 
 
 def names_in(content: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the values of those fields of `content` that name the sensor."""
-    values = [content[key] for key in ID_FIELDS if key in content]
-    return tuple(f"{each}"[:MAX_NAME] for each in values if isinstance(each, str | int | float))
+    names: list[str] = []
+    for key in ID_FIELDS:
+        value = content.get(key)
+        if isinstance(value, str | int | float):
+            names.append(f"{value}"[:MAX_NAME])
+    return tuple(names)
 
 
 def unit_rotation(values: Sequence[Any], order: Order) -> Quaternion:

@@ -35,6 +35,7 @@ def measures(
     Raises:
         ValueError: If they contradict each other. The message has the lengths and the remedy.
     """
+    # Contradictions between the given values
     if seat_height_m is not None and not seated:
         raise ValueError(
             f"seat_height_m ({seat_height_m}) is given, but the person stands: set seated, or leave it out"
@@ -44,11 +45,15 @@ def measures(
             f"body.footprint_to_neck_m ({given_m['footprint_to_neck_m']}) and seated exclude each other: "
             "give that height as it is when sitting and leave seated out, or give stature_m"
         )
+
+    # Scale what is not given. A person who sits is lower, by the legs less the seat.
     factor = stature_m / DEFAULT_STATURE_M
     scaled = {name: factor * value for name, value in BodyMeasures().model_dump().items()}
     if seated:
         seat_m = SEAT_HEIGHT * stature_m if seat_height_m is None else seat_height_m
         scaled["footprint_to_neck_m"] += seat_m - (1.0 - SITTING_HEIGHT) * stature_m
+
+    # A straight arm must reach past the eyes, where this ray begins
     body = BodyMeasures(**{**scaled, **given_m})
     arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
     to_eyes_m = math.hypot(body.neck_to_shoulder_m, body.neck_to_eyes_m)
@@ -127,9 +132,11 @@ class ProfileConfig(Config):
         Raises:
             ValueError: If they contradict each other.
         """
+        lengths_m = self.body.model_dump()
+        given_m = {name: length_m for name, length_m in lengths_m.items() if length_m is not None}
         return measures(
             self.stature_m,
-            {name: value for name, value in self.body.model_dump().items() if value is not None},
+            given_m,
             ray_model=self.ray_model,
             seated=self.seated,
             seat_height_m=self.seat_height_m,

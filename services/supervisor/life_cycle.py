@@ -1,7 +1,4 @@
-"""Runs the table of transitions for one person: presses, cues and progress in, messages and requests out.
-
-`LocalizationAttempt` is one in progress, as the person sees it: queue, target and next step.
-"""
+"""Runs the table of transitions for one person: presses, cues and progress in, messages and requests out."""
 
 import math
 from collections import deque
@@ -14,6 +11,7 @@ from pointit.schemas.pointing import PressEffect
 from pointit.schemas.selection import SelectionManner
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.localization_attempt import LocalizationAttempt
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
 
 State = Literal["idle", "localizing", "pointing"]
@@ -73,117 +71,34 @@ class InteractionResume:
     """Keeps the last interaction of an earlier supervisor until the localizer's first message."""
 
     def __init__(self) -> None:
-        self._before: Interaction | None = None
+        self._interaction: Interaction | None = None
 
-    def take(self, before: Interaction, now_ns: int) -> None:
+    def store(self, interaction: Interaction, now_ns: int) -> None:
         """Store the last interaction. One with a future stamp is ignored."""
-        if before.stamp_ns <= now_ns and (self._before is None or before.stamp_ns > self._before.stamp_ns):
-            self._before = before
+        if interaction.stamp_ns > now_ns:
+            return
+        if self._interaction is None or interaction.stamp_ns > self._interaction.stamp_ns:
+            self._interaction = interaction
 
     def forget(self) -> None:
         """Discard it, as the person has done something else."""
-        self._before = None
+        self._interaction = None
 
     def resumable_activity(self, localization: Localization) -> Literal["", "localizing", "pointing"]:
         """Return the activity to resume after the localizer's message `localization`, or `""`. Works once."""
-        before = self._before
-        self._before = None
-        if before is None or before.state == "idle":
+        interaction = self._interaction
+        self._interaction = None
+        if interaction is None or interaction.state == "idle":
             return ""
-        if before.state == "pointing":
-            return "pointing" if localization.stamp_ns <= before.stamp_ns else ""
-        is_same = localization.purpose == "pose" and 0 < localization.since_ns <= before.stamp_ns + GRACE_NS
+        if interaction.state == "pointing":
+            return "pointing" if localization.stamp_ns <= interaction.stamp_ns else ""
+        # The localizer goes on with what was begun before, if it is the same one
+        is_same = (
+            localization.purpose == "pose" and 0 < localization.since_ns <= interaction.stamp_ns + GRACE_NS
+        )
         if not is_same or localization.phase not in {"sampling", "solved"}:
             return ""
         return "localizing" if localization.phase == "sampling" else "pointing"
-
-
-@dataclass(kw_only=True)
-class LocalizationAttempt:
-    """An attempt requested by the person, or by another client."""
-
-    stage: Stage
-    """`localizing`, `anchoring` or `joined`."""
-    before: Literal["idle", "pointing"]
-    """Stage that preceded it."""
-    since_ns: int
-    """Earlier messages do not belong to it, ns."""
-    counted_ns: int
-    """Start of the timeout, ns: the last change of target, or the start."""
-    run: int = 0
-    """Number of the person's last request. 0: none."""
-    is_answered: bool = True
-    """True if the localizer has accepted the request. An end before that belongs to an earlier attempt."""
-    next_step: str = transitions.WAIT
-    ahead: tuple[str, ...] = ()
-    target_id: str = ""
-    """Current target, or `""`."""
-    _reached: int = 0
-    """Highest index of a target so far."""
-    _aimed: tuple[int, int] | None = None
-    """`(since_ns, target_index)` of the last target announced to the person, or None."""
-
-    def on_request(self, run: int) -> None:
-        """Wait for the localizer, which is asked for the first time or was restarted. Times are kept."""
-        self.run = run
-        self.is_answered = False
-        self.next_step = transitions.WAIT
-        self.ahead = ()
-        self.target_id = ""
-        self._aimed = None
-
-    def classify(self, localization: Localization, pose_ns: int | None) -> Event | None:
-        """Return the event that `localization` is for this attempt, or None.
-
-        `pose_ns`: stamp of the newest pose. None: no pose is known.
-        """
-        if localization.stamp_ns < self.since_ns:
-            return None
-        is_anchor = self.stage == "anchoring"
-        if (localization.purpose == "anchor") != is_anchor:
-            return "lost" if is_anchor and self.is_answered else None
-        match localization.phase:
-            case "sampling":
-                return "target"
-            case "solved":
-                return "found"
-            case "refused":
-                return "refused"
-            case "cancelled" | "idle" if not self.is_answered:  # before it heard of this one
-                return None
-            case "cancelled":
-                return "cancelled"
-            case "idle" if self.stage == "localizing":
-                is_unseen = pose_ns is not None and pose_ns >= self.since_ns
-                return "found" if is_unseen else "restarted"  # idle, as if it had never heard of us
-            case "idle":
-                return "lost"
-
-    def follow(self, localization: Localization, now_ns: int) -> bool:
-        """Update target and queue. Return True if a cue is due, once per target.
-
-        A change of the robot's candidate while the person follows theirs is no new target.
-        """
-        self.ahead = localization.ahead
-        if localization.ahead:
-            self.counted_ns = now_ns
-            self.next_step = transitions.queue(localization.ahead)
-            was_aimed = self._aimed is not None
-            self._aimed = None
-            self.target_id = ""
-            return was_aimed
-        if not localization.target_id:
-            if not self.target_id:
-                self.next_step = transitions.WAIT
-            return False
-        if localization.target_index > self._reached:  # the timeout is per lamp
-            self._reached = localization.target_index
-            self.counted_ns = now_ns
-        aimed = self._aimed
-        self._aimed = (localization.since_ns, localization.target_index)
-        self.next_step = transitions.aim(localization)
-        self.target_id = localization.target_id
-        return aimed != self._aimed
 
 
 class InteractionPublisher:
@@ -209,6 +124,7 @@ class InteractionPublisher:
         is_advised: bool = False,
     ) -> list[Interaction]:
         """Return the state of the interaction, unless it equals the last one."""
+        # A number is used up only by a state that is published
         update = (state, reason, next_step, press, ahead, is_unsure, is_advised)
         if update == self._shown:
             return []
@@ -232,14 +148,16 @@ class InteractionPublisher:
         """Return a cue. It comes without its colour if lamps would flash too often."""
         self._cues += 1
         sign = SIGNS[cue]._asdict()
-        sign["color"] = sign["color"] if self._may_flash(now_ns) else None
+        if not self._may_flash(now_ns):
+            sign["color"] = None
         return Feedback(
             stamp_ns=now_ns, seq=self._cues, cue=cue, text=text, target_id=target_id, waits=waits, **sign
         )
 
     def _may_flash(self, now_ns: int) -> bool:
         flashes_ns = self._flashes_ns
-        if len(flashes_ns) == MAX_FLASHES and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
+        has_many = len(flashes_ns) == MAX_FLASHES
+        if has_many and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
             return False
         flashes_ns.append(now_ns)
         return True
@@ -275,8 +193,10 @@ class LifeCycle:
         """None in the stages `idle` and `pointing`."""
         self._reason = ""
         self._readiness = Readiness(config)
-        self._before = InteractionResume()
+        self._earlier = InteractionResume()
         self._publisher = InteractionPublisher()
+
+        # State of the person and their wrist
         self._pressed: tuple[int, int, str, str] | None = None
         """Stamp, number, source and gesture of the last press."""
         self._pose_ns: int | None = None
@@ -287,6 +207,8 @@ class LifeCycle:
         """Time of the wrist's last sample, or of the start of listening, ns."""
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
+
+        # Texts for the person
         self._manner: SelectionManner | None = None
         """Manner in which people select here, or None if no selector has published it."""
         self._advice: dict[str, str] = {}
@@ -294,6 +216,8 @@ class LifeCycle:
         is shown."""
         self._hears_names = False
         """Names of objects are spoken to the person."""
+
+        # Requests to the localizer
         self._runs = 0
         self._pending_cancels = 0
         """Number of requests to cancel without reply."""
@@ -320,13 +244,14 @@ class LifeCycle:
 
     def begin(self, now_ns: int) -> list[Output]:
         """Return the first state."""
-        self._readiness.wait(now_ns + SETTLE_NS if self._config.localize else now_ns)
+        until_ns = now_ns + SETTLE_NS if self._config.localize else now_ns
+        self._readiness.wait(until_ns)
         return [*self._show(now_ns)]
 
     def resume_from(self, before: Interaction, now_ns: int) -> None:
         """Set the last state of an earlier supervisor. It may continue if the localizer is the same."""
         if self._stage == "idle" and self._pressed is None:
-            self._before.take(before, now_ns)
+            self._earlier.store(before, now_ns)
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture."""
@@ -334,7 +259,7 @@ class LifeCycle:
         if pressed == self._pressed:
             return []
         self._pressed = pressed
-        self._before.forget()
+        self._earlier.forget()
         return self._on(event.gesture, now_ns)
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
@@ -427,26 +352,32 @@ class LifeCycle:
 
     def _classify_unexpected(self, localization: Localization, now_ns: int) -> Event | None:
         """Return the event of `localization` without an attempt. Those of others count with a target."""
-        activity = self._before.resumable_activity(localization) if self._stage == "idle" else ""
+        # An earlier supervisor had this person point, or have their place found
+        activity = self._earlier.resumable_activity(localization) if self._stage == "idle" else ""
         if activity == "pointing":
             self._readiness.on_interrupted(now_ns)
             return None
         if activity == "localizing":
             return "recovered"
+
+        # Somebody else has asked the localizer
         began_ns = localization.since_ns or localization.stamp_ns
-        is_new = localization.phase == "sampling" and began_ns >= self._over_ns and not self._pending_cancels
-        if not is_new or not localization.target_id:
+        is_over = began_ns < self._over_ns or self._pending_cancels > 0
+        if localization.phase != "sampling" or is_over:
+            return None
+        if not localization.target_id:
             return None
         return "anchor requested" if localization.purpose == "anchor" else "pose requested"
 
     def _holds(self, condition: Condition, now_ns: int) -> bool:
         is_known = self._pose_ns is not None
-        must_ask = self._config.localize and (not is_known or self._config.relocalize_each_time)
+        needs_pose = not is_known or self._config.relocalize_each_time
+        must_localize = self._config.localize and needs_pose
         match condition:
             case "localizes":
                 return self._config.localize
             case "must localize":
-                return must_ask
+                return must_localize
             case "no pose":
                 return not is_known
             case "has pose":
@@ -456,21 +387,31 @@ class LifeCycle:
             case "may start":
                 return self._readiness.may_begin(now_ns)
             case "may resume":
-                return self._readiness.may_resume(now_ns) and is_known and not must_ask
+                has_place = is_known and not must_localize
+                return has_place and self._readiness.may_resume(now_ns)
 
     def _on(
         self, event: Event, now_ns: int, *, reason: str = "", localization: Localization | None = None
     ) -> list[Output]:
         """Make the transition of `event`, if there is one. `reason` replaces that of the table."""
-        rows = (row for row in TABLE[self._stage] if event in row.events)
-        row = next((row for row in rows if all(self._holds(each, now_ns) for each in row.conditions)), None)
-        if row is None:
+        for row in TABLE[self._stage]:
+            if event not in row.events:
+                continue
+            if all(self._holds(condition, now_ns) for condition in row.conditions):
+                break
+        else:
             return []
+
+        # The stage changes first: effects and cues are those of the new one
         before = self._before_attempt
         self._reason = reason or row.reason or self._reason
-        self._enter(before if row.then == "before" else row.then, now_ns, localization)
-        requests = [request for effect in row.effects for request in self._apply(effect, before, now_ns)]
-        return [*requests, *self._closing_outputs(row.cue, now_ns, localization)]
+        stage = before if row.then == "before" else row.then
+        self._enter(stage, now_ns, localization)
+        outputs: list[Output] = []
+        for effect in row.effects:
+            outputs += self._apply(effect, before, now_ns)
+        outputs += self._closing_outputs(row.cue, now_ns, localization)
+        return outputs
 
     @property
     def _before_attempt(self) -> Literal["idle", "pointing"]:
@@ -517,22 +458,38 @@ class LifeCycle:
     ) -> list[Output]:
         attempt = self._attempt
         cue = self._publisher.cue
+
+        # No attempt is running: cues of what has ended, if any, and of what has begun
         if attempt is None:
-            rest: Cue = "refused" if outcome == "refused" else "stopped"
-            last: Cue = "started" if self._stage == "pointing" else rest
+            last: Cue = "stopped"
+            if self._stage == "pointing":
+                last = "started"
+            elif outcome == "refused":
+                last = "refused"
             text = self._pointing if last == "started" else self._reason
-            first = [cue(now_ns, outcome, self._reason)] if outcome and outcome != last else []
-            return [*first, *self._show(now_ns), cue(now_ns, last, text)]
+            outputs: list[Output] = []
+            if outcome and outcome != last:
+                outputs.append(cue(now_ns, outcome, self._reason))
+            outputs += self._show(now_ns)
+            outputs.append(cue(now_ns, last, text))
+            return outputs
+
+        # An attempt is running: the state names the target before its cue is played
         is_target_due = localization is not None and attempt.follow(localization, now_ns)
-        shown = self._show(now_ns)
+        outputs = [*self._show(now_ns)]
         target = attempt.target_id
-        named = outcome or ("target" if is_target_due else "")
-        cues = [cue(now_ns, named, attempt.next_step, target, waits=not target)] if named else []
-        return [*shown, *cues]
+        next_cue: Cue | Literal[""] = outcome
+        if not next_cue and is_target_due:
+            next_cue = "target"
+        if next_cue:
+            outputs.append(cue(now_ns, next_cue, attempt.next_step, target, waits=not target))
+        return outputs
 
     def _show(self, now_ns: int) -> list[Interaction]:
         ahead = () if self._attempt is None else self._attempt.ahead
-        is_unsure = self._stage == "pointing" and self._is_unsure
+        is_pointing = self._stage == "pointing"
+        is_unsure = is_pointing and self._is_unsure
+        has_advice = is_pointing and bool(self._advice)
         return self._publisher.show(
             now_ns,
             self.state,
@@ -541,7 +498,7 @@ class LifeCycle:
             ahead,
             press=self._press,
             is_unsure=is_unsure,
-            is_advised=self._stage == "pointing" and bool(self._advice) and not is_unsure,
+            is_advised=has_advice and not is_unsure,
         )
 
     @property

@@ -25,7 +25,9 @@ class PoseRestorer:
     def deadline_ns(self) -> int | None:
         """Return the time at which to call `due`. None while there is nothing to restore."""
         pose = self._pose
-        if pose is None or pose.method == "external" or self._new_ns is None:
+        if pose is None or pose.method == "external":
+            return None
+        if self._new_ns is None:
             return None
         if self._is_away or self._is_sampling:  # absent, or about to find a better pose
             return None
@@ -33,18 +35,17 @@ class PoseRestorer:
 
     def pose(self, pose: UserPose) -> None:
         """Update the pose. The pose from a new localizer's configuration does not replace a measured one."""
-        stored_pose = self._pose
         is_configured = pose.method == "fixed" and not any(pose.covariance)
-        if (
-            self._new_ns is not None
-            and is_configured
-            and stored_pose is not None
-            and any(stored_pose.covariance)
-        ):
+        is_of_new_localizer = is_configured and self._new_ns is not None
+        if is_of_new_localizer and self._has_measured_pose:
             return
         self._pose = pose
         self._new_ns = None
         self._is_away = False
+
+    @property
+    def _has_measured_pose(self) -> bool:
+        return self._pose is not None and any(self._pose.covariance)
 
     def localization(self, localization: Localization, now_ns: int) -> None:
         """Process the localizer's progress."""
@@ -69,7 +70,9 @@ class PoseRestorer:
         """Return the request that restores the pose, once, if it is due."""
         deadline_ns = self.deadline_ns
         pose = self._pose
-        if pose is None or pose.method == "external" or deadline_ns is None or now_ns < deadline_ns:
+        if pose is None or pose.method == "external":
+            return None
+        if deadline_ns is None or now_ns < deadline_ns:
             return None
         self._new_ns = None
         if not any(pose.covariance):  # exact, as it was set

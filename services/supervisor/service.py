@@ -50,7 +50,7 @@ class Supervisor(Service[SupervisorConfig]):
         self._cycle = LifeCycle(config)
         self._restorer = PoseRestorer()
         self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
-        self._moved = asyncio.Event()
+        self._deadline_changed = asyncio.Event()
         self._offset_file = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
         self._offset = self._read_offset()
         self._setting = asyncio.Lock()
@@ -58,7 +58,9 @@ class Supervisor(Service[SupervisorConfig]):
         self._profiles = self.bus.publisher(topics.PROFILE, self.user)
         self._interactions = self.bus.publisher(topics.INTERACTION, self.user)
         self._feedback = self.bus.publisher(topics.FEEDBACK, self.user)
-        self._put_profile()
+        self._publish_profile()
+
+        # What an earlier supervisor has left, before the first state of this one
         self._began_ns = self.clock.now_ns()
         self._stored_last = StateFile(Interaction, self.user, LAST_WORD_PURPOSE)
         self._last: Interaction | None = None
@@ -66,7 +68,9 @@ class Supervisor(Service[SupervisorConfig]):
         self._restore_last()
         self.bus.subscribe(topics.INTERACTION, self._on_interaction, self.user)
         self.bus.subscribe(topics.BUTTON, self._on_button, self.user)  # a press may answer the first state
-        self._do(self._cycle.begin(self._began_ns))
+        self._process_outputs(self._cycle.begin(self._began_ns))
+
+        # All else comes after the first state
         self.bus.subscribe(topics.POSE, self._on_pose, self.user)
         self.bus.subscribe(topics.LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(topics.IMU, self._on_imu, self.user)
@@ -85,20 +89,18 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
         self._restorer.pose(pose)
-        self._do(self._cycle.pose(pose, self.clock.now_ns()))
+        self._process_outputs(self._cycle.pose(pose, self.clock.now_ns()))
 
     def _on_localization(self, localization: Localization, _user: str) -> None:
         now_ns = self.clock.now_ns()
         self._restorer.localization(localization, now_ns)
-        self._do(self._cycle.localization(localization, now_ns))
-        word = self._last
-        if (
-            word is not None
-            and word.state == self._cycle.state == "pointing"
-            and localization.stamp_ns > word.stamp_ns
-        ):
+        self._process_outputs(self._cycle.localization(localization, now_ns))
+        last = self._last
+        if last is None or localization.stamp_ns <= last.stamp_ns:
+            return
+        if last.state == self._cycle.state == "pointing":
             # a restarted localizer perhaps: a later supervisor must see that pointing continued after it
-            self._last = word.model_copy(update={"stamp_ns": localization.stamp_ns})
+            self._last = last.model_copy(update={"stamp_ns": localization.stamp_ns})
             self._has_last.set()
 
     def _on_interaction(self, before: Interaction, _user: str) -> None:
@@ -130,28 +132,28 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _on_presence(self, instance: str, *, present: bool) -> None:
         if instance == topics.CLEAR_SELECTION.server and not present:
-            self._do(self._cycle.manner(None, self.clock.now_ns()))
+            self._process_outputs(self._cycle.manner(None, self.clock.now_ns()))
         if not present:
-            self._do(self._cycle.end_advice(instance, self.clock.now_ns()))
+            self._process_outputs(self._cycle.end_advice(instance, self.clock.now_ns()))
         if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":
             self._restorer.localizer(self.clock.now_ns(), is_present=present)
-            self._moved.set()
+            self._deadline_changed.set()
 
     def _on_manner(self, manner: SelectionManner, _name: str) -> None:
-        self._do(self._cycle.manner(manner, self.clock.now_ns()))
+        self._process_outputs(self._cycle.manner(manner, self.clock.now_ns()))
 
     def _on_announced(self, _announced: Announced, _user: str) -> None:
-        self._do(self._cycle.hear_names(self.clock.now_ns()))
+        self._process_outputs(self._cycle.hear_names(self.clock.now_ns()))
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         outputs = self._cycle.imu(sample, self.clock.now_ns())
         if outputs:
-            self._do(outputs)
+            self._process_outputs(outputs)
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
-        self._do(self._cycle.button(event, self.clock.now_ns()))
+        self._process_outputs(self._cycle.button(event, self.clock.now_ns()))
 
-    def _do(self, outputs: Sequence[Output]) -> None:
+    def _process_outputs(self, outputs: Sequence[Output]) -> None:
         for output in outputs:
             match output:
                 case Interaction():
@@ -162,7 +164,7 @@ class Supervisor(Service[SupervisorConfig]):
                     self._feedback.put(output)
                 case Start() | Cancel():
                     self._requests.put_nowait(output)
-        self._moved.set()
+        self._deadline_changed.set()
 
     async def _send_requests(self) -> None:
         while True:
@@ -182,9 +184,10 @@ class Supervisor(Service[SupervisorConfig]):
             else:
                 await self.bus.call(topics.START_LOCALIZATION, query, self.user)
         except RequestError as error:
-            self._do(self._cycle.on_start_failed(request.run, str(error), self.clock.now_ns()))
+            outputs = self._cycle.on_start_failed(request.run, str(error), self.clock.now_ns())
+            self._process_outputs(outputs)
         else:
-            self._do(self._cycle.on_start_accepted(request.run))
+            self._process_outputs(self._cycle.on_start_accepted(request.run))
 
     async def _cancel(self) -> None:
         try:
@@ -200,44 +203,49 @@ class Supervisor(Service[SupervisorConfig]):
             sentence = f"the restarted localizer did not accept the person's pose: {error}"
             self.bus.warn("place", sentence, "localizer")
             self._restorer.renew(self.clock.now_ns())
-            self._moved.set()
+            self._deadline_changed.set()
         else:
             self.bus.clear("place", "localizer")
 
     async def _run_deadlines(self) -> None:
         while True:
             now_ns = self.clock.now_ns()
-            self._do(self._cycle.tick(now_ns))
+            self._process_outputs(self._cycle.tick(now_ns))
             is_resting = self._cycle.state != "localizing"  # a pose would end the localization
             place = self._restorer.due(now_ns) if is_resting else None
             if place is not None:
                 self._requests.put_nowait(place)
-            self._moved.clear()
-            waits = [self._cycle.deadline_ns, self._restorer.deadline_ns if is_resting else None]
-            deadline_ns = min((wait for wait in waits if wait is not None), default=None)
-            await wait_until(self.clock, deadline_ns, self._moved)
+            self._deadline_changed.clear()
+            deadlines_ns = [self._cycle.deadline_ns]
+            if is_resting:
+                deadlines_ns.append(self._restorer.deadline_ns)
+            known_ns = [deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None]
+            deadline_ns = min(known_ns, default=None)
+            await wait_until(self.clock, deadline_ns, self._deadline_changed)
 
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
-        if query.offset is not None and (wrong := offset_problem(query.offset)):
-            raise RefusedError(wrong)
+        if query.offset is not None:
+            problem = offset_problem(query.offset)
+            if problem:
+                raise RefusedError(problem)
         async with self._setting:  # the stored offset must be the last one set
             self._offset = query.offset
-            self._put_profile()
+            self._publish_profile()
             problem = await self._store_offset()
-        what = "the offset is forgotten" if query.offset is None else "the offset is in use"
+        message = "the offset is forgotten" if query.offset is None else "the offset is in use"
         if problem:
-            what = f"{what}, but a restart restores the previous one: {problem}"
-        return Done(message=what)
+            message = f"{message}, but a restart restores the previous one: {problem}"
+        return Done(message=message)
 
     async def _say(self, query: Say, _user: str) -> Done:
         now_ns = self.clock.now_ns()
         if query.is_over:
-            self._do(self._cycle.end_advice(query.service, now_ns, query.text))
+            self._process_outputs(self._cycle.end_advice(query.service, now_ns, query.text))
             return Done(message=f"{self.user} is not advised so any longer")
         if query.stays:
-            self._do(self._cycle.advise(query.text, now_ns, query.service))
+            self._process_outputs(self._cycle.advise(query.text, now_ns, query.service))
         else:
-            self._do(self._cycle.cue_of_text(query.text, now_ns))
+            self._process_outputs(self._cycle.cue_of_text(query.text, now_ns))
         return Done(message=f"{self.user} is told")
 
     async def _store_offset(self) -> str:
@@ -263,10 +271,11 @@ class Supervisor(Service[SupervisorConfig]):
             log.info("%s", offset_in_use(self.user, offset))
         return offset
 
-    def _put_profile(self) -> None:
+    def _publish_profile(self) -> None:
         self._profile_seq += 1
-        plain = profile(self.config.profile, self.clock.now_ns())
-        self._profiles.put(plain.model_copy(update={"offset": self._offset, "seq": self._profile_seq}))
+        message = profile(self.config.profile, self.clock.now_ns())
+        update = {"offset": self._offset, "seq": self._profile_seq}
+        self._profiles.put(message.model_copy(update=update))
 
 
 def profile(config: ProfileConfig, now_ns: int) -> UserProfile:

@@ -101,20 +101,23 @@ def aim(localization: Localization) -> str:
     """Return the next step while localizing: the current target."""
     if localization.purpose == "anchor":
         return f"Point at {localization.target_id} with your arm straight and stay on it; no cursor is shown."
-    is_one_of = (
-        localization.target_count > 1 and not localization.candidates
-    )  # otherwise it is the number of robots
-    which = f" ({localization.target_index + 1} of {localization.target_count})" if is_one_of else ""
-    return f"Point at {localization.target_id} and stay on it{which}."
+    counts_targets = localization.target_count > 1 and not localization.candidates  # else it counts robots
+    number = ""
+    if counts_targets:
+        number = f" ({localization.target_index + 1} of {localization.target_count})"
+    return f"Point at {localization.target_id} and stay on it{number}."
 
 
 def queue(ahead: Sequence[str]) -> str:
     """Return the next step in a queue after the persons `ahead`, the first of whom points now."""
     first, *others = ahead
-    then = f", then {'come' if len(others) > 1 else 'comes'} {', '.join(others)}" if others else ""
+    then = ""
+    if others:
+        verb = "come" if len(others) > 1 else "comes"
+        then = f", then {verb} {', '.join(others)}"
     place = len(ahead)
-    which = ORDINALS[place] if place < len(ORDINALS) else f"number {place + 1}"
-    return f"Wait: {first} is pointing at the lamps{then}, you are {which}; press the button to cancel."
+    ordinal = ORDINALS[place] if place < len(ORDINALS) else f"number {place + 1}"
+    return f"Wait: {first} is pointing at the lamps{then}, you are {ordinal}; press the button to cancel."
 
 
 def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:
@@ -132,10 +135,12 @@ def point(*, is_end: bool, manner: SelectionManner | None, hears_names: bool) ->
     """Return the next step while pointing. `is_end`: a press ends it. `manner`: how people select here."""
     if is_end:
         return POINT
-    if manner is None or (manner.by == "press" and not hears_names):
+    if manner is None:
         return POINT_AND_CONFIRM  # without a selector, a service of another package takes presses
     if hears_names:
         return STAY if manner.names_by == "stay" else PRESS_AT_NAME
+    if manner.by == "press":
+        return POINT_AND_CONFIRM
     return STAY_OR_PRESS.format(pressed=_pressed(manner)) if manner.pressed else STAY
 
 
@@ -154,8 +159,13 @@ def press_effect(
         return "start" if stage == "idle" else "cancel"
     if is_end:
         return "stop"
-    by = "press" if manner is None else manner.names_by if hears_names else manner.by
-    return "" if by == "stay" and not (manner and manner.pressed and not hears_names) else "confirm"
+    if manner is None:
+        return "confirm"
+    if hears_names:
+        return "" if manner.names_by == "stay" else "confirm"
+    if manner.by == "stay" and not manner.pressed:
+        return ""
+    return "confirm"
 
 
 def offset_problem(offset: PointingOffset) -> str:
@@ -170,10 +180,10 @@ def offset_problem(offset: PointingOffset) -> str:
 
 def offset_in_use(user: str, offset: PointingOffset) -> str:
     """Return a message that a stored offset is in use, and how to erase it, in local time."""
-    of = ""
+    date = ""
     if offset.fitted_ns:
-        of = f" of {minute(offset.fitted_ns)}"
-    return f"{user}: an offset{of} is in use; `pointit person calibrate user {user} --erase` forgets it"
+        date = f" of {minute(offset.fitted_ns)}"
+    return f"{user}: an offset{date} is in use; `pointit person calibrate user {user} --erase` forgets it"
 
 
 def minute(stamp_ns: int) -> str:

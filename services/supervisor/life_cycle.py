@@ -92,10 +92,10 @@ class InteractionResume:
             return ""
         if interaction.state == "pointing":
             return "pointing" if localization.stamp_ns <= interaction.stamp_ns else ""
+
         # The localizer goes on with what was begun before, if it is the same one
-        is_same = (
-            localization.purpose == "pose" and 0 < localization.since_ns <= interaction.stamp_ns + GRACE_NS
-        )
+        latest_ns = interaction.stamp_ns + GRACE_NS
+        is_same = localization.purpose == "pose" and 0 < localization.since_ns <= latest_ns
         if not is_same or localization.phase not in {"sampling", "solved"}:
             return ""
         return "localizing" if localization.phase == "sampling" else "pointing"

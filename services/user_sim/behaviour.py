@@ -63,18 +63,24 @@ class AlongStrips:
             return REST
         if self._start_ns is None:
             self._start_ns = now_ns
+
+        # Arc length along all lines, there and back
         total_m = math.fsum(line.length_m for line in lines)
         at_m = (now_ns - self._start_ns) / NS_PER_S * self._speed_mps % (2.0 * total_m)
         sign = 1.0 if at_m <= total_m else -1.0
         at_m = min(at_m, 2.0 * total_m - at_m)
+
+        # Its line, and the number of the stretch: another one begins where lines are apart
         stretch = 0
         last = lines[0]
         for number, line in enumerate(lines):
-            stretch += number > 0 and math.dist(_end(last, -1), _end(line, 0)) > APART_M
+            if number > 0 and math.dist(_end(last, -1), _end(line, 0)) > APART_M:
+                stretch += 1
             last = line
             if at_m <= line.length_m:
                 break
-            at_m -= line.length_m if number < len(lines) - 1 else 0.0
+            if number < len(lines) - 1:
+                at_m -= line.length_m
         return PersonGoal(
             key=f"{kind}s {stretch}",
             point_m=last.point_at(at_m),
@@ -103,7 +109,9 @@ class SequentialTargets:
         if self._until_ns is None or now_ns >= self._until_ns:
             self._goal = self._choose(self._goal.key, sight) or REST
             hold_s = FIND_S + self._hold_s * self._times.between(0.5, 1.5)
-            self._until_ns = now_ns + round(hold_s * NS_PER_S) if self._goal is not REST else None
+            self._until_ns = None
+            if self._goal is not REST:
+                self._until_ns = now_ns + round(hold_s * NS_PER_S)
         return self._goal
 
 
@@ -113,7 +121,9 @@ def next_lamp(before: str, sight: Sight) -> PersonGoal | None:
     if not goals:
         return None
     keys = [goal.key for goal in goals]
-    return goals[(keys.index(before) + 1) % len(goals) if before in keys else 0]
+    if before not in keys:
+        return goals[0]
+    return goals[(keys.index(before) + 1) % len(goals)]
 
 
 class Sending:
@@ -129,10 +139,12 @@ class Sending:
         """Return the next of the four steps: there, up, there again, up."""
         self._step += 1
         if self._step % 4 == 0:
-            way = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
-            self._place_m = vector.add(self._feet_m, vector.scale(way, float(self._rng.uniform(*PLACES_M))))
+            direction = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
+            distance_m = float(self._rng.uniform(*PLACES_M))
+            self._place_m = vector.add(self._feet_m, vector.scale(direction, distance_m))
         up_m = RAISED_M if self._step % 2 else 0.0
-        return PersonGoal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
+        point_m = vector.add(self._place_m, (0.0, 0.0, up_m))
+        return PersonGoal(key=f"place {self._step}", point_m=point_m)
 
 
 def make_behaviour(
@@ -161,7 +173,11 @@ def asked_goal(now_ns: int, sight: Sight, perceived: PerceivedState) -> PersonGo
     requested = perceived.target
     if perceived.is_queuing:
         return REST
-    lamp = requested if requested in sight.lamps_m else sight.lit_lamp() if not requested else ""
+    lamp = ""
+    if requested in sight.lamps_m:
+        lamp = requested
+    elif not requested:
+        lamp = sight.lit_lamp()
     if lamp:
         return PersonGoal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
     seen = sight.find(requested, now_ns) if requested else None

@@ -51,7 +51,8 @@ class OpenLoopError:
         drawn_deg = LOW_DEG + LOW_SD_DEG * float(rng.standard_normal())
         given_deg = config.elevation_bias_deg
         self._clumsy = 1.0 - skill
-        self.bias_rad = math.radians(self._clumsy * drawn_deg if given_deg is None else given_deg)
+        bias_deg = self._clumsy * drawn_deg if given_deg is None else given_deg
+        self.bias_rad = math.radians(bias_deg)
         """Mean elevation above the target, rad."""
         self.now_rad: tuple[float, float] = (0.0, 0.0)
         """Azimuth and elevation error of the current reach, rad."""
@@ -65,10 +66,13 @@ class OpenLoopError:
         azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())
         elevation = math.radians(REACH_SD_DEG) * share * float(rng.standard_normal())
         if rng.random() < config.bent_arm_share:
-            step = float(rng.uniform(*BENT_ARM_RAD)) * (1.0 if rng.random() < 0.5 else -1.0)
-            azimuth, elevation = (
-                (azimuth + step, elevation) if rng.random() < 0.5 else (azimuth, elevation + step)
-            )
+            step = float(rng.uniform(*BENT_ARM_RAD))
+            if rng.random() >= 0.5:
+                step = -step
+            if rng.random() < 0.5:
+                azimuth += step
+            else:
+                elevation += step
         self.now_rad = (self._clumsy * azimuth, self.bias_rad + self._clumsy * elevation)
 
 
@@ -80,6 +84,8 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
     """
     if elapsed_s >= duration_s:
         return (0.0, 0.0, 0.0)
+
+    # Time as a share of the duration, and the start in this unit of time
     s = max(elapsed_s, 0.0) / duration_s
     s2 = s * s
     s3 = s**3
@@ -88,6 +94,8 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
     x = start[0]
     v = start[1] * duration_s
     a = start[2] * duration_s**2 / 2.0
+
+    # The quintic and its derivatives
     position = (
         x * (1 - 10 * s3 + 15 * s4 - 6 * s5)
         + v * (s - 6 * s3 + 8 * s4 - 3 * s5)
@@ -129,9 +137,10 @@ class Arm:
 
     def amplitude_rad(self, now_ns: int, aim: Aim) -> float:
         """Return the angle from the arm's direction to `aim`."""
-        off = self.deviation(now_ns)
-        here = vector.direction(self._aim.azimuth_rad + off[0], self._aim.elevation_rad + off[1])
-        return vector.angle_between(here, vector.direction(aim.azimuth_rad, aim.elevation_rad))
+        azimuth, elevation = self.deviation(now_ns)
+        here = vector.direction(self._aim.azimuth_rad + azimuth, self._aim.elevation_rad + elevation)
+        there = vector.direction(aim.azimuth_rad, aim.elevation_rad)
+        return vector.angle_between(here, there)
 
     def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
         """Return a random duration of a reach of `amplitude_rad`, s (Fitts: 39 deg in 0.74 s).
@@ -141,7 +150,8 @@ class Arm:
         config = self._config
         bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
         usual_s = config.reach_base_s + config.reach_per_bit_s * bits
-        usual_s *= config.reach_with_cursor if with_cursor else 1.0
+        if with_cursor:
+            usual_s *= config.reach_with_cursor
         return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
 
     def start_hold(self) -> None:
@@ -177,10 +187,10 @@ class Arm:
     def follow(self, now_ns: int, aim: Aim) -> Quaternion:
         """Return the arm's orientation in {W} with the updated `aim`."""
         self._aim = aim
-        off = self.deviation(now_ns)
+        azimuth, elevation = self.deviation(now_ns)
         noise = self._noise.at(now_ns)
         return rotation.from_azimuth_elevation(
-            aim.azimuth_rad + off[0] + noise[0], aim.elevation_rad + off[1] + noise[1]
+            aim.azimuth_rad + azimuth + noise[0], aim.elevation_rad + elevation + noise[1]
         )
 
     def _states(self, now_ns: int) -> tuple[State, State]:
@@ -205,15 +215,17 @@ class PosturalNoise:
         self._rng = rng
         self._spread = config.hold_spread
         steady = 1.0 - STEADIER * skill
-        self._sd_rad = [
-            steady * math.radians(sd_deg) for sd_deg in (config.hold_yaw_sd_deg, config.hold_pitch_sd_deg)
-        ]
+        yaw_sd_rad = steady * math.radians(config.hold_yaw_sd_deg)
+        pitch_sd_rad = steady * math.radians(config.hold_pitch_sd_deg)
+        self._sd_rad = (yaw_sd_rad, pitch_sd_rad)
         self._poles_s = (config.hold_correlation_s, SECOND_SHARE * config.hold_correlation_s)
         first_s, second_s = self._poles_s
         self._source_variance = (first_s + second_s) / first_s
         y = rng.standard_normal(2)
         x = rng.standard_normal(2)
         more = math.sqrt(self._source_variance - 1.0)
+
+        # A stationary start: the driving noise is correlated with the wandering
         self._state = [(float(b + more * a), float(b)) for a, b in zip(y, x, strict=True)]
         """Driving noise and wandering of each axis. The wandering has variance 1."""
         self._passed_s = -1.0
@@ -235,16 +247,25 @@ class PosturalNoise:
             self._passed_s = passed_s
         keep, follow, keep_second, a, b, c = self._step
         n = self._rng.standard_normal(4).tolist()
-        self._state = [
-            (keep * y + a * n[2 * k], follow * y + keep_second * x + b * n[2 * k] + c * n[2 * k + 1])
-            for k, (y, x) in enumerate(self._state)
-        ]
+
+        # Driving noise (y) and wandering (x) of each axis, with two independent normal numbers each
+        states: list[tuple[float, float]] = []
+        for axis, (y, x) in enumerate(self._state):
+            first = n[2 * axis]
+            second = n[2 * axis + 1]
+            next_y = keep * y + a * first
+            next_x = follow * y + keep_second * x + b * first + c * second
+            states.append((next_y, next_x))
+        self._state = states
+
+        # Level of this hold, and tremor
         self._factor += (self._wanted - self._factor) * (1.0 - math.exp(-passed_s / EASING_S))
-        yaw, pitch = (
-            self._factor * sd * x + tremor
-            for sd, (_, x), tremor in zip(self._sd_rad, self._state, self._tremor.step(passed_s), strict=True)
-        )
-        return (yaw, pitch)
+        (_, yaw), (_, pitch) = states
+        yaw_sd_rad, pitch_sd_rad = self._sd_rad
+        yaw_tremor_rad, pitch_tremor_rad = self._tremor.step(passed_s)
+        yaw_rad = self._factor * yaw_sd_rad * yaw + yaw_tremor_rad
+        pitch_rad = self._factor * pitch_sd_rad * pitch + pitch_tremor_rad
+        return (yaw_rad, pitch_rad)
 
     def _over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
         """Return the exact update of the state over a step: three factors, the noise's triangular matrix."""
@@ -288,9 +309,13 @@ class StandingPosition:
             self._began_ns = now_ns
             self._next_ns = self._after(now_ns)
         elapsed_s = max(0, now_ns - self._began_ns) / NS_PER_S
-        left = minimum_jerk_to_rest((1.0, 0.0, 0.0), STEP_S, elapsed_s)[0]
-        x, y = (spot + left * (old - spot) for old, spot in zip(self._from, self._spot, strict=True))
+        remaining, _, _ = minimum_jerk_to_rest((1.0, 0.0, 0.0), STEP_S, elapsed_s)
+        from_x, from_y = self._from
+        spot_x, spot_y = self._spot
+        x = spot_x + remaining * (from_x - spot_x)
+        y = spot_y + remaining * (from_y - spot_y)
         return vector.add(self._place_m, (x, y, 0.0))
 
     def _after(self, now_ns: int) -> int:
-        return now_ns + round((STEP_S + float(self._rng.exponential(self._every_s))) * NS_PER_S)
+        wait_s = STEP_S + float(self._rng.exponential(self._every_s))
+        return now_ns + round(wait_s * NS_PER_S)

@@ -50,6 +50,8 @@ class Correction:
         self._content_rad = math.radians(config.content_deg)
         self._period_ns = round(config.correction_period_s * NS_PER_S)
         self._delay_ns = round(config.visual_delay_s * NS_PER_S)
+
+        # The correction, and what is carried over to the next goal
         self._learned: Pair = (0.0, 0.0)
         self._confirmed_rad: Pair | None = None
         """Correction that light or a message has confirmed at this goal, rad, or None"""
@@ -57,6 +59,8 @@ class Correction:
         """True if the last sight is exact: a cursor on the goal's line, or the goal's own light."""
         self.now_rad: Pair = (0.0, 0.0)
         """Current correction of azimuth and elevation, rad."""
+
+        # Own movements and what was seen, which is late
         self._done: deque[tuple[int, Pair]] = deque()
         self._seen: list[Pair] = []
         self._beside: Pair = (0.0, 0.0)
@@ -66,6 +70,8 @@ class Correction:
         self._newest_ns = 0
         self.steady_since_ns = 0
         """Time since which the intended direction has not changed."""
+
+        # Search for a cursor that does not come
         self._searches = 0
         self._aside_rad: float | None = None
         """Azimuth correction, rad, by the mark of a ray that passes everything, or None."""
@@ -82,14 +88,14 @@ class Correction:
         """Return the angle from the cursor to the felt direction, rad. Infinite if it is lost."""
         return math.inf if self.is_lost else math.hypot(*self.now_rad)
 
-    def settle(self, left: PersonGoal, goal: PersonGoal) -> None:
-        """Change from goal `left` to `goal`. A part of the correction remains, as adaptation.
+    def settle(self, previous: PersonGoal, goal: PersonGoal) -> None:
+        """Change from goal `previous` to `goal`. A part of the correction remains, as adaptation.
 
         It applies to the next goal with a cursor. Without a cursor the person aims along their finger. Only
         a confirmed correction remains: nobody adapts to an error that they do not see.
         """
-        if self._confirmed_rad is not None and left.closed_loop:
-            share = ADAPTATION if left.on_line else ADOPTION
+        if self._confirmed_rad is not None and previous.closed_loop:
+            share = ADAPTATION if previous.on_line else ADOPTION
             self._learned = (
                 self._learned[0] + share * (self._confirmed_rad[0] - self._learned[0]),
                 self._learned[1] + share * (self._confirmed_rad[1] - self._learned[1]),
@@ -120,8 +126,11 @@ class Correction:
         if target is None or did is None:
             return None
         azimuth, elevation = self._stance.sight_of(target)
-        away = vector.direction(azimuth + did[0] + self._beside[0], elevation + did[1] + self._beside[1])
-        return vector.add(self._stance.eyes_m, vector.scale(away, math.dist(target, self._stance.eyes_m)))
+        azimuth_rad = azimuth + did[0] + self._beside[0]
+        elevation_rad = elevation + did[1] + self._beside[1]
+        away = vector.direction(azimuth_rad, elevation_rad)
+        distance_m = math.dist(target, self._stance.eyes_m)
+        return vector.add(self._stance.eyes_m, vector.scale(away, distance_m))
 
     def see(self, point_m: Vec3, at_ns: int, goal: PersonGoal, *, confirms: bool = True) -> None:
         """Process the position of the cursor at `at_ns`. `confirms`: it is exact, as far as people see."""
@@ -131,7 +140,8 @@ class Correction:
             return
         shown = self._stance.sight_of(point_m)
         intended = self._stance.sight_of(target)
-        self._beside = (vector.wrap(shown[0] - intended[0] - did[0]), shown[1] - intended[1] - did[1])
+        azimuth_rad = vector.wrap(shown[0] - intended[0] - did[0])
+        self._beside = (azimuth_rad, shown[1] - intended[1] - did[1])
         if at_ns < self._look_from_ns:
             return
         self._newest_ns = max(self._newest_ns, at_ns)
@@ -148,7 +158,9 @@ class Correction:
         """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
         target = goal.point_at(at_ns)
         did = self._recall(at_ns)
-        if target is None or did is None or at_ns < self._look_from_ns:
+        if target is None or did is None:
+            return
+        if at_ns < self._look_from_ns:
             return
         shown = self._stance.sight_of(point_m)
         intended = self._stance.sight_of(target)
@@ -166,7 +178,8 @@ class Correction:
         named = self._stance.sight_of(named_m or target)
         intended = self._stance.sight_of(target)
         azimuth = did[0] - turn_rad[0] - vector.wrap(named[0] - intended[0])
-        self.now_rad = _held((azimuth, did[1] + turn_rad[1] - (named[1] - intended[1])))
+        elevation = did[1] + turn_rad[1] - (named[1] - intended[1])
+        self.now_rad = _limited((azimuth, elevation))
         if named_m is not None:
             self._confirmed_rad = self.now_rad
         self._newest_ns = now_ns
@@ -181,27 +194,33 @@ class Correction:
         return has_changed
 
     def _step(self, now_ns: int) -> bool:
+        # A cue has turned the hand
         if self._is_turning:
             self._is_turning = False
             self._next_ns = now_ns + self._period_ns
             return True
+
+        # Wait for the effect of the last correction. A clock that was set back does not block.
         if now_ns < self._next_ns <= now_ns + self._period_ns + self._delay_ns + 10 * NS_PER_S:
             return False
+
+        # Correct a share of the mean error since then, unless it is small enough
         if self._seen:
             self._next_ns = now_ns + self._period_ns
-            unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
+            azimuth, elevation = (math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True))
             self._seen.clear()
-            if math.hypot(self.now_rad[0] + unknown[0], self.now_rad[1] + unknown[1]) < self._content_rad:
+            azimuth_error = self.now_rad[0] + azimuth
+            elevation_error = self.now_rad[1] + elevation
+            if math.hypot(azimuth_error, elevation_error) < self._content_rad:
                 self._confirm()
                 return False
-            self.now_rad = _held(
-                (
-                    self.now_rad[0] - self._share() * (self.now_rad[0] + unknown[0]),
-                    self.now_rad[1] - self._share() * (self.now_rad[1] + unknown[1]),
-                )
-            )
+            new_azimuth = self.now_rad[0] - self._share() * azimuth_error
+            new_elevation = self.now_rad[1] - self._share() * elevation_error
+            self.now_rad = _limited((new_azimuth, new_elevation))
             self._confirm()
             return True
+
+        # Nothing was seen for long: search
         if abs(now_ns - self._newest_ns) > self._delay_ns + LOST_S * NS_PER_S:
             self._search(now_ns)
             return True
@@ -226,11 +245,13 @@ class Correction:
         step = steps[self._searches % len(steps)]
         self._searches += 1
         azimuth_rad = self._learned[0] if self._aside_rad is None else self._aside_rad
-        self.now_rad = _held((azimuth_rad, self._learned[1] + step))
+        self.now_rad = _limited((azimuth_rad, self._learned[1] + step))
         self._next_ns = now_ns + self._period_ns
         self._newest_ns = now_ns
 
 
-def _held(turned: Pair) -> Pair:
-    azimuth, elevation = MAX_RAD
-    return (min(max(vector.wrap(turned[0]), -azimuth), azimuth), min(max(turned[1], -elevation), elevation))
+def _limited(turn_rad: Pair) -> Pair:
+    max_azimuth, max_elevation = MAX_RAD
+    azimuth = min(max(vector.wrap(turn_rad[0]), -max_azimuth), max_azimuth)
+    elevation = min(max(turn_rad[1], -max_elevation), max_elevation)
+    return (azimuth, elevation)

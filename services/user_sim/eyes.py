@@ -112,6 +112,7 @@ class SeenPixels:
         """Ids and numbers of pixels, in the map's order."""
         self.lines: dict[Key, ShownLine] = {}
         self.count = 0
+        # Strips one behind the other, as in a frame
         places: list[Array] = []
         pitches: list[Array] = []
         for strip, line in drawable(room.strips):
@@ -121,14 +122,20 @@ class SeenPixels:
             pitches.append(np.full(strip.pixels, line.length_m / strip.pixels))
         points = np.concatenate(places) if places else np.empty((0, 3))
         self._pitches_m: Array = np.concatenate(pitches) if pitches else np.empty(0)
+
+        # Belts, as far as their search of pixels is short
         budget = MAX_PAIRS
         for belt, line in drawable(room.belts):
             budget -= len(points) * len(line.tangents)
             if budget >= 0 and len(points):
                 self._lay_beside(belt, line, points)
-        self._by_strip = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "strip"])
-        by_belt = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "belt"])
-        self._by_belt = [belts or strips for belts, strips in zip(by_belt, self._by_strip, strict=True)]
+        strips = [line for line in self.lines.values() if line.kind == "strip"]
+        belts = [line for line in self.lines.values() if line.kind == "belt"]
+        self._by_strip = _by_pixel(self.count, strips)
+
+        # A pixel beside no belt shows its strip
+        by_belt = _by_pixel(self.count, belts)
+        self._by_belt = [belt or strip for belt, strip in zip(by_belt, self._by_strip, strict=True)]
 
     def places(self, pixel: int, kind: Kind) -> Sequence[Place]:
         """Return the places that `pixel` shows, on belts or on strips only."""
@@ -140,10 +147,10 @@ class SeenPixels:
         self.strips.append((strip.id, strip.pixels))
         pitch_m = line.length_m / strip.pixels
         arcs = (np.arange(strip.pixels, dtype=np.float64) + 0.5) * pitch_m
-        wire = range(strip.pixels) if strip.direction == 1 else range(strip.pixels - 1, -1, -1)
-        self.lines["strip", strip.id] = ShownLine(
-            "strip", strip.id, line, pitch_m, arcs.tolist(), [offset + index for index in wire]
-        )
+        pixels = list(range(offset, self.count))
+        if strip.direction != 1:
+            pixels.reverse()
+        self.lines["strip", strip.id] = ShownLine("strip", strip.id, line, pitch_m, arcs.tolist(), pixels)
         points = line.points_at(arcs)
         return points if strip.direction == 1 else points[::-1]
 
@@ -152,15 +159,18 @@ class SeenPixels:
         reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
         low = line.vertices_m.min(axis=0) - reach_m
         high = line.vertices_m.max(axis=0) + reach_m
-        near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
-        arcs, gaps = line.nearest_to(points[near])
-        there = np.flatnonzero((gaps <= reach_m) & ~line.is_beyond_ends(points[near], arcs))
-        order = there[np.argsort(arcs[there], kind="stable")]
+        # Pixels in the box around the belt are few, so that only they are compared with its segments
+        is_in_box = np.all((points >= low) & (points <= high), axis=1)
+        candidates = np.flatnonzero(is_in_box)
+        arcs, gaps = line.nearest_to(points[candidates])
+        is_beside = (gaps <= reach_m) & ~line.is_beyond_ends(points[candidates], arcs)
+        beside = np.flatnonzero(is_beside)
+        order = beside[np.argsort(arcs[beside], kind="stable")]
         if not len(order):
             return
-        at = [int(pixel) for pixel in near[order]]
-        pitch_m = float(self._pitches_m[at].max())
-        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs[order].tolist(), at)
+        pixels = [int(pixel) for pixel in candidates[order]]
+        pitch_m = float(self._pitches_m[pixels].max())
+        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs[order].tolist(), pixels)
 
 
 def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
@@ -203,10 +213,11 @@ class OwnColor:
         pixel = np.array(color, dtype=np.float64)
         squares = np.maximum(np.einsum("ij,ij->i", self._own, self._own), 1.0)
         shares = self._own @ pixel / squares
-        beside = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
-        off = beside / np.maximum(shares * np.sqrt(squares), 1e-9)
-        best = int(np.argmin(off))
-        return float(shares[best]) if off[best] <= HUE_TOLERANCE and shares[best] >= DARKEST else 0.0
+        distances = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
+        deviations = distances / np.maximum(shares * np.sqrt(squares), 1e-9)
+        best = int(np.argmin(deviations))
+        is_own = deviations[best] <= HUE_TOLERANCE and shares[best] >= DARKEST
+        return float(shares[best]) if is_own else 0.0
 
 
 def rgb(code: int) -> Color:
@@ -262,33 +273,43 @@ class UsualLooks:
             own_color: colour of the person.
             cursor_brightness: recent brightness of cursors, as a share.
         """
+        # Pixels in the colour of the thing itself
         known = self._dim.get(kind)
         body = known[0] if known is not None else _commonest(shown[1:-1])
         is_plain = [is_same_hue(code, body) for code in shown]
-        bodies = [code for code, is_it in zip(shown, is_plain, strict=True) if is_it]
+        plain_positions = [position for position, plain in enumerate(is_plain) if plain]
+        plain_codes = [shown[position] for position in plain_positions]
+
+        # Without marks at its ends it is unselected, which shows what such things look like
         is_own_hue = own_color.share(body) > 0.0  # then only brightness tells the own marks from the thing
-        if is_plain[0] and is_plain[-1] and (not is_own_hue or len(set(shown)) == 1):
-            usual = _commonest(bodies)
+        has_plain_ends = is_plain[0] and is_plain[-1]
+        if has_plain_ends and (not is_own_hue or len(set(shown)) == 1):
+            usual = _commonest(plain_codes)
             self._dim[kind] = (usual, brightness(usual))
             return ObservedAppearance(marked=False, full=False, hidden=False, own=False, foreign=False)
-        dimmest = min(map(brightness, bodies), default=0)
-        ends = [
-            code
-            for code in (shown[0], shown[-1])
-            if not is_same_hue(code, body) or (is_own_hue and brightness(code) > BRIGHTER * dimmest)
-        ]
-        is_own = [own_color.share(code) > 0.0 for code in ends]
+
+        # Owners of the marks
+        dimmest = min(map(brightness, plain_codes), default=0)
+        marks: list[int] = []
+        for code in (shown[0], shown[-1]):
+            is_bright = is_own_hue and brightness(code) > BRIGHTER * dimmest
+            if is_bright or not is_same_hue(code, body):
+                marks.append(code)
+        is_own = [own_color.share(code) > 0.0 for code in marks]
         own = any(is_own)
         foreign = not all(is_own)
-        if not bodies:  # covered by a cursor or another thing
+        if not plain_codes:  # covered by a cursor or another thing
             return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
+
+        # Brightness of the thing, as near to its middle as it is not covered
         dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
         middle = (len(shown) - 1) / 2.0
-        nearest = min((k for k, is_it in enumerate(is_plain) if is_it), key=lambda k: abs(k - middle))
+        nearest = min(plain_positions, key=lambda position: abs(position - middle))
         level = brightness(shown[nearest])
+        is_gap = known is not None and level < GAP * dim
         return ObservedAppearance(
             marked=True,
-            full=level > FULL * dim or (known is not None and level < GAP * dim),
+            full=level > FULL * dim or is_gap,
             hidden=abs(nearest - middle) > len(shown) / 6.0,
             own=own,
             foreign=foreign,
@@ -380,30 +401,27 @@ class Eyes:
             things: intervals of things, as their margins may have the same colour.
         """
         # the margin of a thing's light is not where the ray is, as the thing is beside it
-        runs = [run for run in self._runs(kind) if self._where(run, kind, self._lights) != "end"]
-        best: tuple[float, _Run, Vec3] | None = None
-        lying: dict[Key, list[tuple[float, float]]] = {}
-        for key, start_m, end_m in things if runs else ():
-            lying.setdefault(key, []).append((start_m, end_m))
+        runs = [run for run in self._runs(kind) if self._part_at(run, kind, self._lights) != "end"]
+        spans: dict[Key, list[tuple[float, float]]] = {}
+        if runs:
+            for key, start_m, end_m in things:
+                spans.setdefault(key, []).append((start_m, end_m))
+
+        # A mark blinks. A dim pixel that stays is a narrow cursor.
         marks = [run for run in runs if self._is_mark(run)]
         self._dim_looks = self._dim_looks + 1 if marks else 0
+
+        # The run with the least doubt
+        best: tuple[float, _Run, Vec3] | None = None
         for run in runs:
             if run in marks and self._dim_looks <= BLINK_LOOKS:
                 continue
-            cost = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
-            if cost > 0.0 and _is_cut(run):
-                cost /= 2.0
             point_m = run.line.line.point_at(run.middle_m)
-            where = self._where(run, kind, lying)
-            if expected_m is not None:
-                far = math.dist(point_m, expected_m) / SCALE_M
-                cost += far if where == "end" else min(far, MAX_DISTANCE_COST)
-            if where == "end":
-                cost += 1.0 if run.width_m < NARROW * self._width_m else 0.5
-            elif where and self._is_mixed:
-                cost += 0.7
+            cost = self._cost(run, point_m, self._part_at(run, kind, spans), expected_m)
             if best is None or cost < best[0]:
                 best = (cost, run, point_m)
+
+        # Without a likely one, a darker one may be seen next
         if best is None or best[0] > MAX_COST:
             self._brightness = max(DARKEST, self._brightness * ADAPTING)
             return None
@@ -411,35 +429,58 @@ class Eyes:
         self._full = self._share(run)
         return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
 
+    def _cost(
+        self, run: _Run, point_m: Vec3, part: Literal["", "end", "body"], expected_m: Vec3 | None
+    ) -> float:
+        """Return the doubt that a run at `point_m`, on the `part` of a thing, is the own cursor."""
+        # By its width, of which less is known if it may be longer
+        cost = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
+        if cost > 0.0 and _is_cut(run):
+            cost /= 2.0
+
+        # By its distance from where the hand feels to point
+        if expected_m is not None:
+            distance_cost = math.dist(point_m, expected_m) / SCALE_M
+            cost += distance_cost if part == "end" else min(distance_cost, MAX_DISTANCE_COST)
+
+        # By the thing whose margin or pattern it may be
+        if part == "end":
+            cost += 1.0 if run.width_m < NARROW * self._width_m else 0.5
+        elif part and self._is_mixed:
+            cost += 0.7
+        return cost
+
     def mark(self, kind: Kind) -> Vec3 | None:
         """Return the position of the mark of a ray that passes everything, or None."""
-        for run in self._runs_of(self._own_codes(MARK_SHARE[0] * self._full), kind):
+        own = self._own_codes(MARK_SHARE[0] * self._full)
+        for run in self._runs_of(own, kind):
             if self._is_mark(run):
                 return run.line.line.point_at(run.middle_m)
         return None
 
     def _is_mark(self, run: _Run) -> bool:
-        return run.width_m < 1.5 * run.line.pitch_m and self._share(run) < MARK_SHARE[1] * self._full
+        is_narrow = run.width_m < 1.5 * run.line.pitch_m
+        return is_narrow and self._share(run) < MARK_SHARE[1] * self._full
 
     def _share(self, run: _Run) -> float:
         codes = self._decoded()
         return max(self._own.share(codes[pixel]) for pixel in run.pixels)
 
-    def _where(
-        self, run: _Run, kind: Kind, lying: Mapping[Key, Sequence[tuple[float, float]]]
+    def _part_at(
+        self, run: _Run, kind: Kind, spans: Mapping[Key, Sequence[tuple[float, float]]]
     ) -> Literal["", "end", "body"]:
         """Return the part of a thing on which a run is, on any belt."""
-        found: Literal["", "body"] = ""
-        for line, at_m in self._pixels.places(run.pixels[len(run.pixels) // 2], kind):
-            for start_m, end_m in lying.get((line.kind, line.id), ()):
-                from_start_m = at_m - start_m
-                to_end_m = end_m - at_m
-                if min(from_start_m, to_end_m) < -END_M:
+        part: Literal["", "body"] = ""
+        middle_pixel = run.pixels[len(run.pixels) // 2]
+        for line, at_m in self._pixels.places(middle_pixel, kind):
+            for start_m, end_m in spans.get((line.kind, line.id), ()):
+                to_nearest_end_m = min(at_m - start_m, end_m - at_m)
+                if to_nearest_end_m < -END_M:
                     continue
-                if min(from_start_m, to_end_m) < 2.0 * END_M:
+                if to_nearest_end_m < 2.0 * END_M:
                     return "end"
-                found = "body"
-        return found
+                part = "body"
+        return part
 
     def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> ObservedAppearance | None:
         """Return the appearance of a thing of `kind` whose middle is at `position_m` of line `key`.
@@ -452,7 +493,7 @@ class Eyes:
         codes = self._decoded()
         first = bisect_left(line.arcs_m, position_m - length_m / 2.0)
         last = bisect_right(line.arcs_m, position_m + length_m / 2.0)
-        shown = [codes[line.at[k]] for k in range(first, last)]
+        shown = [codes[pixel] for pixel in line.at[first:last]]
         while shown and not shown[-1]:
             shown.pop()
         while shown and not shown[0]:
@@ -471,14 +512,25 @@ class Eyes:
     def _own_codes(self, minimum: float) -> dict[int, float]:
         """Return the visible colours that may be the own, with their brightness."""
         codes = set(self._decoded())
-        return {code: share for code in codes if code and (share := self._own.share(code)) >= minimum}
+        own: dict[int, float] = {}
+        for code in codes:
+            if not code:
+                continue
+            share = self._own.share(code)
+            if share >= minimum:
+                own[code] = share
+        return own
 
     def _runs_of(self, own: Iterable[int], kind: Kind) -> list[_Run]:
+        # Own pixels of each line, by arc length
         hits: dict[int, tuple[ShownLine, list[tuple[float, int]]]] = {}
         for code in own:
             for pixel in np.flatnonzero(self._array == code).tolist():
                 for line, arc_m in self._pixels.places(pixel, kind):
-                    hits.setdefault(id(line), (line, []))[1].append((arc_m, pixel))
+                    _, lit = hits.setdefault(id(line), (line, []))
+                    lit.append((arc_m, pixel))
+
+        # Runs without gaps, and those whose gaps may be the colours of other cursors
         longest_m = TOO_WIDE * self._width_m
         runs: list[_Run] = []
         for line, lit in hits.values():
@@ -486,18 +538,22 @@ class Eyes:
             single = _grouped(line, lit, 1.5)
             merged = [run._replace(parts=2) for run in _grouped(line, lit, INTERLEAVED) if run not in single]
             max_m = longest_m + 2.0 * line.pitch_m
-            runs += [run for run in (*single, *merged) if run.width_m <= max_m]
+            for run in (*single, *merged):
+                if run.width_m <= max_m:
+                    runs.append(run)
         return runs
 
     def _decoded(self) -> list[int]:
         """Return the colour of every pixel as red * 65536 + green * 256 + blue. Missing ones are dark."""
         if self._codes is not None:
             return self._codes
-        shown = {} if self._frame is None else {strip.id: strip.rgb for strip in self._frame.strips}
+        shown: dict[str, bytes] = {}
+        if self._frame is not None:
+            shown = {strip.id: strip.rgb for strip in self._frame.strips}
         parts: list[bytes] = []
         for name, count in self._pixels.strips:
-            rgb = shown.get(name, b"")
-            parts.append(rgb if len(rgb) == 3 * count else bytes(3 * count))
+            colors = shown.get(name, b"")
+            parts.append(colors if len(colors) == 3 * count else bytes(3 * count))
         pixels = np.frombuffer(b"".join(parts), dtype=np.uint8).reshape(-1, 3).astype(np.int32)
         self._array = pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]
         codes: list[int] = self._array.tolist()

@@ -85,8 +85,9 @@ class PerceivedState:
         self.is_queuing = False
 
     def _enter(self, state: State, now_ns: int) -> None:
-        goes_on = self.state == "pointing" or (self.state == "asked" and self._back == "pointing")
-        if not (goes_on and state == "pointing"):
+        was_asked_while_pointing = self.state == "asked" and self._back == "pointing"
+        was_pointing = self.state == "pointing" or was_asked_while_pointing
+        if not was_pointing or state != "pointing":
             self.since_ns = now_ns
         self.state = state
         self.target = ""
@@ -136,12 +137,17 @@ class ButtonModel:
             off_rad: angle from the cursor to the felt direction.
             sees: True if they see their cursor. None: they do not look for it.
         """
+        # Times since the last step. Whoever pauses does not look in vain.
         if self._born_ns is None or now_ns < self._born_ns:
             self._born_ns = now_ns
         passed_ns = now_ns - self._before_ns
         self._before_ns = now_ns
-        if sees is not None:
-            self._in_vain_ns = 0 if sees else self._in_vain_ns + max(0, min(passed_ns, NS_PER_S))
+        if sees:
+            self._in_vain_ns = 0
+        elif sees is not None:
+            self._in_vain_ns += max(0, min(passed_ns, NS_PER_S))
+
+        # A gesture that the state calls for
         if perceived.state == "pointing":
             return self._anchor(now_ns, perceived, off_rad) or self._look_for(now_ns, perceived)
         self._on_ns = now_ns
@@ -152,7 +158,9 @@ class ButtonModel:
 
     def _begin(self, now_ns: int, perceived: PerceivedState, known_ns: int | None) -> ButtonEvent | None:
         greeted_ns = (self._born_ns or 0) + round(CUE_PERIOD_S * NS_PER_S)
-        ready_ns = max(perceived.since_ns, greeted_ns if known_ns is None else known_ns) + self._think_ns
+        if known_ns is None:
+            known_ns = greeted_ns
+        ready_ns = max(perceived.since_ns, known_ns) + self._think_ns
         if self._free_ns is not None and self._free_ns <= now_ns:
             ready_ns = max(ready_ns, self._free_ns + self._think_ns)
         if self._pressed_ns is not None and self._pressed_ns <= now_ns:
@@ -179,8 +187,9 @@ class ButtonModel:
         since_ns = perceived.since_ns if asked_ns is None else asked_ns
         is_old = 0 < self._every_ns <= now_ns - since_ns
         is_off = self._off_rad > 0.0 and now_ns - self._on_ns > OFF_S * NS_PER_S
-        may_again = asked_ns is None or now_ns - asked_ns > WAIT_S * NS_PER_S
-        if not is_old and not (is_off and may_again):
+        is_answered = asked_ns is None or now_ns - asked_ns > WAIT_S * NS_PER_S
+        should_correct = is_off and is_answered
+        if not is_old and not should_correct:
             return None
         self._anchored_ns = self._on_ns = now_ns
         self._in_vain_ns = 0
@@ -238,7 +247,10 @@ def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> PersonGoa
     """Return the goal at the middle of an object."""
     thing = seen.thing
     line = sight.lines.get(seen.key) if seen.key is not None else None
-    is_bent = line is not None and len(line.tangents) > 1 and thing.surface_speed_mps != 0.0
+    is_bent = line is not None and len(line.tangents) > 1
+    curve: Polyline | None = None
+    if is_bent and thing.surface_speed_mps != 0.0:
+        curve = line
     return PersonGoal(
         key=f"object {thing.id}",
         point_m=thing.position_m,
@@ -246,7 +258,7 @@ def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> PersonGoa
         stamp_ns=seen.stamp_ns,
         closed_loop=closed_loop,
         kind="belt" if thing.surface == "belt" else "strip",
-        curve=line if is_bent else None,
+        curve=curve,
         along_m=thing.surface_position_m,
         speed_mps=thing.surface_speed_mps,
         object_id=thing.id,

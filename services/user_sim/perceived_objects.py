@@ -48,24 +48,30 @@ class PerceivedObjects:
         felt_ns = self._felt_ns.get(object_id)
         if felt_ns is not None and 0 <= now_ns - felt_ns < FELT_S * NS_PER_S:
             return
-        before = self.status(object_id)
-        seems = _seems(appearance, before)
-        if seems == before:
+        believed = self.status(object_id)
+        apparent = _apparent_status(appearance, believed)
+        if apparent == believed:
             self._maybe.pop(object_id, None)
             return
-        was, since_ns = self._maybe.get(object_id, (seems, now_ns))
-        if was != seems or since_ns > now_ns:
+
+        # Time since which it appears so
+        previous, since_ns = self._maybe.get(object_id, (apparent, now_ns))
+        if previous != apparent or since_ns > now_ns:
             since_ns = now_ns
-        self._maybe[object_id] = (seems, since_ns)
-        wait_s = SURE_S if appearance.hidden or (appearance.own and appearance.marked) else 0.0
-        if seems == "taken":
+        self._maybe[object_id] = (apparent, since_ns)
+
+        # Believe it when it has lasted long enough: own marks come and go with the own cursor
+        is_own_mark = appearance.own and appearance.marked
+        is_unsure = appearance.hidden or is_own_mark
+        wait_s = SURE_S if is_unsure else 0.0
+        if apparent == "taken":
             wait_s = max(wait_s, PASSING_S)
         if now_ns - since_ns >= wait_s * NS_PER_S:
             del self._maybe[object_id]
-            self._status[object_id] = seems
+            self._status[object_id] = apparent
 
 
-def _seems(appearance: ObservedAppearance, before: Status) -> Status:
+def _apparent_status(appearance: ObservedAppearance, believed: Status) -> Status:
     if not appearance.marked:
         return "free"
     if not appearance.full:
@@ -73,4 +79,4 @@ def _seems(appearance: ObservedAppearance, before: Status) -> Status:
     if appearance.own and not appearance.foreign:
         return "mine"
     # it is another's, perhaps with a white end as the owner's profile is unknown, or both overlap there
-    return before if before in ("mine", "theirs") else "theirs"
+    return believed if believed in ("mine", "theirs") else "theirs"

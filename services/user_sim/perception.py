@@ -41,6 +41,7 @@ class Perception:
 
     def update(self, now_ns: int, goal: PersonGoal) -> None:
         """Process cues, and look at the strips if it is time."""
+        # Cues count at once
         for cue in self._sight.cues:
             self.perceived.on_cue(cue, now_ns)
             if cue.turn_rad is not None and goal.closed_loop:
@@ -49,6 +50,8 @@ class Perception:
                 self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns, goal, named_m)
             if cue.cue in ("selected", "deselected", "refused") and self.perceived.state == "pointing":
                 self._on_selection_cue(cue, now_ns, goal)
+
+        # Looks take time
         if now_ns < self._next_ns <= now_ns + LOOK_NS:
             return
         self._next_ns = now_ns + LOOK_NS
@@ -56,7 +59,8 @@ class Perception:
             self._watch(now_ns, goal)
         elif self.perceived.state == "pointing":
             is_dark = not goal.on_line and not goal.lit
-            if is_dark or self._sight.announced is not None or self.things.status(goal.object_id) == "mine":
+            shows_nothing = is_dark or self._sight.announced is not None
+            if shows_nothing or self.things.status(goal.object_id) == "mine":
                 self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
             self._look(now_ns, goal)
 
@@ -64,7 +68,9 @@ class Perception:
         """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor."""
         robot = self._sight.robots(now_ns).get(goal.robot)
         self._correction.wait(now_ns)
-        if robot is None or goal.point_m is None or vector.norm(robot.velocity_mps) > ROBOT_STILL_MPS:
+        if robot is None or goal.point_m is None:
+            return
+        if vector.norm(robot.velocity_mps) > ROBOT_STILL_MPS:
             return
         if robot.stamp_ns - self._correction.steady_since_ns < ROBOT_LAG_S * NS_PER_S:
             return
@@ -78,12 +84,19 @@ class Perception:
         self._frame_ns = frame_ns
         self._looks += is_new
         is_round = self._looks % ROUND == 0
-        if not goal.closed_loop and not (is_new and is_round):
+        looks_around = is_new and is_round
+        if not goal.closed_loop and not looks_around:
             return
         objects = self._sight.objects(now_ns)
         answering = self._answering(goal, objects) if goal.closed_loop else None
-        if goal.closed_loop and self._sight.announced is not None and (named := self._sight.named(now_ns)):
-            self._see_answer(named, self._sight.announced.began_ns, goal)
+
+        # Where the ray is: a spoken name, the own light of a thing, or a cursor shows it
+        announced = self._sight.announced
+        named: SeenObject | None = None
+        if goal.closed_loop and announced is not None:
+            named = self._sight.named(now_ns)
+        if announced is not None and named is not None:
+            self._see_answer(named, announced.began_ns, goal)
         elif answering is not None:  # the light may be far from the thing, so that it is no cursor
             self.cursor = None
             self._answering_id = answering.thing.id
@@ -91,9 +104,12 @@ class Perception:
             self._see_answer(answering, now_ns - self._sight.delay_ns, goal)
         elif is_new and frame_ns is not None and goal.closed_loop:
             self._find_cursor(frame_ns, goal, objects)
-        for seen in objects if is_new else ():
-            if is_round or seen.thing.id == goal.object_id:
-                self.things.see(seen.thing.id, self._sight.looks(seen), now_ns)
+
+        # What the things look like: the goal in each frame, the others now and then
+        if is_new:
+            for seen in objects:
+                if is_round or seen.thing.id == goal.object_id:
+                    self.things.see(seen.thing.id, self._sight.looks(seen), now_ns)
 
     def _see_answer(self, answering: SeenObject, at_ns: int, goal: PersonGoal) -> None:
         is_goal = answering.thing.id == goal.object_id
@@ -103,11 +119,12 @@ class Perception:
         """Return the thing whose own light shows that the ray is on it, rather the goal than another one."""
         sight = self._sight
         things = self.things
-        shown = [
-            seen
-            for seen in objects
-            if seen.thing.lit and things.status(seen.thing.id) != "mine" and sight.shows_own_color(seen)
-        ]
+        shown: list[SeenObject] = []
+        for seen in objects:
+            if not seen.thing.lit or things.status(seen.thing.id) == "mine":
+                continue
+            if sight.shows_own_color(seen):
+                shown.append(seen)
         return min(shown, key=lambda seen: seen.thing.id != goal.object_id, default=None)
 
     def _find_cursor(self, frame_ns: int, goal: PersonGoal, objects: list[SeenObject]) -> None:
@@ -126,9 +143,10 @@ class Perception:
         """Relate a cue of selecting to the object under the own cursor, or that it names, or to the goal."""
         object_id = self._under_cursor(now_ns) or goal.object_id
         if not goal.on_line and goal.closed_loop:
-            named = [
-                seen for seen in self._sight.objects(now_ns) if cue.text == f"{seen.thing.kind} {cue.cue}"
-            ]
+            named: list[SeenObject] = []
+            for seen in self._sight.objects(now_ns):
+                if cue.text == f"{seen.thing.kind} {cue.cue}":
+                    named.append(seen)
             seen = min(named, key=lambda seen: seen.thing.id != goal.object_id, default=None)
             if seen is not None:
                 object_id = seen.thing.id

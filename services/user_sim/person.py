@@ -35,15 +35,19 @@ class SimulatedPerson:
     ) -> None:
         """Create. `new_behaviour` returns their behaviour while they may point, or None for `config`'s."""
         hand_rng, eye_rng, band_rng, foot_rng, decision_rng = rng.spawn(5)
-        given = config.aim.skill
+        given_skill = config.aim.skill
         self.user = user
-        self.skill = skill = float(decision_rng.random()) if given is None else given
+        self.skill = skill = float(decision_rng.random()) if given_skill is None else given_skill
         """Skill, 0 to 1."""
-        self.yaw_rad = yaw_rad = (
-            float(rng.uniform(-math.pi, math.pi)) if config.yaw_deg is None else math.radians(config.yaw_deg)
-        )
+        if config.yaw_deg is None:
+            yaw_rad = float(rng.uniform(-math.pi, math.pi))
+        else:
+            yaw_rad = math.radians(config.yaw_deg)
+        self.yaw_rad = yaw_rad
         """Azimuth of {H} in {W}, unknown to the person."""
         self._config = config
+
+        # Body
         self._standing = StandingPosition(
             config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
         )
@@ -54,13 +58,20 @@ class SimulatedPerson:
         self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng, skill)
         self._azimuth_rad = yaw_rad
         self._error = OpenLoopError(config.aim, skill, eye_rng)
+
+        # Senses, and what is derived from them
         self._correction = Correction(config.aim, self._stance, hand_rng)
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
         self._perception = Perception(self._sight, self._correction)
+
+        # Decisions
         times = DecisionTimes(config, skill, decision_rng)
-        self._new_behaviour = lambda: (
-            new_behaviour() or make_behaviour(config, self._perception.things, times, decision_rng)
-        )
+
+        def new_or_usual_behaviour() -> Behaviour:
+            usual_things = self._perception.things
+            return new_behaviour() or make_behaviour(config, usual_things, times, decision_rng)
+
+        self._new_behaviour = new_or_usual_behaviour
         self._behaviour = self._new_behaviour()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
@@ -92,20 +103,26 @@ class SimulatedPerson:
         With `yields`, as another client moves their wrist, the arm rests and nothing is sent. The person
         continues to see and hear the results.
         """
+        # See and hear, also while another client moves the wrist
         self._sight.look(now_ns)
         if yields != self._has_yielded:
             self._has_yielded = yields
             self._behaviour = self._new_behaviour()  # otherwise that time would count
             self._presses = 0
         self._perception.update(now_ns, self.goal)
+
+        # Move: stand elsewhere, turn to another goal, correct by the cursor
         self._stance.move(self._standing.at(now_ns))
-        self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
+        wanted = REST if yields else self._wants(now_ns)
+        self._turn_when_decided(now_ns, wanted)
         correction = self._correction
         closed = self.goal.closed_loop
         if closed and correction.step(now_ns):
             self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
         correction.remember(now_ns, self._arm.deviation(now_ns))
+
+        # Send the sample, and press the button if the behaviour or the life cycle calls for it
         if yields:
             self._button.wait(now_ns)
             self._band.sample(now_ns, orientation)  # it drifts on
@@ -114,13 +131,16 @@ class SimulatedPerson:
             self._presses = self._goal.presses
             return self._band.sample(now_ns, orientation), self._button.event(now_ns, self._goal.gesture)
         closed = closed and not self.goal.robot  # a robot is slow
-        looks = closed and self.goal.on_line and self._sight.frame_ns is not None
+        looks = closed and self.goal.on_line
+        sees: bool | None = None
+        if looks and self._sight.frame_ns is not None:
+            sees = self._perception.cursor is not None
         press = self._button.step(
             now_ns,
             self._perception.perceived,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed else 0.0,
-            sees=self._perception.cursor is not None if looks else None,
+            sees=sees,
         )
         return self._band.sample(now_ns, orientation), press
 

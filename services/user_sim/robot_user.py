@@ -90,11 +90,11 @@ class _RobotUser(ABC):
         """Process a cue while the person steers."""
 
     def _choose(self, robots: dict[str, RobotState], now_ns: int) -> None:
-        free = [
-            name
-            for name, robot in robots.items()
-            if robot.kind == self._kind and self._pause_until_ns.get(name, 0) <= now_ns
-        ]
+        free: list[str] = []
+        for name, robot in robots.items():
+            pause_until_ns = self._pause_until_ns.get(name, 0)
+            if robot.kind == self._kind and pause_until_ns <= now_ns:
+                free.append(name)
         if free and self._spots_m:
             self._robot = free[self._attempts % len(free)]
             self._attempts += 1
@@ -112,22 +112,25 @@ class _RobotUser(ABC):
         return replace(goal, velocity_mps=robot.velocity_mps, stamp_ns=robot.stamp_ns)
 
     def _spot(self) -> PersonGoal:
-        return replace(self._goal(f"spot {self._next} {self._attempts}", self._spot_m), closed_loop=True)
+        goal = self._goal(f"spot {self._next} {self._attempts}", self._spot_m)
+        return replace(goal, closed_loop=True)
 
     def _goal(self, key: str, point_m: Vec3) -> PersonGoal:
         return PersonGoal(key, point_m, presses=self._presses, gesture=self._gesture)
 
     def _on_cue(self, cue: Feedback, now_ns: int) -> None:
+        is_asked = self._stage == "asked"
+        is_other_robot = "is yours" in cue.text and self._robot not in cue.text
         if cue.cue == "refused" and self._needs_lamp(cue.text, now_ns):
             self._lamp_ns = now_ns
             self._press("asked", now_ns, "double")
         elif cue.cue == "deselected":
             self._enter("choose", now_ns)
-        elif self._stage == "asked" and "is yours" in cue.text and self._robot not in cue.text:
-            self._press("asked", now_ns, "hold")  # it is another robot: let it go
-        elif self._stage == "asked" and cue.cue == "selected":
+        elif is_asked and is_other_robot:
+            self._press("asked", now_ns, "hold")  # let it go
+        elif is_asked and cue.cue == "selected":
             self._enter("sent" if "goes there" in cue.text else "steer", now_ns)
-        elif self._stage == "asked" and cue.cue == "refused":
+        elif is_asked and cue.cue == "refused":
             self._on_refusal(cue.text, now_ns)
         elif self._stage in ("steer", "sent"):
             self._on_result(cue, now_ns)
@@ -148,8 +151,10 @@ class _RobotUser(ABC):
         """Return True if pointing at a lamp once helps, and was not done just before."""
         is_settled = self._lasted_s(now_ns) > SETTLED_S
         self._unclear += "longer" in text
-        is_unsure = "press twice" in text or ("localize again" in text and is_settled)
-        is_needed = is_unsure or ("longer" in text and self._unclear % 2 == 0)
+        is_lost = "localize again" in text and is_settled
+        is_unsure = "press twice" in text or is_lost
+        is_unclear_again = "longer" in text and self._unclear % 2 == 0
+        is_needed = is_unsure or is_unclear_again
         return is_needed and not 0 <= now_ns - self._lamp_ns < WAIT_S * NS_PER_S
 
     def _arrived(self, now_ns: int) -> bool:
@@ -199,7 +204,10 @@ class QuadrotorUser(_RobotUser):
     def _is_content(self, robot: RobotState | None, now_ns: int) -> bool:
         """Return True if the robot has been over the spot for a moment, or the person has tried for long."""
         axes = 3 if self._spot_m[2] > IN_AIR_M else 2
-        is_over = robot is not None and math.dist(robot.position_m[:axes], self._spot_m[:axes]) <= OVER_M
+        is_over = False
+        if robot is not None:
+            distance_m = math.dist(robot.position_m[:axes], self._spot_m[:axes])
+            is_over = distance_m <= OVER_M
         if not is_over:
             self._over_since_ns = None
         elif self._over_since_ns is None:

@@ -109,40 +109,55 @@ class Selecting:
         elif self._goal.object_id:  # the hand stays during the search for the next one
             seen = sight.find(self._goal.object_id, now_ns)
             self._goal = REST if seen is None else on_object(seen, sight, closed_loop=True)
-        return replace(self._goal, presses=self._presses) if self._presses else self._goal
+        if not self._presses:
+            return self._goal
+        return replace(self._goal, presses=self._presses)
 
     def _listen(self, now_ns: int, sight: Sight) -> None:
         """Aim only at what a sentence names, such as `Point at nuts.`, and at nothing else from then on."""
         for cue in sight.cues:
-            if cue.cue == "target" and not cue.target_id:
-                kinds = {seen.thing.kind for seen in sight.objects(now_ns)}
-                named = frozenset(kind for kind in kinds if f" {kind}." in cue.text)
-                if named or self._is_instructed:
-                    self._kinds = named
-                    self._is_instructed = True
-                    self._current = ""
-                    self._next = ""
+            if cue.cue != "target" or cue.target_id:
+                continue
+            kinds = {seen.thing.kind for seen in sight.objects(now_ns)}
+            named = frozenset(kind for kind in kinds if f" {kind}." in cue.text)
+            if named or self._is_instructed:
+                self._kinds = named
+                self._is_instructed = True
+                self._current = ""
+                self._next = ""
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""
         seen = sight.find(self._current, now_ns)
-        if seen is not None and seen.thing.mode == "button" and self._things.status(self._current) == "mine":
+        if seen is None:
+            self._end(now_ns)
+            return
+
+        # It is done
+        is_button = seen.thing.mode == "button"
+        if is_button and self._things.status(self._current) == "mine":
             self._things.believe(self._current, "free", now_ns)  # anybody may fire it again
             self._end(now_ns)
-        elif seen is not None and self._is_switched(seen):
+        elif self._is_switched(seen):
             self._switched_ns[self._current] = now_ns
             self._end(now_ns)
-        elif seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
+        elif not self._is_open_task(seen, now_ns):
             self._end(now_ns)
+
+        # A lapse, or it takes too long
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
             self._things.believe(self._current, "mine", now_ns)
             self._end(now_ns)
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
             self._pause_until_ns[self._current] = now_ns + self._retry_ns
             self._end(now_ns)
-        elif (asked_ns := self._asked_ns(seen, now_ns, sight)) not in (0, self._confirmed_ns):
-            self._confirmed_ns = asked_ns
-            self._presses += 1
+
+        # It waits for a press
+        else:
+            asked_ns = self._asked_ns(seen, now_ns, sight)
+            if asked_ns not in (0, self._confirmed_ns):
+                self._confirmed_ns = asked_ns
+                self._presses += 1
 
     def _asked_ns(self, seen: SeenObject, now_ns: int, sight: Sight) -> int:
         """Return the time at which the current object asked for a press, by its name or itself, or 0."""
@@ -150,7 +165,8 @@ class Selecting:
             is_due = seen.thing.press and self._since_ns <= now_ns - CONFIRM_S * NS_PER_S
             return self._since_ns if is_due else 0
         named = sight.named(now_ns)
-        return sight.announced.began_ns if named is not None and named.thing.id == seen.thing.id else 0
+        is_named = named is not None and named.thing.id == seen.thing.id
+        return sight.announced.began_ns if is_named else 0
 
     def _end(self, now_ns: int) -> None:
         self._left_ns[self._current] = now_ns
@@ -159,19 +175,17 @@ class Selecting:
 
     def _find(self, now_ns: int, sight: Sight) -> None:
         """Search for the next one, which takes time, and turn to it."""
+        # The search is over: turn to what was found, if it is still there
         if self._next and now_ns < self._ready_ns:
             return
         if self._next:
             seen = sight.find(self._next, now_ns)
-            if seen is not None and self._is_task(seen) and not self._is_decided(seen, now_ns):
-                self._current = self._next
-                self._since_ns = now_ns
-                self._before = self._things.status(self._current)
-                self._goal = on_object(seen, sight, closed_loop=True)
-                if self._times.lapses():
-                    self._leave_ns = now_ns + round(self._times.between(*LEAVE_S) * NS_PER_S)
+            if seen is not None and self._is_open_task(seen, now_ns):
+                self._turn_to(seen, now_ns, sight)
             self._next = ""
             return
+
+        # Start a search, unless there was nothing a moment ago
         if 0 <= self._look_again_ns - now_ns <= LOOK_NS:
             return
         self._look_again_ns = now_ns + LOOK_NS
@@ -183,7 +197,21 @@ class Selecting:
         if self._times.lapses():
             chosen = self._mistake(chosen, objects)
         self._next = chosen.thing.id
-        self._ready_ns = now_ns + round(self._times.find_s(len(objects), len(tasks)) * NS_PER_S)
+        search_s = self._times.find_s(len(objects), len(tasks))
+        self._ready_ns = now_ns + round(search_s * NS_PER_S)
+
+    def _turn_to(self, seen: SeenObject, now_ns: int, sight: Sight) -> None:
+        self._current = self._next
+        self._since_ns = now_ns
+        self._before = self._things.status(self._current)
+        self._goal = on_object(seen, sight, closed_loop=True)
+        if self._times.lapses():
+            stay_s = self._times.between(*LEAVE_S)
+            self._leave_ns = now_ns + round(stay_s * NS_PER_S)
+
+    def _is_open_task(self, seen: SeenObject, now_ns: int) -> bool:
+        """Return True if its selection is to be changed, and can still be."""
+        return self._is_task(seen) and not self._is_decided(seen, now_ns)
 
     def _is_task(self, seen: SeenObject) -> bool:
         thing = seen.thing
@@ -223,8 +251,8 @@ class Selecting:
     def _last(self, seen: SeenObject) -> tuple[int, float]:
         """Return the time at which the person left the object, ns, and its distance from the last one, m."""
         here: Vec3 | None = self._goal.point_m
-        way_m = 0.0 if here is None else math.dist(here, seen.thing.position_m)
-        return self._left_ns.get(seen.thing.id, 0), way_m
+        distance_m = 0.0 if here is None else math.dist(here, seen.thing.position_m)
+        return self._left_ns.get(seen.thing.id, 0), distance_m
 
     def _mistake(self, target: SeenObject, objects: list[SeenObject]) -> SeenObject:
         """Return the thing nearest to `target`, which is mistaken for it."""

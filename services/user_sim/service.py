@@ -68,7 +68,9 @@ class UserSim(Service[UserSimConfig]):
 
     def _yields(self, now_ns: int) -> bool:
         timeout_ns = WRIST_PATIENCE_S * NS_PER_S * self.clock.speed
-        return self._page_ns is not None and abs(now_ns - self._page_ns) <= timeout_ns
+        if self._page_ns is None:
+            return False
+        return abs(now_ns - self._page_ns) <= timeout_ns
 
     def new_behaviour(self) -> Behaviour | None:
         """Return the behaviour of the person while they may point, or None for that of the parameters."""

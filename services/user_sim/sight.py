@@ -1,5 +1,6 @@
 """All signals that the simulated person has seen and heard, delayed by perception."""
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -68,6 +69,8 @@ class Sight:
         """Create with a delay. `deadlines_m`: by belt, arc length from which it is too late for a package."""
         self.delay_ns = round(delay_s * NS_PER_S)
         self._deadlines_m = dict(deadlines_m or {})
+
+        # What is visible now, and what is on its way
         self._delayed: deque[tuple[int, Message, str]] = deque()
         self._robots: dict[str, RobotState] = {}
         self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
@@ -76,6 +79,8 @@ class Sight:
         """Time of the current frame, ns."""
         self.cues: list[Feedback] = []
         """Cues of the last `look`."""
+
+        # The map
         self.lamps_m: dict[str, Vec3] = {}
         self.lines: dict[Key, Polyline] = {}
         self._links: dict[str, list[BeltLink]] = {}
@@ -109,19 +114,21 @@ class Sight:
         fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
         oldest_ns = now_ns - self.delay_ns - fresh_ns
         newest_ns = now_ns + fresh_ns
-        for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
-            del self._trackers[name]
-        return [
-            SeenObject(thing, stamp) for stamp, things in self._trackers.values() for thing in things.values()
-        ]
+        for name, (stamp_ns, _) in [*self._trackers.items()]:
+            if not oldest_ns <= stamp_ns <= newest_ns:
+                del self._trackers[name]
+        objects: list[SeenObject] = []
+        for stamp_ns, things in self._trackers.values():
+            objects += [SeenObject(thing, stamp_ns) for thing in things.values()]
+        return objects
 
     def find(self, object_id: str, now_ns: int) -> SeenObject | None:
         """Return the visible object `object_id`, or None."""
         fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
-        for stamp, things in self._trackers.values():
+        for stamp_ns, things in self._trackers.values():
             thing = things.get(object_id)
-            if thing is not None and -fresh_ns <= now_ns - stamp <= self.delay_ns + fresh_ns:
-                return SeenObject(thing, stamp)
+            if thing is not None and -fresh_ns <= now_ns - stamp_ns <= self.delay_ns + fresh_ns:
+                return SeenObject(thing, stamp_ns)
         return None
 
     def named(self, now_ns: int) -> SeenObject | None:
@@ -152,7 +159,9 @@ class Sight:
         """Return True if the light of `seen`, on a strip or a lamp, has the person's colour."""
         if seen.key is not None:
             looks = self.looks(seen)
-            return looks is not None and looks.own and not looks.hidden
+            if looks is None:
+                return False
+            return looks.own and not looks.hidden
         lamp = self._colors.get(self._lamps.get(seen.thing.id, ""))
         return lamp is not None and self.eyes.is_own(lamp.color)
 
@@ -173,20 +182,22 @@ class Sight:
         Earlier if its bay is decided earlier, according to the object.
         """
         until_ns = seen.thing.bay_until_ns
-        decided_s = float("inf") if until_ns is None else (until_ns - now_ns) / NS_PER_S
+        decided_s = math.inf if until_ns is None else (until_ns - now_ns) / NS_PER_S
         return min(decided_s, self._leaves_s(seen, now_ns))
 
     def _leaves_s(self, seen: SeenObject, now_ns: int) -> float:
         thing = seen.thing
         key = seen.key
-        speed = seen.thing.surface_speed_mps
-        line = self.lines.get(key) if key is not None else None
-        if key is None or line is None or speed == 0.0:
-            return float("inf")
+        speed = thing.surface_speed_mps
+        if key is None or speed == 0.0:
+            return math.inf
+        line = self.lines.get(key)
+        if line is None:
+            return math.inf
         if speed < 0.0:
             return thing.surface_position_m / -speed - seen.age_s(now_ns)
-        left_m = self._left_m(key, thing.surface_position_m)
-        return left_m / speed - seen.age_s(now_ns)
+        remaining_m = self._remaining_m(key, thing.surface_position_m)
+        return remaining_m / speed - seen.age_s(now_ns)
 
     def has_come(self, seen: SeenObject, now_ns: int) -> bool:
         """Return True if an object has entered its surface with one and a half of its length."""
@@ -194,16 +205,18 @@ class Sight:
         key = seen.key
         speed = seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
-        if line is None or speed == 0.0 or self._is_fed(thing):
+        if line is None or speed == 0.0:
             return True
-        come_m = thing.surface_position_m if speed > 0.0 else line.length_m - thing.surface_position_m
-        return come_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
+        if self._is_fed(thing):
+            return True
+        entered_m = thing.surface_position_m if speed > 0.0 else line.length_m - thing.surface_position_m
+        return entered_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
 
     def _is_fed(self, thing: TrackedObject) -> bool:
         """Return True if its belt continues others, so that it was visible before."""
         return thing.surface == "belt" and thing.surface_id in self._fed
 
-    def _left_m(self, key: Key, at_m: float) -> float:
+    def _remaining_m(self, key: Key, at_m: float) -> float:
         """Return the distance from `at_m` to the first deadline, or else to the end of the last belt."""
         total_m = 0.0
         for _ in range(MAX_LINKS):
@@ -225,20 +238,22 @@ class Sight:
         """Return the arc length from which it is too late on a belt: configured, or else of its first bay."""
         if self._deadlines_m:
             return self._deadlines_m.get(belt)
-        leaves_m = [
-            link.source_position_m
-            for link in self._links.get(belt, ())
-            if link.source_position_m is not None
-            and link.target in self._bays
-            and link is not self._onward(belt)
-        ]
+        onward = self._onward(belt)
+        leaves_m: list[float] = []
+        for link in self._links.get(belt, ()):
+            if link.source_position_m is None or link.target not in self._bays:
+                continue
+            if link is not onward:
+                leaves_m.append(link.source_position_m)
         return min(leaves_m, default=None)
 
     def _onward(self, belt: str) -> BeltLink | None:
+        line = self.lines.get(("belt", belt))
         for link in self._links.get(belt, ()):
-            line = self.lines.get(("belt", belt))
             at_m = link.source_position_m
-            if at_m is None or (line is not None and at_m >= line.length_m - END_M):
+            if at_m is None:
+                return link
+            if line is not None and at_m >= line.length_m - END_M:
                 return link
         return None
 
@@ -248,7 +263,8 @@ class Sight:
                 self.frame_ns = due_ns - self.delay_ns
                 self.eyes.open(message)
             case TrackedObjects():
-                self._trackers[name] = (message.stamp_ns, {thing.id: thing for thing in message.objects})
+                things = {thing.id: thing for thing in message.objects}
+                self._trackers[name] = (message.stamp_ns, things)
             case RobotState():
                 self._robots[name] = message
             case Feedback():

@@ -44,9 +44,10 @@ class Wristband:
         self._seq += 1  # lost samples count, so that subscribers see the gap
         if self._is_silent(passed_s):
             return None
+        noise = (half_rad * x, half_rad * y, half_rad * z, 1.0)
         measured = rotation.multiply(
             rotation.from_yaw(self.drift_rad - self._yaw_rad),
-            rotation.multiply(world_from_arm, (half_rad * x, half_rad * y, half_rad * z, 1.0)),
+            rotation.multiply(world_from_arm, noise),
         )
         return ImuSample(
             stamp_ns=now_ns,

@@ -66,7 +66,8 @@ class AlongStrips:
 
         # Arc length along all lines, there and back
         total_m = math.fsum(line.length_m for line in lines)
-        at_m = (now_ns - self._start_ns) / NS_PER_S * self._speed_mps % (2.0 * total_m)
+        elapsed_s = (now_ns - self._start_ns) / NS_PER_S
+        at_m = elapsed_s * self._speed_mps % (2.0 * total_m)
         sign = 1.0 if at_m <= total_m else -1.0
         at_m = min(at_m, 2.0 * total_m - at_m)
 
@@ -74,17 +75,19 @@ class AlongStrips:
         stretch = 0
         last = lines[0]
         for number, line in enumerate(lines):
-            if number > 0 and math.dist(_end(last, -1), _end(line, 0)) > APART_M:
+            gap_m = math.dist(_end(last, -1), _end(line, 0)) if number > 0 else 0.0
+            if gap_m > APART_M:
                 stretch += 1
             last = line
             if at_m <= line.length_m:
                 break
             if number < len(lines) - 1:
                 at_m -= line.length_m
+        velocity_mps = vector.scale(last.tangent_at(at_m), sign * self._speed_mps)
         return PersonGoal(
             key=f"{kind}s {stretch}",
             point_m=last.point_at(at_m),
-            velocity_mps=vector.scale(last.tangent_at(at_m), sign * self._speed_mps),
+            velocity_mps=velocity_mps,
             stamp_ns=now_ns,
             closed_loop=True,
             kind=kind,
@@ -117,7 +120,8 @@ class SequentialTargets:
 
 def next_lamp(before: str, sight: Sight) -> PersonGoal | None:
     """Return the lamp after the one of key `before`, in the map's order, cyclically."""
-    goals = [PersonGoal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+    lamps_m = sight.lamps_m
+    goals = [PersonGoal(key=f"lamp {lamp}", point_m=position_m) for lamp, position_m in lamps_m.items()]
     if not goals:
         return None
     keys = [goal.key for goal in goals]
@@ -139,7 +143,8 @@ class Sending:
         """Return the next of the four steps: there, up, there again, up."""
         self._step += 1
         if self._step % 4 == 0:
-            direction = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
+            azimuth_rad = float(self._rng.uniform(-math.pi, math.pi))
+            direction = vector.direction(azimuth_rad, 0.0)
             distance_m = float(self._rng.uniform(*PLACES_M))
             self._place_m = vector.add(self._feet_m, vector.scale(direction, distance_m))
         up_m = RAISED_M if self._step % 2 else 0.0

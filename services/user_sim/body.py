@@ -63,8 +63,10 @@ class OpenLoopError:
         config = self._config
         rng = self._rng
         share = min(amplitude_rad / USUAL_REACH_RAD, 1.0)
-        azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())
-        elevation = math.radians(REACH_SD_DEG) * share * float(rng.standard_normal())
+        azimuth_sd_rad = math.radians(config.azimuth_error_reach_sd_deg) * share
+        azimuth = azimuth_sd_rad * float(rng.standard_normal())
+        elevation_sd_rad = math.radians(REACH_SD_DEG) * share
+        elevation = elevation_sd_rad * float(rng.standard_normal())
         if rng.random() < config.bent_arm_share:
             step = float(rng.uniform(*BENT_ARM_RAD))
             if rng.random() >= 0.5:
@@ -138,7 +140,8 @@ class Arm:
     def amplitude_rad(self, now_ns: int, aim: Aim) -> float:
         """Return the angle from the arm's direction to `aim`."""
         azimuth, elevation = self.deviation(now_ns)
-        here = vector.direction(self._aim.azimuth_rad + azimuth, self._aim.elevation_rad + elevation)
+        old = self._aim
+        here = vector.direction(old.azimuth_rad + azimuth, old.elevation_rad + elevation)
         there = vector.direction(aim.azimuth_rad, aim.elevation_rad)
         return vector.angle_between(here, there)
 
@@ -163,17 +166,15 @@ class Arm:
         azimuth, elevation = self._states(now_ns)
         old = self._aim
         self._aim = aim
+
+        # Position, rate and acceleration relative to the new aim, so that none of them jumps
+        azimuth_rad = vector.wrap(old.azimuth_rad + azimuth[0] - aim.azimuth_rad)
+        azimuth_rate_radps = old.azimuth_rate_radps + azimuth[1] - aim.azimuth_rate_radps
+        elevation_rad = old.elevation_rad + elevation[0] - aim.elevation_rad
+        elevation_rate_radps = old.elevation_rate_radps + elevation[1] - aim.elevation_rate_radps
         self._start = (
-            (
-                vector.wrap(old.azimuth_rad + azimuth[0] - aim.azimuth_rad),
-                old.azimuth_rate_radps + azimuth[1] - aim.azimuth_rate_radps,
-                azimuth[2],
-            ),
-            (
-                old.elevation_rad + elevation[0] - aim.elevation_rad,
-                old.elevation_rate_radps + elevation[1] - aim.elevation_rate_radps,
-                elevation[2],
-            ),
+            (azimuth_rad, azimuth_rate_radps, azimuth[2]),
+            (elevation_rad, elevation_rate_radps, elevation[2]),
         )
         self._began_ns = now_ns
         self._duration_s = duration_s
@@ -188,18 +189,19 @@ class Arm:
         """Return the arm's orientation in {W} with the updated `aim`."""
         self._aim = aim
         azimuth, elevation = self.deviation(now_ns)
-        noise = self._noise.at(now_ns)
-        return rotation.from_azimuth_elevation(
-            aim.azimuth_rad + azimuth + noise[0], aim.elevation_rad + elevation + noise[1]
-        )
+        noise_azimuth, noise_elevation = self._noise.at(now_ns)
+        azimuth_rad = aim.azimuth_rad + azimuth + noise_azimuth
+        elevation_rad = aim.elevation_rad + elevation + noise_elevation
+        return rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
 
     def _states(self, now_ns: int) -> tuple[State, State]:
         if now_ns != self._at_ns:
             elapsed_s = (now_ns - self._began_ns) / NS_PER_S
             self._at_ns = now_ns
+            azimuth, elevation = self._start
             self._at = (
-                minimum_jerk_to_rest(self._start[0], self._duration_s, elapsed_s),
-                minimum_jerk_to_rest(self._start[1], self._duration_s, elapsed_s),
+                minimum_jerk_to_rest(azimuth, self._duration_s, elapsed_s),
+                minimum_jerk_to_rest(elevation, self._duration_s, elapsed_s),
             )
         return self._at
 

@@ -94,12 +94,13 @@ class Correction:
         It applies to the next goal with a cursor. Without a cursor the person aims along their finger. Only
         a confirmed correction remains: nobody adapts to an error that they do not see.
         """
-        if self._confirmed_rad is not None and previous.closed_loop:
+        confirmed = self._confirmed_rad
+        if confirmed is not None and previous.closed_loop:
             share = ADAPTATION if previous.on_line else ADOPTION
-            self._learned = (
-                self._learned[0] + share * (self._confirmed_rad[0] - self._learned[0]),
-                self._learned[1] + share * (self._confirmed_rad[1] - self._learned[1]),
-            )
+            learned = self._learned
+            azimuth = learned[0] + share * (confirmed[0] - learned[0])
+            elevation = learned[1] + share * (confirmed[1] - learned[1])
+            self._learned = (azimuth, elevation)
         self.now_rad = self._learned if goal.closed_loop else (0.0, 0.0)
 
     def begin(self, reached_ns: int) -> None:
@@ -114,8 +115,9 @@ class Correction:
 
     def remember(self, now_ns: int, deviation_rad: Pair) -> None:
         """Record the deliberate offset from the goal."""
-        turned = (deviation_rad[0] + self.now_rad[0], deviation_rad[1] + self.now_rad[1])
-        self._done.append((now_ns, turned))
+        azimuth = deviation_rad[0] + self.now_rad[0]
+        elevation = deviation_rad[1] + self.now_rad[1]
+        self._done.append((now_ns, (azimuth, elevation)))
         while self._done[0][0] < now_ns - MEMORY_S * NS_PER_S:
             self._done.popleft()
 
@@ -164,7 +166,8 @@ class Correction:
             return
         shown = self._stance.sight_of(point_m)
         intended = self._stance.sight_of(target)
-        self._aside_rad = did[0] - vector.wrap(shown[0] - intended[0])
+        aside = vector.wrap(shown[0] - intended[0])
+        self._aside_rad = did[0] - aside
 
     def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: PersonGoal, named_m: Vec3 | None) -> None:
         """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`.
@@ -177,8 +180,10 @@ class Correction:
             return
         named = self._stance.sight_of(named_m or target)
         intended = self._stance.sight_of(target)
-        azimuth = did[0] - turn_rad[0] - vector.wrap(named[0] - intended[0])
-        elevation = did[1] + turn_rad[1] - (named[1] - intended[1])
+        beyond_azimuth = vector.wrap(named[0] - intended[0])
+        beyond_elevation = named[1] - intended[1]
+        azimuth = did[0] - turn_rad[0] - beyond_azimuth
+        elevation = did[1] + turn_rad[1] - beyond_elevation
         self.now_rad = _limited((azimuth, elevation))
         if named_m is not None:
             self._confirmed_rad = self.now_rad
@@ -221,7 +226,8 @@ class Correction:
             return True
 
         # Nothing was seen for long: search
-        if abs(now_ns - self._newest_ns) > self._delay_ns + LOST_S * NS_PER_S:
+        timeout_ns = self._delay_ns + LOST_S * NS_PER_S
+        if abs(now_ns - self._newest_ns) > timeout_ns:
             self._search(now_ns)
             return True
         return False
@@ -231,7 +237,8 @@ class Correction:
             self._confirmed_rad = self.now_rad
 
     def _share(self) -> float:
-        return GAIN * (1.0 + self._spread * float(self._rng.standard_normal()))
+        deviation = self._spread * float(self._rng.standard_normal())
+        return GAIN * (1.0 + deviation)
 
     def _recall(self, at_ns: int) -> Pair | None:
         """Return the offset from the goal at `at_ns`, rad, or None if unknown."""

@@ -29,6 +29,8 @@ Kind = Literal["strip", "belt"]
 Key = tuple[Kind, str]
 T = TypeVar("T", Strip, Belt)
 Color = tuple[int, int, int]
+Interval = tuple[float, float]
+"""Arc lengths from and to, m."""
 Span = tuple[Key, float, float]
 """A line, and the interval of a thing on it, m."""
 
@@ -168,9 +170,10 @@ class SeenPixels:
         order = beside[np.argsort(arcs[beside], kind="stable")]
         if not len(order):
             return
-        pixels = [int(pixel) for pixel in candidates[order]]
+        pixels = candidates[order].tolist()
         pitch_m = float(self._pitches_m[pixels].max())
-        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs[order].tolist(), pixels)
+        arcs_m: list[float] = arcs[order].tolist()
+        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs_m, pixels)
 
 
 def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
@@ -352,8 +355,8 @@ class Eyes:
 
     def __init__(self) -> None:
         self._pixels = SeenPixels(Environment(stamp_ns=0, name="nothing"))
-        self._lights: dict[Key, list[tuple[float, float]]] = {}
-        """Parts of strips that are lights of things, as arc lengths from and to, m."""
+        self._lights: dict[Key, list[Interval]] = {}
+        """Parts of strips that are lights of things."""
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None
         self._array: NDArray[np.int32] = np.empty(0, dtype=np.int32)
@@ -402,7 +405,7 @@ class Eyes:
         """
         # the margin of a thing's light is not where the ray is, as the thing is beside it
         runs = [run for run in self._runs(kind) if self._part_at(run, kind, self._lights) != "end"]
-        spans: dict[Key, list[tuple[float, float]]] = {}
+        spans: dict[Key, list[Interval]] = {}
         if runs:
             for key, start_m, end_m in things:
                 spans.setdefault(key, []).append((start_m, end_m))
@@ -417,7 +420,8 @@ class Eyes:
             if run in marks and self._dim_looks <= BLINK_LOOKS:
                 continue
             point_m = run.line.line.point_at(run.middle_m)
-            cost = self._cost(run, point_m, self._part_at(run, kind, spans), expected_m)
+            part = self._part_at(run, kind, spans)
+            cost = self._cost(run, point_m, part, expected_m)
             if best is None or cost < best[0]:
                 best = (cost, run, point_m)
 
@@ -467,7 +471,7 @@ class Eyes:
         return max(self._own.share(codes[pixel]) for pixel in run.pixels)
 
     def _part_at(
-        self, run: _Run, kind: Kind, spans: Mapping[Key, Sequence[tuple[float, float]]]
+        self, run: _Run, kind: Kind, spans: Mapping[Key, Sequence[Interval]]
     ) -> Literal["", "end", "body"]:
         """Return the part of a thing on which a run is, on any belt."""
         part: Literal["", "body"] = ""
@@ -554,8 +558,9 @@ class Eyes:
         for name, count in self._pixels.strips:
             colors = shown.get(name, b"")
             parts.append(colors if len(colors) == 3 * count else bytes(3 * count))
-        pixels = np.frombuffer(b"".join(parts), dtype=np.uint8).reshape(-1, 3).astype(np.int32)
-        self._array = pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]
+        data = np.frombuffer(b"".join(parts), dtype=np.uint8)
+        red, green, blue = data.reshape(-1, 3).astype(np.int32).T
+        self._array = red * 65536 + green * 256 + blue
         codes: list[int] = self._array.tolist()
         self._codes = codes
         return codes

@@ -165,7 +165,8 @@ class ButtonModel:
             ready_ns = max(ready_ns, self._free_ns + self._think_ns)
         if self._pressed_ns is not None and self._pressed_ns <= now_ns:
             ready_ns = max(ready_ns, self._pressed_ns + self._pause_ns)
-        if now_ns < ready_ns <= now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S:
+        latest_ns = now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S
+        if now_ns < ready_ns <= latest_ns:  # a later one is of a clock that was set back
             return None
         self._pressed_ns = now_ns
         return self.event(now_ns, "press")

@@ -48,7 +48,8 @@ class Perception:
                 named = self._sight.find(cue.target_id, now_ns)
                 named_m = None if named is None else named.thing.position_m
                 self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns, goal, named_m)
-            if cue.cue in ("selected", "deselected", "refused") and self.perceived.state == "pointing":
+            is_of_selection = cue.cue in ("selected", "deselected", "refused")
+            if is_of_selection and self.perceived.state == "pointing":
                 self._on_selection_cue(cue, now_ns, goal)
 
         # Looks take time
@@ -109,7 +110,8 @@ class Perception:
         if is_new:
             for seen in objects:
                 if is_round or seen.thing.id == goal.object_id:
-                    self.things.see(seen.thing.id, self._sight.looks(seen), now_ns)
+                    appearance = self._sight.looks(seen)
+                    self.things.see(seen.thing.id, appearance, now_ns)
 
     def _see_answer(self, answering: SeenObject, at_ns: int, goal: PersonGoal) -> None:
         is_goal = answering.thing.id == goal.object_id
@@ -129,7 +131,8 @@ class Perception:
 
     def _find_cursor(self, frame_ns: int, goal: PersonGoal, objects: list[SeenObject]) -> None:
         expected_m = self._correction.expected_m(frame_ns, goal)
-        self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
+        spans = _spans(objects, frame_ns)
+        self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, spans)
         if self.cursor is not None:
             self._answering_id = ""
             self._cursor_ns = frame_ns

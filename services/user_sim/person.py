@@ -51,9 +51,8 @@ class SimulatedPerson:
         self._standing = StandingPosition(
             config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
         )
-        self._stance = Stance(
-            config.body.measures(), config.body.hand, config.position_m, ray_model=config.body.ray_model
-        )
+        body = config.body
+        self._stance = Stance(body.measures(), body.hand, config.position_m, ray_model=body.ray_model)
         self._rest_rad = math.radians(config.rest_elevation_deg)
         self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng, skill)
         self._azimuth_rad = yaw_rad
@@ -118,7 +117,8 @@ class SimulatedPerson:
         correction = self._correction
         closed = self.goal.closed_loop
         if closed and correction.step(now_ns):
-            self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
+            aim = self._aim_with_rate(now_ns)
+            self._arm.reach(now_ns, aim, self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
         correction.remember(now_ns, self._arm.deviation(now_ns))
 
@@ -169,17 +169,17 @@ class SimulatedPerson:
         self._error.draw(amplitude_rad)
         aim = self._aim_with_rate(now_ns)
         self._arm.start_hold()
-        self._arm.reach(now_ns, aim, self._arm.reach_s(amplitude_rad, with_cursor=goal.closed_loop))
+        duration_s = self._arm.reach_s(amplitude_rad, with_cursor=goal.closed_loop)
+        self._arm.reach(now_ns, aim, duration_s)
         self._correction.begin(self._arm.reached_ns)
 
     def _aim(self, now_ns: int) -> Aim:
         point = self.goal.point_at(now_ns)
         if point is None:
             return Aim(self._azimuth_rad, self._rest_rad)
-        beside = (
-            self._error.now_rad[0] + self._correction.now_rad[0],
-            self._error.now_rad[1] + self._correction.now_rad[1],
-        )
+        error = self._error.now_rad
+        correction = self._correction.now_rad
+        beside = (error[0] + correction[0], error[1] + correction[1])
         self._azimuth_rad, elevation_rad = self._stance.aim_at(point, beside)
         return Aim(self._azimuth_rad, elevation_rad)
 
@@ -187,9 +187,6 @@ class SimulatedPerson:
         aim = self._aim(now_ns)
         later = self._aim(now_ns + RATE_STEP_NS)
         step_s = RATE_STEP_NS / NS_PER_S
-        return Aim(
-            aim.azimuth_rad,
-            aim.elevation_rad,
-            vector.wrap(later.azimuth_rad - aim.azimuth_rad) / step_s,
-            (later.elevation_rad - aim.elevation_rad) / step_s,
-        )
+        azimuth_rate_radps = vector.wrap(later.azimuth_rad - aim.azimuth_rad) / step_s
+        elevation_rate_radps = (later.elevation_rad - aim.elevation_rad) / step_s
+        return Aim(aim.azimuth_rad, aim.elevation_rad, azimuth_rate_radps, elevation_rate_radps)

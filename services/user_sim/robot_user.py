@@ -144,7 +144,8 @@ class _RobotUser(ABC):
             self._attempts += 1
             self._enter("aim", now_ns)
         elif "longer" not in text:
-            self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
+            pause_s = self._usually(PAUSE_S)
+            self._pause_until_ns[self._robot] = now_ns + round(pause_s * NS_PER_S)
             self._enter("choose", now_ns)
 
     def _needs_lamp(self, text: str, now_ns: int) -> bool:
@@ -206,14 +207,16 @@ class QuadrotorUser(_RobotUser):
         axes = 3 if self._spot_m[2] > IN_AIR_M else 2
         is_over = False
         if robot is not None:
-            distance_m = math.dist(robot.position_m[:axes], self._spot_m[:axes])
+            spot_m = self._spot_m[:axes]
+            distance_m = math.dist(robot.position_m[:axes], spot_m)
             is_over = distance_m <= OVER_M
         if not is_over:
             self._over_since_ns = None
         elif self._over_since_ns is None:
             self._over_since_ns = now_ns
         since_ns = self._over_since_ns
-        has_stayed = since_ns is not None and now_ns - since_ns >= self._usually(CONTENT_S) * NS_PER_S
+        stay_ns = self._usually(CONTENT_S) * NS_PER_S
+        has_stayed = since_ns is not None and now_ns - since_ns >= stay_ns
         return has_stayed or self._lasted_s(now_ns) > ENOUGH_S
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:

@@ -48,7 +48,8 @@ class DecisionTimes:
         decision = self._decision
         usual_s = decision.search_base_s + decision.search_per_item_s * items
         usual_s += decision.decide_per_bit_s * math.log2(choices + 1.0)
-        return self.quickness * usual_s * math.exp(FIND_SPREAD * float(self._rng.standard_normal()))
+        spread = math.exp(FIND_SPREAD * float(self._rng.standard_normal()))
+        return self.quickness * usual_s * spread
 
     def lapses(self) -> bool:
         """Return True if a lapse occurs now."""
@@ -227,7 +228,9 @@ class Selecting:
         return seen.thing.mode == "switch" and self._is_target(seen)
 
     def _is_switched(self, seen: SeenObject) -> bool:
-        return self._is_switch(seen) and self._things.status(seen.thing.id) != self._before
+        if not self._is_switch(seen):
+            return False
+        return self._things.status(seen.thing.id) != self._before
 
     @staticmethod
     def _is_decided(seen: SeenObject, now_ns: int) -> bool:

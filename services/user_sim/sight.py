@@ -162,8 +162,9 @@ class Sight:
             if looks is None:
                 return False
             return looks.own and not looks.hidden
-        lamp = self._colors.get(self._lamps.get(seen.thing.id, ""))
-        return lamp is not None and self.eyes.is_own(lamp.color)
+        lamp = self._lamps.get(seen.thing.id, "")
+        shown = self._colors.get(lamp)
+        return shown is not None and self.eyes.is_own(shown.color)
 
     def looks(self, seen: SeenObject) -> ObservedAppearance | None:
         """Return the appearance of `seen` in the current frame, or None if it is not visible enough."""

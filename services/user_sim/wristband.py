@@ -49,11 +49,12 @@ class Wristband:
             rotation.from_yaw(self.drift_rad - self._yaw_rad),
             rotation.multiply(world_from_arm, noise),
         )
+        device_time_s = self._boot_s + self._running_s
         return ImuSample(
             stamp_ns=now_ns,
             seq=self._seq,
             orientation_xyzw=rotation.normalized(measured),
-            device_time_ns=round((self._boot_s + self._running_s) * NS_PER_S),
+            device_time_ns=round(device_time_s * NS_PER_S),
         )
 
     def _drift(self, passed_s: float) -> None:

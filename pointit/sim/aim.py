@@ -23,7 +23,8 @@ class Tremor:
 
     def __init__(self, rms_rad: float, rng: np.random.Generator) -> None:
         shape = (2, TREMOR_TONES)
-        self._tone_radps = (math.tau * rng.uniform(*TREMOR_HZ, shape)).tolist()
+        tones_hz = rng.uniform(*TREMOR_HZ, shape)
+        self._tone_radps = (math.tau * tones_hz).tolist()
         self._phase_rad = rng.uniform(0.0, math.tau, shape).tolist()
         self.rms_rad = rms_rad
         """Rms of each axis; may be set at any time."""
@@ -35,10 +36,8 @@ class Tremor:
         tone_rad = self.rms_rad * math.sqrt(2.0 / TREMOR_TONES)
         angles = [0.0, 0.0]
         for axis in (0, 1):
-            phases = [
-                (phase + rate * passed_s) % math.tau
-                for phase, rate in zip(self._phase_rad[axis], self._tone_radps[axis], strict=True)
-            ]
+            tones = zip(self._phase_rad[axis], self._tone_radps[axis], strict=True)
+            phases = [(phase + rate * passed_s) % math.tau for phase, rate in tones]
             self._phase_rad[axis] = phases
             angles[axis] = tone_rad * math.fsum(map(math.sin, phases))
         return (angles[0], angles[1])
@@ -77,25 +76,33 @@ class Stance:
     def move(self, position_m: Vec3) -> None:
         """Move the body to `position_m`."""
         self.position_m = position_m
-        self.eyes_m: Vec3 = vector.add(position_m, (0.0, 0.0, self._neck_m + self._drop_m))
+        height_m = self._neck_m + self._drop_m
+        self.eyes_m: Vec3 = vector.add(position_m, (0.0, 0.0, height_m))
 
     def shoulder_m(self, azimuth_rad: float) -> Vec3:
         """Return the position of the shoulder, {W}, of an arm of that azimuth."""
-        return vector.add(self.position_m, vector.rotate_z((0.0, self._side_m, self._neck_m), azimuth_rad))
+        offset_m = vector.rotate_z((0.0, self._side_m, self._neck_m), azimuth_rad)
+        return vector.add(self.position_m, offset_m)
 
     def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that point at `point_m`.
 
         `beside` is the error of the line, azimuth and elevation, rad.
         """
+        # By eye and finger
         if not self._by_arm:
             sight = vector.subtract(point_m, self.eyes_m)
-            return self._finger_on(vector.azimuth(sight) + beside[0], vector.elevation(sight) + beside[1])
+            azimuth = vector.azimuth(sight) + beside[0]
+            elevation = vector.elevation(sight) + beside[1]
+            return self._finger_on(azimuth, elevation)
+
+        # By the arm, whose shoulder, or elbow, is beside the neck
         sight = vector.subtract(point_m, self.position_m)
         level_m = math.hypot(sight[0], sight[1])
         up_m = sight[2] - self._neck_m + self._hang_m
         azimuth = vector.azimuth(sight) - _turn(self._side_m, level_m)
-        elevation = math.atan2(up_m, math.sqrt(max(level_m**2 - self._side_m**2, 0.0)))
+        ahead_m = math.sqrt(max(level_m**2 - self._side_m**2, 0.0))
+        elevation = math.atan2(up_m, ahead_m)
         return azimuth + beside[0], elevation + beside[1]
 
     def _finger_on(self, azimuth_rad: float, elevation_rad: float) -> tuple[float, float]:
@@ -106,12 +113,14 @@ class Stance:
         up = math.sin(elevation_rad)
         level = math.cos(elevation_rad)
         # intersection of the line with the places that the finger of an arm beside the neck can reach
-        rest = (self._drop_m * up) ** 2 - self._drop_m**2 + self._side_m**2 + self.arm_m**2
-        finger_at_m = max(math.sqrt(max(rest, 0.0)) - self._drop_m * up, 0.0)
+        up_drop_m = self._drop_m * up
+        rest = up_drop_m**2 - self._drop_m**2 + self._side_m**2 + self.arm_m**2
+        finger_at_m = max(math.sqrt(max(rest, 0.0)) - up_drop_m, 0.0)
         level_m = finger_at_m * level
         ahead_m = math.sqrt(max(level_m**2 - self._side_m**2, 0.0))
         azimuth = azimuth_rad - _turn(self._side_m, level_m)
-        return azimuth, math.atan2(finger_at_m * up + self._drop_m, ahead_m)
+        finger_up_m = finger_at_m * up + self._drop_m
+        return azimuth, math.atan2(finger_up_m, ahead_m)
 
     def sight_of(self, point_m: Vec3) -> tuple[float, float]:
         """Return azimuth and elevation, rad, of `point_m` from the eyes."""
@@ -121,4 +130,7 @@ class Stance:
 
 def _turn(side_m: float, level_m: float) -> float:
     """Return the azimuth, relative to the arm's, of a place on its line `level_m` from the neck."""
-    return math.asin(max(-1.0, min(1.0, side_m / level_m))) if level_m > 0.0 else 0.0
+    if not level_m > 0.0:
+        return 0.0
+    sine = side_m / level_m
+    return math.asin(max(-1.0, min(1.0, sine)))

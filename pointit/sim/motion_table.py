@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from pointit.geometry.array_types import Array, Mask
-from pointit.geometry.rotation import Quaternion, inverse, multiply, rotate
+from pointit.geometry.rotation import inverse, multiply, rotate
 from pointit.maps.text_table import (
     COMMENTS,
     MAX_HEADER_LINES,
@@ -41,6 +41,13 @@ from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 from pointit.schemas.text import round_beyond
+from pointit.sim.implausible_positions import (
+    find_implausible_positions,
+    plausible_axes,
+    plausible_units,
+    plausible_units_and_axes,
+    rotation_matrix,
+)
 from pointit.sim.time_columns import MAX_PERIOD_S, MIN_PERIOD_S, TimeColumns, counter_bits, unwrapped
 
 TIME = "t"
@@ -68,14 +75,6 @@ MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
 MAX_STEP_FRAMES = 10
 """Limit of the median step of numbers of frames."""
-MAX_DISTANCE_M = 100.0
-"""Maximum distance from the origin."""
-HEAD_RANGE_M = (0.5, 3.0)
-"""Limits of the median height of a head over the floor."""
-MAX_BELOW_FLOOR_M = 3.0
-"""Maximum depth of a body below the floor, as of a file with another axis up."""
-MAX_SPEED_MPS = 30.0
-"""Maximum speed, which 90 % of the steps of a body keep to."""
 
 
 class MotionForm(Config):
@@ -109,50 +108,67 @@ class MotionTable:
         self._form = form
         self.notes: list[str] = []
         """Sentences about what is missing or not used."""
+        # Find the columns, and read the rows below their names
         lines, declared = _open(path, form)
         self._first_line = 0 if path.name.endswith(BIDS_SUFFIX) else 1
         try:
             layout = _layout(lines, required, optional, declared)
             self.names = tuple(name for name in MOTION_COLUMNS if name in layout.indices)
             """The columns that were read."""
-            self._titles = [
-                f"{layout.names[at] if layout.names else at + 1}"
-                for at in (layout.indices[name] for name in self.names)
-            ]
+            self._titles = [_title(layout, layout.indices[name]) for name in self.names]
             self._units = {name: declared[name].unit for name in self.names if name in declared}
             self._time_columns = TimeColumns(lines[layout.skip :], layout)
             values = self._read_rows(lines, layout)
-            if TIME in declared and declared[TIME].counter_bits:
-                at = self.names.index(TIME)
-                values[:, at] = unwrapped(values[:, at], declared[TIME].counter_bits)
+            time_column = declared.get(TIME)
+            if time_column is not None and time_column.counter_bits:
+                index = self._time_index
+                values[:, index] = unwrapped(values[:, index], time_column.counter_bits)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
-        unused = [name for at, name in enumerate(layout.names) if name and at not in layout.indices.values()]
+
+        # Tell what is left out
+        used = {*layout.indices.values()}
+        unused: list[str] = []
+        for index, name in enumerate(layout.names):
+            if name and index not in used:
+                unused.append(name)
         if unused:
             self.notes.append(f"columns {join_names(unused)} are not used")
-        self._sizes = np.array(
-            [size_of_unit(self._units.get(name) or "1", {**MOTION_COLUMNS[name]}) for name in self.names]
-        )
+
+        # Convert to SI units
+        sizes: list[float] = []
+        for name in self.names:
+            unit = self._units.get(name) or "1"
+            sizes.append(size_of_unit(unit, {**MOTION_COLUMNS[name]}))
+        self._sizes = np.array(sizes)
         self._values = values * self._sizes
         self._check_bounds()
 
     def _read_rows(self, lines: Sequence[str], layout: TextLayout) -> Array:
-        pick = itemgetter(*(layout.indices[name] for name in self.names))
+        indices = [layout.indices[name] for name in self.names]
+        pick = itemgetter(*indices)
         is_plain = self._units.get(TIME) != ISO
         numbers: list[int] = []
         values: list[list[float]] = []
-        for line, content in enumerate(lines[layout.skip :], start=layout.skip + self._first_line):
-            if not content or content.isspace() or content.startswith(COMMENTS):
+        first_line = layout.skip + self._first_line
+        for line, content in enumerate(lines[layout.skip :], start=first_line):
+            is_empty = not content or content.isspace()
+            if is_empty or content.startswith(COMMENTS):
                 continue
             cells = split_cells(content, layout.delimiter, layout.width)
             layout.check_row(line, cells)
             row = pick(cells)
             numbers.append(line)
+            # `float` would read 1_0 as 10: such rows, and dates, are read with more care
+            is_safe = is_plain and "_" not in content
             try:
-                values.append([*map(float, row if is_plain and "_" not in content else ("?",))])
+                values.append([*map(float, row if is_safe else ("?",))])
             except ValueError:
                 texts = zip(self.names, self._titles, row, strict=True)
-                values.append([self._number(line, *each, layout.delimiter) for each in texts])
+                numbers_of_row = [
+                    self._number(line, name, title, text, layout.delimiter) for name, title, text in texts
+                ]
+                values.append(numbers_of_row)
         if not values:
             raise ConfigError(f"line {layout.skip}: there is a header but no samples")
         self.lines = np.array(numbers, dtype=np.int64)
@@ -163,34 +179,53 @@ class MotionTable:
         """Return the number in a cell, NaN if it is lost."""
         value = parse_number(text, delimiter)
         if name == TIME:
-            value = _iso_time_s(text) if self._units.get(TIME) == ISO else value
+            is_date = self._units.get(TIME) == ISO
+            if is_date:
+                value = _iso_time_s(text)
             if not math.isnan(value):
                 return value
             remedy = "write it, or set columns to t=iso if the column has dates and times"
-            if self._units.get(TIME) == ISO:
+            if is_date:
                 remedy = "write it in ISO 8601, such as 2026-11-29T10:53:20.250"
             remedy += self._time_columns.alternatives(title)
-        elif not math.isnan(value) or is_lost(text) or text == self._form.lost:
-            return value
         else:
+            if not math.isnan(value) or is_lost(text):
+                return value
+            if text == self._form.lost:
+                return value
             remedy = f"correct it, or set lost to {format_value(text[:20])} if it stands for lost values"
-        raise ConfigError(
-            f"line {line}, column {title!r}: a number was expected, got {format_value(text)}; {remedy}"
-        )
+        value_text = format_value(text)
+        raise ConfigError(f"line {line}, column {title!r}: a number was expected, got {value_text}; {remedy}")
 
     def _check_bounds(self) -> None:
         limits = [MAX_TIME_S if name == TIME else FARTHEST for name in self.names]
-        is_wrong = (np.abs(self._values) > limits) | (
-            np.isnan(self._values) & [name == TIME for name in self.names]
-        )
-        for row, column in np.argwhere(is_wrong)[:1].tolist():
+        is_time = [name == TIME for name in self.names]
+        is_beyond = np.abs(self._values) > limits
+        is_missing = np.isnan(self._values) & is_time
+        for row, column in np.argwhere(is_beyond | is_missing)[:1].tolist():
+            value = self._values[row, column]
+            cell = self._cell(row, self._titles[column])
             raise ConfigError(
-                f"{self._at(row)}, column {self._titles[column]!r}: {self._values[row, column]:.10g} is "
-                f"not within {limits[column]:g}; set columns to its unit, or lost to it"
+                f"{cell}: {value:.10g} is not within {limits[column]:g}; set columns to its unit, or lost to "
+                "it"
             )
 
     def _at(self, row: int) -> str:
         return f"{self._path}, line {self.lines[row]}"
+
+    def _cell(self, row: int, title: str) -> str:
+        return f"{self._at(row)}, column {title!r}"
+
+    def _column_range(self, names: Sequence[str]) -> str:
+        return f"{self.title(names[0])!r} to {self.title(names[-1])!r}"
+
+    @property
+    def _time_index(self) -> int:
+        return self.names.index(TIME)
+
+    @property
+    def _time_size_s(self) -> float:
+        return float(self._sizes[self._time_index])
 
     def title(self, name: str) -> str:
         """Return the name of a column in the file."""
@@ -202,18 +237,28 @@ class MotionTable:
         Raises:
             ConfigError: If they do not rise, or are not plausible as seconds.
         """
-        times_s: Array = self._values[:, self.names.index(TIME)]
+        times_s: Array = self._values[:, self._time_index]
         title = self.title(TIME)
-        for row in (np.flatnonzero(~(np.diff(times_s) > 0.0)) + 1)[:1].tolist():
+        is_rising = np.diff(times_s) > 0.0
+        wrong_rows = np.flatnonzero(~is_rising) + 1
+        for row in wrong_rows[:1].tolist():
+            remedy = self._remedy_of_order(times_s, row)
+            previous_s, time_s = times_s[row - 1 : row + 1]
+            cell = self._cell(row, title)
             raise ConfigError(
-                f"{self._at(row)}, column {title!r}: time does not increase, {times_s[row]:.12g} after "
-                f"{times_s[row - 1]:.12g} s; {self._remedy_of_order(times_s, row)}"
+                f"{cell}: time does not increase, {time_s:.12g} after {previous_s:.12g} s; {remedy}"
             )
-        period_s = float(np.median(np.diff(times_s))) if len(times_s) > 2 else MAX_PERIOD_S
+
+        # Of two rows the period says nothing
+        if len(times_s) <= 2:
+            return times_s
+        period_s = float(np.median(np.diff(times_s)))
         if not MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
+            remedy = self._remedy_of_times(period_s)
+            limits = f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s"
             raise ConfigError(
                 f"{self._path}, column {title!r}: samples are {period_s:.6g} s apart, plausible are "
-                f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; {self._remedy_of_times(period_s)}"
+                f"{limits}; {remedy}"
             )
         return times_s
 
@@ -227,8 +272,9 @@ class MotionTable:
             repeats = int((steps_s == 0.0).sum())
             rows = "the row" if repeats == 1 else f"the {repeats} rows that repeat a time"
             return f"write more digits, or remove {rows}{alternatives}"
-        raw = times_s[row - 1 : row + 1] / float(self._sizes[self.names.index(TIME)])
-        bits = counter_bits(float(raw[0]), float(raw[1]))
+        numbers = times_s / self._time_size_s
+        previous, number = numbers[row - 1 : row + 1]
+        bits = counter_bits(float(previous), float(number))
         unit = self._units.get(TIME) or "s"
         if bits and unit != ISO:
             return (
@@ -240,15 +286,17 @@ class MotionTable:
 
     def _remedy_of_times(self, period_s: float) -> str:
         """Return the remedy for samples `period_s` apart: the units with which they are plausible."""
-        spacing = period_s / float(self._sizes[self.names.index(TIME)])
-        sizes = {} if self._units.get(TIME) == ISO else TIMES_S
-        units = [
-            f"{TIME}={self.title(TIME)}/{unit} ({spacing * size:.4g} s apart)"
-            for unit, size in sizes.items()
-            if MIN_PERIOD_S <= spacing * size <= MAX_PERIOD_S
-        ]
-        if sizes and 1.0 <= spacing < MAX_STEP_FRAMES:
-            units.append(f"{TIME}={self.title(TIME)}/0.01 for numbers of frames at 100 Hz")
+        spacing = period_s / self._time_size_s
+        if self._units.get(TIME) == ISO:
+            return "record at another rate"
+        column = f"{TIME}={self.title(TIME)}"
+        units: list[str] = []
+        for unit, size_s in TIMES_S.items():
+            spacing_s = spacing * size_s
+            if MIN_PERIOD_S <= spacing_s <= MAX_PERIOD_S:
+                units.append(f"{column}/{unit} ({spacing_s:.4g} s apart)")
+        if 1.0 <= spacing < MAX_STEP_FRAMES:
+            units.append(f"{column}/0.01 for numbers of frames at 100 Hz")
         return f"set columns to its unit: {' or '.join(units)}" if units else "record at another rate"
 
     def vectors(self, body: str, names: Sequence[str]) -> Array:
@@ -257,23 +305,32 @@ class MotionTable:
         Raises:
             ConfigError: If all are 0 in a row, which stands for "lost" in many programs.
         """
-        vectors = self._values[:, [self.names.index(name) for name in names]]
-        columns = f"{self.title(names[0])!r} to {self.title(names[-1])!r}"
-        marks = parse_number(self._form.lost, " ") * self._sizes[[self.names.index(name) for name in names]]
-        is_lost_row = ~np.isfinite(vectors).all(axis=1) | (vectors == marks).all(axis=1)
-        zeros = np.flatnonzero((vectors == 0.0).all(axis=1) & ~is_lost_row)
+        indices = [self.names.index(name) for name in names]
+        vectors = self._values[:, indices]
+        columns = self._column_range(names)
+
+        # Rows in which the body is lost: a number is missing, or all are the declared mark
+        marks = parse_number(self._form.lost, " ") * self._sizes[indices]
+        is_missing = ~np.isfinite(vectors).all(axis=1)
+        is_lost_row = is_missing | (vectors == marks).all(axis=1)
+        is_zero = (vectors == 0.0).all(axis=1)
+        zeros = np.flatnonzero(is_zero & ~is_lost_row)
         if len(zeros) and not self._form.lost:
+            place = self._at(int(zeros[0]))
             raise ConfigError(
-                f"{self._at(int(zeros[0]))}, columns {columns}: are all 0; set lost to 0 if the "
-                f"{body} is lost there, or to nan if it is not"
+                f"{place}, columns {columns}: are all 0; set lost to 0 if the {body} is lost there, or to "
+                "nan if it is not"
             )
         if is_lost_row.any():
-            self.notes.append(f"{body} ({columns}): missing in {self._rows_text(is_lost_row)}; left out")
-        up = UP_AXES[self._form.up]
+            rows = self._rows_text(is_lost_row)
+            self.notes.append(f"{body} ({columns}): missing in {rows}; left out")
+
+        # Turn z up
         turned: Array = vectors.copy()
         if self._form.up != "z" and len(names) > 2:
-            turn = functools.partial(multiply if len(names) == 4 else rotate, up)
-            turned = np.array([turn(each) for each in vectors.tolist()])
+            turn_one = multiply if len(names) == 4 else rotate
+            turn = functools.partial(turn_one, UP_AXES[self._form.up])
+            turned = np.array([turn(row) for row in vectors.tolist()])
         turned[is_lost_row] = np.nan
         return turned
 
@@ -283,91 +340,70 @@ class MotionTable:
         Raises:
             ConfigError: If they are not.
         """
-        where = f"columns {self.title(names[0])!r} to {self.title(names[-1])!r}"
-        if problem := _find_implausible(body, positions, times_s):
-            row, clause = problem
-            at = f"{self._path}" if row is None else self._at(row)
-            remedies = self._remedies_of_positions(body, names, positions, times_s)
-            if row is not None:
-                remedies.append("lost to the number that stands for lost bodies")
-            raise ConfigError(f"{at}, {where}: the {body} {clause}; set {', or '.join(remedies)}")
+        problem = find_implausible_positions(body, positions, times_s)
+        if problem is None:
+            return
+        row, clause = problem
+        place = f"{self._path}" if row is None else self._at(row)
+        columns = self._column_range(names)
+        remedies = self._remedies_of_positions(body, names, positions, times_s)
+        if row is not None:
+            remedies.append("lost to the number that stands for lost bodies")
+        settings = ", or ".join(remedies)
+        raise ConfigError(f"{place}, columns {columns}: the {body} {clause}; set {settings}")
 
     def _remedies_of_positions(
         self, body: str, names: Sequence[str], positions: Array, times_s: Array
     ) -> list[str]:
         """Return the declarations of unit and axis with which `positions` are plausible."""
-        own = self._sizes[self.names.index(names[0])]
-        units = {
-            unit: float(np.nanmedian(np.linalg.norm(positions, axis=1))) * size / own
-            for unit, size in LENGTHS_M.items()
-            if not _find_implausible(body, positions * (size / own), times_s)
-        }
         remedies: list[str] = []
-        if units:
-            example = ",".join(f"{name}={self.title(name)}/{next(iter(units))}" for name in names)
-            fitting = join_names([f"{unit} ({away_m:.3g} m away)" for unit, away_m in units.items()])
-            remedies.append(f"columns to their unit, such as {example}, plausible are {fitting}")
+
+        # Another unit
+        size = float(self._sizes[self.names.index(names[0])])
+        distances_m = plausible_units(body, positions, times_s, size)
+        if distances_m:
+            unit = next(iter(distances_m))
+            declarations = [f"{name}={self.title(name)}/{unit}" for name in names]
+            example = ",".join(declarations)
+            fitting = [f"{unit} ({distance_m:.3g} m away)" for unit, distance_m in distances_m.items()]
+            plausible = join_names(fitting)
+            remedies.append(f"columns to their unit, such as {example}, plausible are {plausible}")
+
+        # Another axis, or both
         if len(names) > 2:
-            in_file = positions @ _matrix(inverse(UP_AXES[self._form.up]))
-            axes = [
-                up
-                for up, turn in UP_AXES.items()
-                if not _find_implausible(body, in_file @ _matrix(turn), times_s)
-            ]
-            remedies += [f"up to the axis that points up, {join_names(axes)}"] * bool(axes)
-            both = [
-                f"{unit} with up {up}"
-                for unit, size in LENGTHS_M.items()
-                for up, turn in UP_AXES.items()
-                if body == "head"
-                and size != own
-                and up != self._form.up
-                and not _find_implausible(body, in_file @ _matrix(turn) * (size / own), times_s)
-            ]
-            remedies += [f"both, plausible are {join_names(both)}"] * bool(both)
+            up = self._form.up
+            in_file = positions @ rotation_matrix(inverse(UP_AXES[up]))
+            axes = plausible_axes(body, in_file, times_s)
+            if axes:
+                remedies.append(f"up to the axis that points up, {join_names(axes)}")
+            both: list[str] = []
+            if body == "head":
+                both = plausible_units_and_axes(in_file, times_s, size, up)
+            if both:
+                remedies.append(f"both, plausible are {join_names(both)}")
         return remedies or [f"columns to those of the {body}"]
 
     def _rows_text(self, is_row: Mask) -> str:
         """Return the number of rows, gaps and the first line of the rows `is_row`."""
-        times_s = self._values[:, self.names.index(TIME)]
-        ends = np.flatnonzero(np.diff(is_row.astype(int), prepend=0, append=0)).reshape(-1, 2)
-        longest_s = max(
-            times_s[min(end, len(times_s) - 1)] - times_s[max(begin - 1, 0)] for begin, end in ends
-        )
-        gaps = f"{len(ends)} gap{'' if len(ends) == 1 else 's'} of up to {longest_s:.2f} s"
-        return (
-            f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {self.lines[int(ends[0][0])]}"
-        )
+        times_s = self._values[:, self._time_index]
+        edges = np.diff(is_row.astype(int), prepend=0, append=0)
+        ends = np.flatnonzero(edges).reshape(-1, 2)
+
+        # A gap lasts from the sample before it to the one after it
+        before = np.maximum(ends[:, 0] - 1, 0)
+        after = np.minimum(ends[:, 1], len(times_s) - 1)
+        longest_s = float((times_s[after] - times_s[before]).max())
+        plural = "" if len(ends) == 1 else "s"
+        gaps = f"{len(ends)} gap{plural} of up to {longest_s:.2f} s"
+        first_line = self.lines[int(ends[0][0])]
+        return f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {first_line}"
 
 
-def _matrix(turn: Quaternion) -> Array:
-    """Return the matrix by which rows of vectors are multiplied to be turned by `turn`."""
-    return np.array([rotate(turn, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
-
-
-def _find_implausible(body: str, positions: Array, times_s: Array) -> tuple[int | None, str] | None:
-    """Return the row and a clause about implausible `positions` of a body, n x k, m, z up.
-
-    The row is None if the clause is about all, and the result None if they are plausible.
-    """
-    distances = np.linalg.norm(positions, axis=1)
-    if body == "points":  # rays near the horizon meet the floor far away
-        distances = np.where(np.isfinite(distances), np.nanmedian(distances), np.nan)
-    for row in np.flatnonzero(distances > MAX_DISTANCE_M)[:1].tolist():
-        return row, f"is {distances[row]:.6g} m away, limit {MAX_DISTANCE_M:g} m"
-    known = np.flatnonzero(np.isfinite(distances))
-    if body == "points" or len(known) < 3:
-        return None
-    height_m = float(np.median(positions[known, 2]))
-    if body == "head" and not HEAD_RANGE_M[0] <= height_m <= HEAD_RANGE_M[1]:
-        limits = f"{HEAD_RANGE_M[0]:g} to {HEAD_RANGE_M[1]:g} m"
-        return None, f"is {height_m:.6g} m above the floor, plausible are {limits}"
-    if (lowest_m := float(positions[known, 2].min())) < -MAX_BELOW_FLOOR_M:
-        return None, f"is {-lowest_m:.6g} m below the floor, limit {MAX_BELOW_FLOOR_M:g} m"
-    steps = np.linalg.norm(np.diff(positions[known], axis=0), axis=1) / np.diff(times_s[known])
-    if (speed_mps := float(np.percentile(steps, 90))) > MAX_SPEED_MPS:
-        return None, f"moves at {speed_mps:.6g} m/s, limit {MAX_SPEED_MPS:g} m/s"
-    return None
+def _title(layout: TextLayout, index: int) -> str:
+    """Return the name of a column for people, which is its number if the file names none."""
+    if not layout.names:
+        return f"{index + 1}"
+    return f"{layout.names[index]}"
 
 
 def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED) -> bool:
@@ -382,8 +418,11 @@ def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED)
 
 def _open(path: Path, form: MotionForm) -> tuple[list[str], dict[str, DeclaredColumn]]:
     """Return the lines of a file, with names of columns, and declared columns."""
-    lines = list(check_lengths(_read_text(path).splitlines(), f"{path}: "))
-    names = header_names(lines[:MAX_HEADER_LINES]) if "/" in form.columns else frozenset[str]()
+    lines = _read_text(path).splitlines()
+    lines = list(check_lengths(lines, f"{path}: "))
+    names = frozenset[str]()
+    if "/" in form.columns:  # it divides name and unit, but may also belong to a name of the file
+        names = header_names(lines[:MAX_HEADER_LINES])
     declared = parse_columns(form.columns, MOTION_COLUMNS, names, counters=(TIME,))
     if not path.name.endswith(BIDS_SUFFIX):
         return lines, declared
@@ -402,28 +441,46 @@ def _layout(
     Raises:
         ConfigError: If it does not have them, or a part of a group.
     """
+    # Required groups, and optional ones of which a column is declared, must be there
     known = {*required, *itertools.chain(*optional)}
-    groups = [group for group in (required, *optional) if group is required or declared.keys() & {*group}]
-    wanted: dict[str, str | int] = {name: name for group in groups for name in group}
-    wanted |= {name: each.source for name, each in declared.items() if name in known}
+    groups = [required]
+    for group in optional:
+        if declared.keys() & {*group}:
+            groups.append(group)
+    wanted: dict[str, str | int] = {name: name for name in itertools.chain(*groups)}
+    for name, column in declared.items():
+        if name in known:
+            wanted[name] = column.source
+
+    # Dates are no numbers, so that another column shows where the rows begin
     is_date = TIME in declared and declared[TIME].unit == ISO
+    anchors: Sequence[str] = (TIME,)
+    texts: Sequence[str] = ()
+    if is_date:
+        anchors = required[1:2]
+        texts = (TIME,)
+    optional_columns = sorted(known - wanted.keys())
     layout = find_layout(
         lines[:MAX_HEADER_LINES],
         wanted,
-        optional=sorted(known - wanted.keys()),
-        anchors=required[1:2] if is_date else (TIME,),
-        texts=(TIME,) if is_date else (),
+        optional=optional_columns,
+        anchors=anchors,
+        texts=texts,
         remedy=_remedy(required),
     )
+
+    # A part of a group is a mistake
     for group in optional:
         missing = {*group} - layout.indices.keys()
         if 0 < len(missing) < len(group):
-            raise ConfigError(f"there is no column {join_names(sorted(missing))}; {_remedy(group)}")
+            columns = join_names(sorted(missing))
+            raise ConfigError(f"there is no column {columns}; {_remedy(group)}")
     return layout
 
 
 def _remedy(required: Sequence[str]) -> str:
-    numbered = ",".join(f"{name}={at}" for at, name in enumerate(required, start=1))
+    numbers = [f"{name}={number}" for number, name in enumerate(required, start=1)]
+    numbered = ",".join(numbers)
     angles = ", and quaternions, as angles are not read" if "qx" in required else ""
     return (
         f"set columns to those of the file by name or number, such as {numbered}, with their units, such "
@@ -435,9 +492,9 @@ def _read_text(path: Path) -> str:
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
+            size_mb = round_beyond(size / 1e6, MAX_BYTES / 1e6)
             raise ConfigError(
-                f"{path}: has {round_beyond(size / 1e6, MAX_BYTES / 1e6)} MB and at most "
-                f"{MAX_BYTES / 1e6:.0f} MB are read; cut it into pieces"
+                f"{path}: has {size_mb} MB and at most {MAX_BYTES / 1e6:.0f} MB are read; cut it into pieces"
             )
         text = path.read_text("utf-8-sig")
     except OSError as error:
@@ -455,7 +512,9 @@ def _iso_time_s(text: str) -> float:
         time = dt.datetime.fromisoformat(_POINTS_IN_TIME.sub(r"\1:\2:\3", text))
     except ValueError:
         return math.nan
-    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
+    if not time.tzinfo:
+        time = time.replace(tzinfo=dt.UTC)
+    return time.timestamp()
 
 
 def _with_channels(path: Path, lines: Sequence[str]) -> tuple[list[str], list[dict[str, str]]]:
@@ -464,22 +523,27 @@ def _with_channels(path: Path, lines: Sequence[str]) -> tuple[list[str], list[di
     Without a channel of times, rows have those of the sampling frequency in `_motion.json`.
     """
     beside = path.with_name(path.name.removesuffix(BIDS_SUFFIX) + CHANNELS_SUFFIX)
-    channels = list(csv.DictReader(_read_text(beside).splitlines(), delimiter="\t", restval=""))
-    if missing := [
-        name for name in ("name", "component", "type", "units") if name not in (channels or [{}])[0]
-    ]:
+    rows = csv.DictReader(_read_text(beside).splitlines(), delimiter="\t", restval="")
+    channels = list(rows)
+    columns = channels[0] if channels else {}
+    missing = [name for name in ("name", "component", "type", "units") if name not in columns]
+    if missing:
         raise ConfigError(f"{beside}: has no column {join_names(missing)}; correct it as Motion-BIDS says")
-    if all(each["type"] != "LATENCY" for each in channels):
+
+    # Times, if no channel has them
+    if all(channel["type"] != "LATENCY" for channel in channels):
         sidecar = path.with_suffix(".json")
         try:
-            rate_hz = float(json.loads(_read_text(sidecar))["SamplingFrequency"])
+            content = json.loads(_read_text(sidecar))
+            rate_hz = float(content["SamplingFrequency"])
             lines = [f"{line}\t{row / rate_hz:.9f}" for row, line in enumerate(lines)]
         except (ValueError, TypeError, KeyError, ArithmeticError):
             raise ConfigError(
                 f"{sidecar}: has no SamplingFrequency above 0, and {beside.name} no LATENCY; add one"
             ) from None
         channels.append({"name": TIME, "component": "n/a", "type": "LATENCY", "units": "s"})
-    return ["\t".join(each["name"] for each in channels), *lines], channels
+    header = "\t".join(channel["name"] for channel in channels)
+    return [header, *lines], channels
 
 
 def _declare_channels(
@@ -490,16 +554,26 @@ def _declare_channels(
     Raises:
         ConfigError: If the unit of one is unknown.
     """
-    kinds = {TIME: ("LATENCY", "n/a")} | {name: ("ORNT", f"quat_{name[1]}") for name in ORIENTATION}
+    # Channels by their type and component, if only one has them
+    kinds = {name: ("ORNT", f"quat_{name[1]}") for name in ORIENTATION}
+    kinds = {TIME: ("LATENCY", "n/a")} | kinds
     columns = dict(declared)
     for ours, kind in kinds.items():
-        names = [each["name"] for each in channels if (each["type"], each["component"].lower()) == kind]
+        names: list[str] = []
+        for channel in channels:
+            if (channel["type"], channel["component"].lower()) == kind:
+                names.append(channel["name"])
         if len(names) == 1:
             columns.setdefault(ours, DeclaredColumn(names[0]))
-    units = {each["name"]: each["units"] for each in channels}
+
+    # Their units, unless a person has declared others
+    units = {channel["name"]: channel["units"] for channel in channels}
     for ours, column in columns.items():
         unit = units.get(str(column.source), "n/a")
-        if column.unit or unit == "n/a" or not MOTION_COLUMNS[ours]:
+        if column.unit or unit == "n/a":
+            continue
+        if not MOTION_COLUMNS[ours]:
+            continue
             continue
         if unit not in MOTION_COLUMNS[ours]:
             raise ConfigError(
@@ -512,5 +586,6 @@ def _declare_channels(
 
 def rows_of(vectors: Array) -> Iterator[tuple[int, list[float]]]:
     """Yield number and values of the rows of `vectors` without NaN."""
-    for row in np.flatnonzero(np.isfinite(vectors).all(axis=1)).tolist():
+    is_complete = np.isfinite(vectors).all(axis=1)
+    for row in np.flatnonzero(is_complete).tolist():
         yield row, vectors[row].tolist()

@@ -76,7 +76,8 @@ class FloorRecording(RecordedMotion):
 
 def is_floor_csv(path: Path, form: MotionForm = DOCUMENTED) -> bool:
     """Return True if the CSV file at `path` has points on the floor instead of orientations."""
-    return has_columns(path, (TIME, *FLOOR), form) and not has_columns(path, (TIME, *ORIENTATION), form)
+    has_points = has_columns(path, (TIME, *FLOOR), form)
+    return has_points and not has_columns(path, (TIME, *ORIENTATION), form)
 
 
 def read_floor_csv(path: Path, form: MotionForm = DOCUMENTED) -> FloorRecording:
@@ -93,13 +94,15 @@ def read_floor_csv(path: Path, form: MotionForm = DOCUMENTED) -> FloorRecording:
         raise ConfigError(
             f"{path}: the head ('head_x', …) is lost in all rows; it tells the height of the eyes"
         )
+    head_height_m = float(np.nanmean(head_m[:, 2]))
+    no_points_m = np.full((len(t_s), 2), np.nan)
     return FloorRecording(
         path=path,
         t_s=t_s,
-        floor_m=bodies.get("points", np.full((len(t_s), 2), np.nan)),
+        floor_m=bodies.get("points", no_points_m),
         robot_m=bodies.get("robot"),
         head_m=head_m,
-        eye_height_m=float(np.nanmean(head_m[:, 2])) - MARKER_OVER_EYES_M,
+        eye_height_m=head_height_m - MARKER_OVER_EYES_M,
         notes=tuple(table.notes),
     )
 
@@ -112,9 +115,8 @@ def read_robot_csv(path: Path, form: MotionForm = DOCUMENTED) -> RecordedMotion:
     """
     table = MotionTable(path, (TIME, *ROBOT), (), form)
     t_s = _times_s(path, table)
-    return RecordedMotion(
-        path=path, t_s=t_s, robot_m=_bodies(table, t_s).get("robot"), notes=tuple(table.notes)
-    )
+    robot_m = _bodies(table, t_s).get("robot")
+    return RecordedMotion(path=path, t_s=t_s, robot_m=robot_m, notes=tuple(table.notes))
 
 
 def read_imu_csv(path: Path, form: MotionForm = DOCUMENTED) -> ImuRecording:
@@ -128,20 +130,25 @@ def read_imu_csv(path: Path, form: MotionForm = DOCUMENTED) -> ImuRecording:
             implausible for seconds and metres, or there are no rows. Names file, line, column and value, and
             the parameter of `form` that describes it.
     """
+    # Orientations, which some rows may lack
     table = MotionTable(path, (TIME, *ORIENTATION), (ROBOT, HEAD), form)
     t_s = _times_s(path, table)
     orientation = table.vectors("orientation", ORIENTATION)
     if np.isnan(orientation).all():
         raise ConfigError(f"{path}, line {table.lines[0]}, columns 'qw' to 'qz': are missing in all rows")
+
+    # Rows of zeros or of other numbers are no quaternions
     norms = np.linalg.norm(orientation, axis=1)
-    off = np.flatnonzero(np.abs(norms - 1.0) > NORM_TOLERANCE)
-    if len(off):
-        row = int(off[0])
+    wrong_rows = np.flatnonzero(np.abs(norms - 1.0) > NORM_TOLERANCE)
+    if len(wrong_rows):
+        row = int(wrong_rows[0])
         raise ConfigError(
             f"{path}, line {table.lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
             f"got norm {norms[row]:.6g}; set columns to those of the quaternion, or lost to "
             "the number that stands for lost ones"
         )
+
+    # Motion capture beside them
     bodies = _bodies(table, t_s)
     return ImuRecording(
         path=path,
@@ -173,10 +180,12 @@ def _bodies(table: MotionTable, t_s: Array) -> dict[str, Array]:
 def _times_s(path: Path, table: MotionTable) -> Array:
     """Return the times from the first one."""
     t_s = table.times()
-    if t_s[-1] - t_s[0] > LONGEST_S:
+    duration_s = t_s[-1] - t_s[0]
+    if duration_s > LONGEST_S:
+        last_line = table.lines[-1]
+        title = table.title(TIME)
         raise ConfigError(
-            f"{path}, line {table.lines[-1]}, column {table.title(TIME)!r}: the recording is "
-            f"{t_s[-1] - t_s[0]:.6g} s long and at most {LONGEST_S:g} s can be played; set columns to the "
-            "unit of its time, such as t=ms"
+            f"{path}, line {last_line}, column {title!r}: the recording is {duration_s:.6g} s long and at "
+            f"most {LONGEST_S:g} s can be played; set columns to the unit of its time, such as t=ms"
         )
     return np.asarray(t_s - t_s[0], dtype=np.float64)

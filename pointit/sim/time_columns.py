@@ -65,15 +65,19 @@ class TimeColumns:
         """Return the end of a sentence with other columns than `title` that could be times, or `""`."""
         shown: list[str] = []
         numbers = self._numbers()
-        for index in range(numbers.shape[1] if len(numbers) > 1 else 0):
-            name = self._layout.names[index] if index < len(self._layout.names) else f"{index + 1}"
+        names = self._layout.names
+        count = numbers.shape[1] if len(numbers) > 1 else 0
+        for index in range(count):
+            name = names[index] if index < len(names) else f"{index + 1}"
             unit = _fitting_unit(numbers[:, index])
+            # A number of a frame is a time, too, if the rate is known
             if unit and name != title:
                 rate = ", numbers of frames at 100 Hz" if unit == FRAME_UNIT else ""
                 shown.append(f"t={index + 1}/{unit} ({format_value(name)}{rate})")
         if not shown:
             return ""
-        return f"; or use another column of times, such as {' or '.join(shown[:MAX_ALTERNATIVES])}"
+        others = " or ".join(shown[:MAX_ALTERNATIVES])
+        return f"; or use another column of times, such as {others}"
 
     def _numbers(self) -> Array:
         """Return the numbers in the first rows, n x columns, NaN where there are none."""

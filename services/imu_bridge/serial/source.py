@@ -143,7 +143,7 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
         return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
     problem = detection.text_problem
     if not problem:
-        problem = f"{count} bytes, none readable" if count else "silent"
+        problem = "silent" if count == 0 else f"{count} bytes, none readable"
     return PortAnswer(port.path, port.description, None, problem)
 
 

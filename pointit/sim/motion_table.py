@@ -159,6 +159,7 @@ class MotionTable:
             layout.check_row(line, cells)
             row = pick(cells)
             numbers.append(line)
+
             # `float` would read 1_0 as 10: such rows, and dates, are read with more care
             is_safe = is_plain and "_" not in content
             try:

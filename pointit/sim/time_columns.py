@@ -70,6 +70,7 @@ class TimeColumns:
         for index in range(count):
             name = names[index] if index < len(names) else f"{index + 1}"
             unit = _fitting_unit(numbers[:, index])
+
             # A number of a frame is a time, too, if the rate is known
             if unit and name != title:
                 rate = ", numbers of frames at 100 Hz" if unit == FRAME_UNIT else ""

@@ -198,6 +198,7 @@ class DeviceClock:
         span = points[-1][0] - points[0][0]
         if span <= 0:
             return
+
         # Shrink the slope of a short span, which is mostly noise. Then no point is below the line.
         slope = slope_below(points) / (1.0 + (SHRINK_NS / span) ** 2)
         self._slope = min(max(slope, -MAX_DRIFT), MAX_DRIFT)
@@ -211,6 +212,7 @@ def slope_below(points: "deque[Point] | list[Point]") -> float:
         while len(hull) > 1 and _turns_down(hull[-2], hull[-1], point):
             hull.pop()
         hull.append(point)
+
     # Among the lines below all points, the edge at the mean abscissa is closest to the points
     middle = sum(x for x, _ in points) / len(points)
     for (x0, y0), (x1, y1) in pairwise(hull):

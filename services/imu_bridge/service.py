@@ -89,6 +89,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """Other services that write this wrist's samples."""
 
         self._sample_numbers = itertools.count(1)
+
         # What it publishes, reports and serves
         self._button_numbers = itertools.count(1)
         self._step_numbers = itertools.count(1)

@@ -114,6 +114,7 @@ class SeenPixels:
         """Ids and numbers of pixels, in the map's order."""
         self.lines: dict[Key, ShownLine] = {}
         self.count = 0
+
         # Strips one behind the other, as in a frame
         places: list[Array] = []
         pitches: list[Array] = []
@@ -161,6 +162,7 @@ class SeenPixels:
         reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
         low = line.vertices_m.min(axis=0) - reach_m
         high = line.vertices_m.max(axis=0) + reach_m
+
         # Pixels in the box around the belt are few, so that only they are compared with its segments
         is_in_box = np.all((points >= low) & (points <= high), axis=1)
         candidates = np.flatnonzero(is_in_box)

@@ -290,6 +290,7 @@ class BleSource:
                 problem = f"{label} cannot be used: {describe_error(error)}"
             else:
                 problem = f"{label} is another one"
+
             # A wrist that drops each connection at once is left alone for longer and longer
             if lasted_s < SHORT_S:
                 self._shorts += 1
@@ -297,6 +298,7 @@ class BleSource:
             else:
                 self._shorts = 0
                 wait_s = FIRST_WAIT_S
+
             # Report it once: `Disconnected` has the reason, too
             times = f", {self._shorts} times now" if self._shorts > 2 else ""
             after = f" after {pause_s:.0f} s" if pause_s else ""

@@ -170,6 +170,7 @@ def describe_error(error: BaseException) -> str:
         )
     if isinstance(error, BleakGATTProtocolError):
         return f"it refuses a command ({error.args[-1]}): update its firmware by its maker's app"
+
     # Errors of the operating system. D-Bus gives its own as text.
     is_denied = "AccessDenied" in text or "NotPermitted" in text
     if isinstance(error, PermissionError) or is_denied:

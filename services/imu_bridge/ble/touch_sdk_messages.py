@@ -107,6 +107,7 @@ def _read_fields(data: bytes) -> Iterator[tuple[int, Value]]:
         kind = tag & 7
         if not 0 < number <= MAX_FIELD:
             raise ValueError(f"field {number} at byte {position}: numbers are 1 to {MAX_FIELD}")
+
         # Integers have no length of their own. All others: the length, then the value.
         if kind == _VARINT:
             value, position = _read_varint(data, position)

@@ -246,6 +246,7 @@ class DatagramSource(PortSource):
         sender = self._senders.name(address)
         is_new = self._read_s is None or sender != self._senders.used
         decoder = self._decoders.get(sender) or self._new_decoder(sender)
+
         # Read it. A part that is unreadable is reported, and the rest used.
         items: Sequence[Item] = ()
         try:
@@ -259,6 +260,7 @@ class DatagramSource(PortSource):
             decoder.problem = ""
         if not items:
             return
+
         # Use its sender, which the first items connect
         decoder.has_orientation = decoder.has_orientation or any(map(_is_motion, items))
         self._senders.use(sender, now_s)
@@ -293,6 +295,7 @@ class DatagramSource(PortSource):
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:
             self._bad_s = None
             self._bad_count = 0
+
         # Several sensors in one stream: of the sender in use, or of those that may be used
         choices: Iterable[SensorChoice] = self._sensors.values()
         if host in self._sensors:

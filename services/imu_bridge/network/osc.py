@@ -300,6 +300,7 @@ class OscDecoder(Decoder):
             except ContentError as error:
                 problem = problem or f"{message.address} {error}"
                 continue
+
             # Choose one sensor. Several orientations at one time are those of several sensors.
             if isinstance(item, NamedReading):
                 self._has_orientation = True
@@ -328,6 +329,7 @@ class OscDecoder(Decoder):
         """
         address = message.address
         numbers = message.numbers
+
         # An orientation in one message, or one of the four messages that make it
         is_orientation = address == self._config.address
         if not self._config.address:
@@ -369,6 +371,7 @@ class OscDecoder(Decoder):
     def _reading(self, message: OscMessage, stamp_ns: int) -> NamedReading:
         numbers = message.numbers
         address = message.address
+
         # Its four numbers: at the configured position, or all of a message that is known to have no others
         first = self._config.first
         is_quaternion = address in ACCURATE or len(numbers) == 4

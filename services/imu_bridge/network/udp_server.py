@@ -59,6 +59,7 @@ class UdpServer(asyncio.DatagramProtocol):
         self._on_read = on_read
         self._remedy = remedy
         self._is_shared = is_shared and hasattr(socket, "SO_REUSEPORT")
+
         # The open port
         self._transport: asyncio.DatagramTransport | None = None
         self._waiting: socket.socket | None = None
@@ -275,6 +276,7 @@ class PortSource(ABC):
         self._name = name
         self._clock = clock
         self._health = health
+
         # A flood of others must not use up what the sender in use may send
         self._limit = DatagramLimit()
         self._limit_of_others = DatagramLimit()

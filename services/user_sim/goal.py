@@ -137,7 +137,7 @@ class ButtonModel:
             off_rad: angle from the cursor to the felt direction.
             sees: True if they see their cursor. None: they do not look for it.
         """
-        # Times since the last step. Whoever pauses does not look in vain.
+        # Time since the last step. A person who paused has not looked for the cursor meanwhile.
         if self._born_ns is None or now_ns < self._born_ns:
             self._born_ns = now_ns
         passed_ns = now_ns - self._before_ns

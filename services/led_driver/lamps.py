@@ -73,18 +73,17 @@ class LampQueue:
 
     def expire(self, now_ns: int) -> None:
         """Remove localizations that have sent nothing for longer than the timeout."""
-        self._active = {
-            user: (at_ns, localization)
-            for user, (at_ns, localization) in self._active.items()
-            if 0 <= now_ns - at_ns < self._timeout_ns(localization)
-        }
+        for user, (received_ns, localization) in list(self._active.items()):
+            if not 0 <= now_ns - received_ns < self._timeout_ns(localization):
+                del self._active[user]
 
     def next_expiry_ns(self) -> int | None:
         """Return the time of the next expiry without new messages, or None."""
-        return min(
-            (at_ns + self._timeout_ns(localization) for at_ns, localization in self._active.values()),
-            default=None,
-        )
+        expiries_ns: list[int] = []
+        for received_ns, localization in self._active.values():
+            timeout_ns = self._timeout_ns(localization)
+            expiries_ns.append(received_ns + timeout_ns)
+        return min(expiries_ns, default=None)
 
     @property
     def is_in_use(self) -> bool:
@@ -93,23 +92,35 @@ class LampQueue:
 
     def service(self) -> LampService:
         """Return the order of people, those who point before those who wait, and the lamps to light."""
-        # those who point come first: clocks differ, so a later request may state an earlier time
-        wanted = (
-            (bool(localization.ahead), localization.since_ns, user, localization)
-            for user, (_, localization) in self._active.items()
-            if localization.lamps
-        )
+        requests: list[tuple[str, Localization]] = []
+        for user, (_, localization) in self._active.items():
+            if localization.lamps:
+                requests.append((user, localization))
+
+        # Each waits for those before them who use one of their lamps
         leases: list[LampLease] = []
         targets: set[str] = set()
-        for _, since_ns, user, localization in sorted(wanted, key=lambda each: each[:3]):
-            ahead = tuple(each.user for each in leases if not set(localization.lamps).isdisjoint(each.lamps))
-            leases.append(LampLease(user=user, since_ns=since_ns, lamps=localization.lamps, ahead=ahead))
-            if not ahead and not localization.ahead and localization.target_id in localization.lamps:
+        for user, localization in sorted(requests, key=_precedence):
+            lamps = set(localization.lamps)
+            ahead = tuple(lease.user for lease in leases if not lamps.isdisjoint(lease.lamps))
+            lease = LampLease(
+                user=user, since_ns=localization.since_ns, lamps=localization.lamps, ahead=ahead
+            )
+            leases.append(lease)
+            is_served = not ahead and not localization.ahead
+            if is_served and localization.target_id in lamps:
                 targets.add(localization.target_id)
         return LampService(tuple(leases), targets)
 
     def _timeout_ns(self, localization: Localization) -> int:
         return MAX_LOCALIZATION_AGE_NS if localization.lamps else self._silence_ns
+
+
+def _precedence(request: tuple[str, Localization]) -> tuple[bool, int, str]:
+    """Return the sort key of a user's localization: those who point, then the earliest, then by name."""
+    # those who point come first: clocks differ, so a later request may state an earlier time
+    user, localization = request
+    return (bool(localization.ahead), localization.since_ns, user)
 
 
 class _Hovered(NamedTuple):
@@ -137,8 +148,8 @@ class ThingLamps:
 
     def set_map(self, environment: Environment) -> None:
         """Set the things, of which those count whose lamp is in the map. Hovers are forgotten."""
-        known = {lamp.id for lamp in environment.lamps}
-        self.lamps = {thing.id: thing.lamp for thing in environment.things if thing.lamp in known}
+        lamp_ids = {lamp.id for lamp in environment.lamps}
+        self.lamps = {thing.id: thing.lamp for thing in environment.things if thing.lamp in lamp_ids}
         self._hovered.clear()
         self._find_owners()
 
@@ -148,27 +159,34 @@ class ThingLamps:
         return self._find_owners()
 
     def _find_owners(self) -> bool:
-        before = self._owners
+        previous = self._owners
         self._owners = {}
         if self.lamps and self._selection is not None:
-            selected = [item for item in self._selection.objects if not item.is_pending]
-            self._owners = {self.lamps[item.id]: item.user for item in selected if item.id in self.lamps}
-        return self._owners != before
+            for item in self._selection.objects:
+                lamp = self.lamps.get(item.id)
+                if lamp is not None and not item.is_pending:
+                    self._owners[lamp] = item.user
+        return self._owners != previous
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> Change:
         """Set `user`'s hovered object. Return its effect."""
-        before = self._hovered.get(user)
+        previous = self._hovered.get(user)
         lamp = self.lamps.get(hover.object_id)
         if lamp is None:
             self._hovered.pop(user, None)
-            return "none" if before is None else "lamps"
-        level = HOVERED + (1.0 - HOVERED) * (0.0 if hover.action == "refuse" else hover.progress)
-        if before is None or before.lamp != lamp:
+            return "none" if previous is None else "lamps"
+        progress = 0.0 if hover.action == "refuse" else hover.progress
+        level = HOVERED + (1.0 - HOVERED) * progress
+        if previous is None or previous.lamp != lamp:
             self._hovered[user] = _Hovered(now_ns, lamp, level)
             return "lamps"
-        changes = abs(level - before.level) >= BRIGHTNESS_STEP
-        self._hovered[user] = _Hovered(now_ns, lamp, level if changes else before.level)
-        return "level" if changes else "none"
+
+        # A level that is not shown is not stored, so that many small steps add up to a visible one
+        if abs(level - previous.level) < BRIGHTNESS_STEP:
+            self._hovered[user] = _Hovered(now_ns, lamp, previous.level)
+            return "none"
+        self._hovered[user] = _Hovered(now_ns, lamp, level)
+        return "level"
 
     def colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours of the lamps of hovered and selected things. Ended hovers are dropped.
@@ -178,20 +196,25 @@ class ThingLamps:
         for user, hovered in list(self._hovered.items()):
             if not 0 <= now_ns - hovered.received_ns < self._timeout_ns:
                 del self._hovered[user]
-        nearest: dict[str, tuple[float, str]] = {}
+        shown: dict[str, tuple[float, str]] = {}
         for user, (_, lamp, level) in self._hovered.items():
-            if lamp not in nearest or level > nearest[lamp][0]:
-                nearest[lamp] = (level, user)
-        nearest |= {lamp: (1.0, user) for lamp, user in self._owners.items()}
-        return {lamp: self._shade(user, level) for lamp, (level, user) in nearest.items()}
+            if lamp not in shown or level > shown[lamp][0]:
+                shown[lamp] = (level, user)
+        for lamp, owner in self._owners.items():
+            shown[lamp] = (1.0, owner)
+        colors: dict[str, Rgb] = {}
+        for lamp, (level, user) in shown.items():
+            colors[lamp] = self._shade(user, level)
+        return colors
 
     def reason(self, lamp: str) -> str:
         """Return the reason for the colour of a lamp that is in `colors`."""
-        thing = next(thing for thing, its_lamp in self.lamps.items() if its_lamp == lamp)
+        thing = next(thing for thing, thing_lamp in self.lamps.items() if thing_lamp == lamp)
         if lamp in self._owners:
             return f"{self._owners[lamp]} has selected {thing}"
         users = sorted(user for user, hovered in self._hovered.items() if hovered.lamp == lamp)
-        return f"{all_of(users)} {'points' if len(users) == 1 else 'point'} at {thing}"
+        verb = "points" if len(users) == 1 else "point"
+        return f"{all_of(users)} {verb} at {thing}"
 
     def _shade(self, user: str, level: float) -> Rgb:
         red, green, blue = (round(value * level) for value in self._color_of(user))
@@ -234,13 +257,14 @@ class Lamps:
         self._ids = frozenset(ids)
         self._near.intersection_update(ids)
         self._set = {lamp_id: color for lamp_id, color in self._set.items() if lamp_id in ids}
-        self._guard(ids)
+        self._add_guards(ids)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
-        if cursor.lamps:
-            self._near.update(lamp.id for lamp in cursor.lamps if lamp.id in self._ids)
+        for lamp in cursor.lamps:
+            if lamp.id in self._ids:
+                self._near.add(lamp.id)
 
     def set_color(self, lamp_id: str, color: Rgb | None) -> None:
         """Show `color` on a lamp. None: what it shows by itself.
@@ -249,8 +273,8 @@ class Lamps:
             ValueError: If there is no such lamp.
         """
         if lamp_id not in self._guards:
-            known = ", ".join(sorted(self._guards)) or "none"
-            raise ValueError(f"there is no lamp {lamp_id!r}; there are {known}")
+            lamp_ids = ", ".join(sorted(self._guards)) or "none"
+            raise ValueError(f"there is no lamp {lamp_id!r}; there are {lamp_ids}")
         if color is None:
             self._set.pop(lamp_id, None)
         else:
@@ -259,40 +283,52 @@ class Lamps:
     def colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours of all lamps at `now_ns`."""
         self.queue.expire(now_ns)
-        for user, (at_ns, _) in list(self._cursors.items()):
-            if not 0 <= now_ns - at_ns < self._timeout_ns:
+        for user, (received_ns, _) in list(self._cursors.items()):
+            if not 0 <= now_ns - received_ns < self._timeout_ns:
                 del self._cursors[user]
-        is_localizing = self.queue.is_in_use
         of_things = self._things.colors(now_ns) if self._things.lamps else {}
-        wanted = dict.fromkeys(self._guards, DARK)
-        if self._cursors and not is_localizing:
-            wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in self._near}
-        if not is_localizing:
-            wanted |= self._set | of_things
-        wanted |= dict.fromkeys(self.queue.service().targets & wanted.keys(), TARGET)
-        return {lamp_id: self._guards[lamp_id].show(color, now_ns) for lamp_id, color in wanted.items()}
+
+        # While nobody localizes: by angle, unless set, unless the lamp shows the state of its thing
+        colors = dict.fromkeys(self._guards, DARK)
+        if not self.queue.is_in_use:
+            if self._cursors:
+                colors |= {lamp_id: self._color_by_angle(lamp_id) for lamp_id in self._near}
+            colors |= self._set | of_things
+
+        # Targets that the map has are lit, and no lamp flashes too often
+        targets = self.queue.service().targets
+        colors |= dict.fromkeys(targets & colors.keys(), TARGET)
+        for lamp_id, color in colors.items():
+            colors[lamp_id] = self._guards[lamp_id].show(color, now_ns)
+        return colors
 
     def next_change_ns(self) -> int | None:
         """Return the time at which colours change without new messages, or None."""
-        times = [at + self._timeout_ns for at, _ in self._cursors.values()]
-        times += self._things.ends_ns()
-        times += [guard.free_ns for guard in self._guards.values() if guard.free_ns is not None]
-        if (expiry_ns := self.queue.next_expiry_ns()) is not None:
-            times.append(expiry_ns)
-        return min(times, default=None)
+        changes_ns = self._things.ends_ns()
+        for received_ns, _ in self._cursors.values():
+            changes_ns.append(received_ns + self._timeout_ns)
+        for guard in self._guards.values():
+            if guard.free_ns is not None:
+                changes_ns.append(guard.free_ns)
+        expiry_ns = self.queue.next_expiry_ns()
+        if expiry_ns is not None:
+            changes_ns.append(expiry_ns)
+        return min(changes_ns, default=None)
 
-    def _guard(self, ids: Collection[str]) -> None:
-        self._guards |= {lamp_id: FlashGuard() for lamp_id in ids if lamp_id not in self._guards}
+    def _add_guards(self, ids: Collection[str]) -> None:
+        for lamp_id in ids:
+            if lamp_id not in self._guards:
+                self._guards[lamp_id] = FlashGuard()
 
-    def _by_angle(self, lamp_id: str) -> Rgb:
-        misses_rad = [
-            lamp.miss_rad
-            for _, cursor in self._cursors.values()
-            for lamp in cursor.lamps
-            if lamp.id == lamp_id
-        ]
-        share = min(misses_rad, default=math.inf) / LAMP_RANGE_RAD
-        return colormap(self._colormap).rgb(1.0 - min(share, 1.0))
+    def _color_by_angle(self, lamp_id: str) -> Rgb:
+        """Return the colour of a lamp by its angle to the nearest ray."""
+        miss_rad = math.inf
+        for _, cursor in self._cursors.values():
+            for lamp in cursor.lamps:
+                if lamp.id == lamp_id:
+                    miss_rad = min(miss_rad, lamp.miss_rad)
+        share = min(miss_rad / LAMP_RANGE_RAD, 1.0)
+        return colormap(self._colormap).rgb(1.0 - share)
 
 
 class FlashGuard:
@@ -310,15 +346,18 @@ class FlashGuard:
     def show(self, color: Rgb, now_ns: int) -> Rgb:
         """Return the colour that the lamp may show at `now_ns`: `color`, or the one shown before."""
         values = [value / 255.0 for value in color]
-        values.append(math.fsum(weight * value for weight, value in zip(_LUMINANCE, values, strict=True)))
-        waits_ns = [
-            signal.wait_ns(value, now_ns) for signal, value in zip(self._signals, values, strict=True)
-        ]
+        luminance = math.fsum(weight * value for weight, value in zip(_LUMINANCE, values, strict=True))
+        values.append(luminance)
+
+        # All channels change together or not at all: a mixture would be a colour that nobody has requested
+        waits_ns: list[int] = []
+        for signal, value in zip(self._signals, values, strict=True):
+            waits_ns.append(signal.wait_ns(value, now_ns))
         if any(waits_ns):
             self.free_ns = now_ns + max(waits_ns)
             return self.shown
         for signal, value in zip(self._signals, values, strict=True):
-            signal.take(value, now_ns)
+            signal.record(value, now_ns)
         self.free_ns = None
         self.shown = color
         return color
@@ -333,20 +372,28 @@ class _Signal:
         """Extreme value since the last turn."""
         self._turns_ns: deque[int] = deque(maxlen=2 * FLASHES - 1)
 
-    def _turns(self, value: float) -> bool:
-        return abs(value - self._extreme) >= CHANGE and (value > self._extreme) != self._rising
+    def _is_turn(self, value: float) -> bool:
+        if abs(value - self._extreme) < CHANGE:
+            return False
+        is_higher = value > self._extreme
+        return is_higher != self._rising
 
     def wait_ns(self, value: float, now_ns: int) -> int:
         """Return the time until `value` may be shown, ns."""
-        if not self._turns(value) or len(self._turns_ns) < (self._turns_ns.maxlen or 0):
+        max_turns = self._turns_ns.maxlen or 0
+        if not self._is_turn(value):
+            return 0
+        if len(self._turns_ns) < max_turns:
             return 0
         return max(self._turns_ns[0] + NS_PER_S - now_ns, 0)
 
-    def take(self, value: float, now_ns: int) -> None:
+    def record(self, value: float, now_ns: int) -> None:
         """Record a `value` that is shown."""
-        if self._turns(value):
+        if self._is_turn(value):
             self._rising = not self._rising
             self._turns_ns.append(now_ns)
             self._extreme = value
-        elif (value > self._extreme) == self._rising:
+            return
+        is_higher = value > self._extreme
+        if is_higher == self._rising:
             self._extreme = value

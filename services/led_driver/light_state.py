@@ -1,6 +1,6 @@
 """State of all lights: messages in, frames of strips and colours of lamps out when they are due."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -57,7 +57,8 @@ class LightState:
     def __init__(self, config: LedDriverConfig) -> None:
         self._config = config
         self.content = StripContent(config)
-        self.things = ThingLamps(self.content.profile_color, int(config.cursor_timeout_s * NS_PER_S))
+        cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
+        self.things = ThingLamps(self.content.profile_color, cursor_timeout_ns)
         self.lamps = Lamps(config, self.things)
         self._renderer: Renderer | None = None
         self._strips: dict[str, StripFrame] = {}
@@ -65,7 +66,7 @@ class LightState:
         self._seq = 0
         self.brightness = config.brightness
         """Brightness of all strips except those in `_own_dimming`, 0 to 1."""
-        self._dimming = _table(config.brightness)
+        self._dimming = _dimming_table(config.brightness)
         self._own_dimming: dict[str, Bytes] = {}
         self._shown: tuple[bytes, int] | None = None
         """Pixels that are shown instead of the picture, and the time when that ends, ns."""
@@ -76,15 +77,17 @@ class LightState:
         Raises:
             ValueError: If there is no such strip. The message lists the existing ones.
         """
-        known = () if self._renderer is None else tuple(self._renderer.layout.slices)
-        missing = [name for name in strips if name not in known]
-        if missing:
-            raise ValueError(f"there is no strip {missing[0]!r}; there are {', '.join(known) or 'none'}")
+        known: tuple[str, ...] = ()
+        if self._renderer is not None:
+            known = tuple(self._renderer.layout.slices)
+        for name in strips:
+            if name not in known:
+                raise ValueError(_unknown_strip(name, known))
         if strips:
-            self._own_dimming.update(dict.fromkeys(strips, _table(brightness)))
+            self._own_dimming.update(dict.fromkeys(strips, _dimming_table(brightness)))
         else:
             self.brightness = brightness
-            self._dimming = _table(brightness)
+            self._dimming = _dimming_table(brightness)
             self._own_dimming.clear()
 
     def show(self, lit: Sequence[LitPixels], until_ns: int) -> None:
@@ -93,19 +96,24 @@ class LightState:
         Raises:
             ValueError: If there is no such strip or pixel.
         """
-        slices = {} if self._renderer is None else self._renderer.layout.slices
-        pixels = bytearray(0 if self._renderer is None else 3 * self._renderer.layout.count)
-        for each in lit:
-            where = slices.get(each.id)
-            if where is None:
-                raise ValueError(f"there is no strip {each.id!r}; there are {', '.join(slices) or 'none'}")
-            count = (where.stop - where.start) // 3
-            for pixel in each.pixels:
+        slices: dict[str, slice] = {}
+        picture = bytearray()
+        if self._renderer is not None:
+            slices = self._renderer.layout.slices
+            picture = bytearray(3 * self._renderer.layout.count)
+        for group in lit:
+            strip = slices.get(group.id)
+            if strip is None:
+                raise ValueError(_unknown_strip(group.id, slices))
+            count = (strip.stop - strip.start) // 3
+            for pixel in group.pixels:
                 if pixel >= count:
-                    raise ValueError(f"strip {each.id} has no pixel {pixel}; its pixels are 0 to {count - 1}")
-                first = where.start + 3 * pixel
-                pixels[first : first + 3] = bytes(each.color)
-        self._shown = bytes(pixels), until_ns
+                    raise ValueError(
+                        f"strip {group.id} has no pixel {pixel}; its pixels are 0 to {count - 1}"
+                    )
+                first = strip.start + 3 * pixel
+                picture[first : first + 3] = bytes(group.color)
+        self._shown = (bytes(picture), until_ns)
 
     def on_map(self, environment: Environment) -> None:
         """Rebuild the layout of the strips.
@@ -118,11 +126,11 @@ class LightState:
         self._renderer = Renderer(layout, self._config.style)
         self._strips.clear()
         self._shown = None
-        self._own_dimming = {
-            name: table for name, table in self._own_dimming.items() if name in layout.slices
-        }
+        for strip in self._own_dimming.keys() - layout.slices.keys():
+            del self._own_dimming[strip]
         self.content.set_layout(layout)
-        self.lamps.set_lamps(dict.fromkeys(lamp.id for lamp in environment.lamps))
+        lamp_ids = dict.fromkeys(lamp.id for lamp in environment.lamps)
+        self.lamps.set_lamps(lamp_ids)
         self.things.set_map(environment)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
@@ -135,19 +143,23 @@ class LightState:
         if self._renderer is None:
             return None
         self.content.forget(now_ns)
+
+        # Drawn even while other pixels are shown: the picture's times of change and capture go on
         layout = self._renderer.layout
-        pixels = self._renderer.render(self.content.segments(now_ns), self.content.cursors(now_ns))
+        segments = self.content.segments(now_ns)
+        cursors = self.content.cursors(now_ns)
+        pixels = self._renderer.render(segments, cursors)
         data = self._dimmed(pixels.ravel(), layout).tobytes()
         if self._shown is not None and now_ns < self._shown[1]:
             data = self._shown[0]
-        new_ns = self.content.pop_newest_capture_ns()
+
+        # The frame has the time of the newest cursor in it, by which its latency is measured
+        stamp_ns = self.content.pop_newest_capture_ns()
+        if stamp_ns is None:
+            stamp_ns = now_ns
         self._seq += 1
-        return StripsFrame(
-            stamp_ns=now_ns if new_ns is None else new_ns,
-            seq=self._seq,
-            strips=(*[self._strip(name, data[where]) for name, where in layout.slices.items()],),
-            light_s=light_s,
-        )
+        strips = [self._strip(name, data[part]) for name, part in layout.slices.items()]
+        return StripsFrame(stamp_ns=stamp_ns, seq=self._seq, strips=tuple(strips), light_s=light_s)
 
     def _strip(self, name: str, rgb: bytes) -> StripFrame:
         strip = self._strips.get(name)
@@ -165,5 +177,11 @@ class LightState:
         return dimmed
 
 
-def _table(brightness: float) -> Bytes:
-    return np.asarray(np.rint(np.arange(256) * brightness), dtype=np.uint8)
+def _unknown_strip(name: str, known: Iterable[str]) -> str:
+    names = ", ".join(known) or "none"
+    return f"there is no strip {name!r}; there are {names}"
+
+
+def _dimming_table(brightness: float) -> Bytes:
+    values = np.rint(np.arange(256) * brightness)
+    return np.asarray(values, dtype=np.uint8)

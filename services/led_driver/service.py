@@ -58,20 +58,26 @@ class LedDriver(Service[LedDriverConfig]):
             ConfigError: If an output lacks its port, or two share one.
         """
         super().__init__(config, context)
+        # State of the lights, and what draws it when it changes or expires
         self._lights = LightState(config)
         self._frame_limiter = FrameLimiter(config.max_rate_hz, config.patience_s)
         self._frame_timer = Timer(self.bus.call_later, self._draw)
         self._expiry_timer = Timer(self.bus.call_later, self._expire)
         self._lamp_timer = Timer(self.bus.call_later, self._publish_lamps)
         self._shown_timer = Timer(self.bus.call_later, self._schedule_frame)
+
+        # Lamps and the leases of their users, as last published
         self._lamps_s = -LAMP_PERIOD_S
-        self._lamp = functools.cache(functools.partial(self.bus.publisher, topics.LAMP_COLOR))
+        lamp_publisher = functools.partial(self.bus.publisher, topics.LAMP_COLOR)
+        self._lamp = functools.cache(lamp_publisher)
         self._lit: dict[str, Rgb] = {}
         """Last published colours of the lamps."""
         self._lamp_seqs = Counter[str]()
         self._lamp_service = LampService()
         """Leases and targets as last published."""
         self._lease_seq = 0
+
+        # Outputs, and the publishers of what they show
         self._ended = False
         self._outputs = make_outputs(config.outputs, self.surroundings, self.bus)
         self._changed: list[GuardedOutput] = []
@@ -84,6 +90,8 @@ class LedDriver(Service[LedDriverConfig]):
         for name in ("brightness", "default brightness"):
             self.bus.set_metric(name, config.brightness)
         self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
+
+        # Requests and messages: from here on the methods below may be called
         self.bus.serve(topics.SET_BRIGHTNESS, self._set_brightness)
         self.bus.serve(topics.SET_LAMP, self._set_lamp)
         self.bus.serve(topics.SHOW_PIXELS, self._show_pixels)
@@ -109,7 +117,7 @@ class LedDriver(Service[LedDriverConfig]):
             self._ended = True
             for timer in (self._frame_timer, self._expiry_timer, self._lamp_timer, self._shown_timer):
                 timer.cancel()
-            self._light(dict.fromkeys(self._lit, DARK))
+            self._publish_colors(dict.fromkeys(self._lit, DARK))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         try:
@@ -134,7 +142,7 @@ class LedDriver(Service[LedDriverConfig]):
             self.bus.clear("profile", user)
         self._schedule_frame()
         if self._lights.things.lamps:
-            self._look_at_lamps_in(0.0)
+            self._schedule_lamps_in(0.0)
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._lights.content.set_selection(selection)
@@ -155,7 +163,7 @@ class LedDriver(Service[LedDriverConfig]):
             if change == "lamps":
                 self._publish_lamps()
             elif change == "level":
-                self._look_at_lamps_in(0.0)
+                self._schedule_lamps_in(0.0)
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         # only a cursor on a line is drawn at once, so that no other delays it
@@ -174,12 +182,12 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_localization(self, localization: Localization, user: str) -> None:
         self._lights.lamps.queue.on_localization(user, localization, self.clock.now_ns())
-        self._arbitrate()
+        self._share_lamps()
 
     def _on_person(self, user: str, *, present: bool) -> None:
         if not present:
             self._lights.lamps.queue.leave(user)
-            self._arbitrate()
+            self._share_lamps()
 
     def _on_service(self, instance: str, *, present: bool) -> None:
         if instance.startswith(LOCALIZER):
@@ -192,27 +200,39 @@ class LedDriver(Service[LedDriverConfig]):
             raise RefusedError(str(error)) from error
         self.bus.set_metric("brightness", self._lights.brightness)
         self._schedule_frame()
-        purpose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
-        return Done(message=f"the {purpose} is {query.brightness:.0%} now")
+        quantity = "strips' brightness"
+        if query.strips:
+            quantity = f"brightness of {', '.join(query.strips)}"
+        return Done(message=f"the {quantity} is {query.brightness:.0%} now")
 
     async def _set_lamp(self, query: SetLamp, lamp_id: str) -> Done:
         try:
             self._lights.lamps.set_color(lamp_id, query.color)
         except ValueError as error:
             raise RefusedError(str(error)) from error
-        self._look_at_lamps_in(0.0)
+        self._schedule_lamps_in(0.0)
         if query.color is None:
             return Done(message=f"lamp {lamp_id} is given back")
-        people = [lease.user for lease in self._lights.lamps.queue.service().leases if not lease.ahead]
-        later = f" once {', '.join(people)} need no lamps any more" if people else ""
-        color, things = f"#{bytes(query.color).hex()}", self._lights.things
-        shown = things.colors(self.clock.now_ns()).get(lamp_id, query.color)
-        if shown != query.color and not people:
-            color, later = f"#{bytes(shown).hex()}", f", as {things.reason(lamp_id)}; {color} when that ends"
-        return Done(message=f"lamp {lamp_id} shows {color}{later}")
+
+        # A localization and the state of the lamp's thing have precedence over the colour
+        color = f"#{bytes(query.color).hex()}"
+        leases = self._lights.lamps.queue.service().leases
+        people = [lease.user for lease in leases if not lease.ahead]
+        things = self._lights.things
+        colors_of_things = things.colors(self.clock.now_ns())
+        shown = colors_of_things.get(lamp_id, query.color)
+        if people:
+            users = ", ".join(people)
+            return Done(message=f"lamp {lamp_id} shows {color} once {users} need no lamps any more")
+        if shown == query.color:
+            return Done(message=f"lamp {lamp_id} shows {color}")
+        shown_color = f"#{bytes(shown).hex()}"
+        reason = things.reason(lamp_id)
+        return Done(message=f"lamp {lamp_id} shows {shown_color}, as {reason}; {color} when that ends")
 
     async def _show_pixels(self, query: ShowPixels, _name: str) -> Done:
-        until_ns = self.clock.now_ns() + int(query.for_s * self.clock.speed * NS_PER_S)
+        duration_ns = int(query.for_s * self.clock.speed * NS_PER_S)
+        until_ns = self.clock.now_ns() + duration_ns
         try:
             self._lights.show(query.lit, until_ns)
         except ValueError as error:
@@ -236,19 +256,26 @@ class LedDriver(Service[LedDriverConfig]):
         self._frame_timer.cancel()
         self._frame_limiter.drawn(asyncio.get_running_loop().time())
         now_ns = self.clock.now_ns()
-        frame = self._lights.frame(now_ns, max((output.light_s for output in self._changed), default=0.0))
+        light_s = max((output.light_s for output in self._changed), default=0.0)
+        frame = self._lights.frame(now_ns, light_s)
         if frame is None:
             return
         self._frames.put(frame)
+
+        # Every output gets the frame. Those without a change in it keep the latency of a frame long ago
         age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
-        # all are shown; the latency of others is that of a frame long ago
-        self._changed = [output for output in self._outputs if output.show(frame, age_s)] or self._changed
+        changed = [output for output in self._outputs if output.show(frame, age_s)]
+        if changed:
+            self._changed = changed
+
+        # Beams of people whose cursor has expired with this frame go dark
         for user in self._beamed - self._lights.content.people_with_cursors:
             self._beamed.remove(user)
             self._show_on_beams(user, None)
         self._watch_expiry(now_ns)
 
-    def _arbitrate(self) -> None:
+    def _share_lamps(self) -> None:
+        """Publish the lamps if leases or targets have changed. Otherwise their colours may change, later."""
         if self._lights.lamps.queue.service() != self._lamp_service:
             self._publish_lamps()
         else:
@@ -256,12 +283,13 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _schedule_lamps(self) -> None:
         if self._lights.lamps.follow_people:
-            self._look_at_lamps_in(0.0)
+            self._schedule_lamps_in(0.0)
 
-    def _look_at_lamps_in(self, wait_s: float) -> None:
+    def _schedule_lamps_in(self, wait_s: float) -> None:
         if not self._ended:
-            period_left_s = self._lamps_s + LAMP_PERIOD_S - asyncio.get_running_loop().time()
-            self._lamp_timer.start(max(wait_s, period_left_s, 0.0))
+            now_s = asyncio.get_running_loop().time()
+            rest_of_period_s = self._lamps_s + LAMP_PERIOD_S - now_s
+            self._lamp_timer.start(max(wait_s, rest_of_period_s, 0.0))
 
     def _publish_lamps(self) -> None:
         self._lamp_timer.cancel()
@@ -269,26 +297,31 @@ class LedDriver(Service[LedDriverConfig]):
             return
         self._lamps_s = asyncio.get_running_loop().time()
         now_ns = self.clock.now_ns()
-        self._light(self._lights.lamps.colors(now_ns))
-        before = self._lamp_service
+
+        # Colours first: they drop localizations that have expired, which the leases then lack
+        self._publish_colors(self._lights.lamps.colors(now_ns))
+        previous = self._lamp_service
         self._lamp_service = self._lights.lamps.queue.service()
-        if before.leases != self._lamp_service.leases:
+        leases = self._lamp_service.leases
+        if leases != previous.leases:
             self._lease_seq += 1
-            leases = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._lamp_service.leases)
-            self._leases.put(leases)
+            self._leases.put(LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=leases))
+
+        # Again when a colour changes without a message
         change_ns = self._lights.lamps.next_change_ns()
         if change_ns is not None:
-            self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
+            wait_s = (change_ns - now_ns) / NS_PER_S / self.clock.speed
+            self._schedule_lamps_in(wait_s)
 
-    def _light(self, colors: dict[str, Rgb]) -> None:
+    def _publish_colors(self, colors: dict[str, Rgb]) -> None:
         """Publish the colours that changed. Lamps that go off come first, so that a target is lit alone."""
-        for lamp_id, color in sorted(colors.items(), key=lambda each: each[1] != DARK):
+        for lamp_id, color in sorted(colors.items(), key=lambda lamp: lamp[1] != DARK):
             if self._lit.get(lamp_id) == color:
                 continue
             self._lamp_seqs[lamp_id] += 1
-            self._lamp(lamp_id).put(
-                LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seqs[lamp_id], color=color)
-            )
+            seq = self._lamp_seqs[lamp_id]
+            lamp_color = LampColor(stamp_ns=self.clock.now_ns(), seq=seq, color=color)
+            self._lamp(lamp_id).put(lamp_color)
             for output in self._outputs:
                 output.show_lamp(lamp_id, color)
         self._lit = colors
@@ -298,7 +331,8 @@ class LedDriver(Service[LedDriverConfig]):
         end_ns = self._lights.content.next_change_ns()
         if end_ns is None:
             return
-        self._expiry_timer.start((end_ns - now_ns) / NS_PER_S / self.clock.speed)
+        wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
+        self._expiry_timer.start(wait_s)
 
     def _expire(self) -> None:
         now_ns = self.clock.now_ns()

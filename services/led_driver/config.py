@@ -21,7 +21,7 @@ class StyleConfig(Config):
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     pending_level: Level = Field(
         default=0.7,
-        description="brightness of selected objects whose carriers have not told yet that they are on",
+        description="brightness of selected objects whose carriers have not reported yet that they are on",
     )
     margin_m: float = Field(
         default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"

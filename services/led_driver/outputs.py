@@ -115,10 +115,10 @@ class GuardedOutput:
         self._map: Environment | None = None
         self._colors: dict[str, Rgb] = {}
         """Colours of lamps."""
-        self._use(guard.made(make))
+        self._set_output(guard.made(make))
         self._is_new = True
 
-    def _use(self, output: AnyOutput) -> None:
+    def _set_output(self, output: AnyOutput) -> None:
         self._output = output
         # looks at the property, and a broken output's may raise anything
         self._strips = self._guard.call("light_s", lambda: output if isinstance(output, Output) else None)
@@ -128,9 +128,11 @@ class GuardedOutput:
     @property
     def light_s(self) -> float:
         """Return the time from `show` to the last byte on the wire, s, or 0.0."""
-        if (output := self._strips) is None:
+        output = self._strips
+        if output is None:
             return 0.0
-        return self._guard.call("light_s", lambda: float(output.light_s)) or 0.0
+        light_s = self._guard.call("light_s", lambda: float(output.light_s))
+        return light_s or 0.0
 
     @property
     def follows_cursors(self) -> bool:
@@ -141,13 +143,18 @@ class GuardedOutput:
         """Set the map, with its strips and lamps."""
         self._map = environment
         self._last_frame = None
-        lamps = {lamp.id for lamp in environment.lamps}
-        self._colors = {lamp_id: color for lamp_id, color in self._colors.items() if lamp_id in lamps}
-        if (strips := self._strips) is not None:
+        lamp_ids = {lamp.id for lamp in environment.lamps}
+        self._colors = {lamp_id: color for lamp_id, color in self._colors.items() if lamp_id in lamp_ids}
+
+        # Each role gets its part. One that raises does not keep the others from theirs
+        strips = self._strips
+        if strips is not None:
             self._guard.call("set_strips", lambda: strips.set_strips(environment.strips))
-        if (lamps_output := self._lamps) is not None:
-            self._guard.call("set_lamps", lambda: lamps_output.set_lamps(environment.lamps))
-        if (beam := self._beam) is not None:
+        lamps = self._lamps
+        if lamps is not None:
+            self._guard.call("set_lamps", lambda: lamps.set_lamps(environment.lamps))
+        beam = self._beam
+        if beam is not None:
             self._guard.call("set_map", lambda: beam.set_map(environment))
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> bool:
@@ -156,15 +163,17 @@ class GuardedOutput:
         Returns:
             True if it was sent.
         """
-        if (output := self._strips) is None:
+        output = self._strips
+        if output is None:
             return False
+        own = frame.strips
         if self._strip_ids:
             own = tuple(strip for strip in frame.strips if strip.id in self._strip_ids)
-        else:
-            own = frame.strips
         if self._last_frame is not None and self._last_frame.strips == own:
             return False
-        part = frame if own is frame.strips else frame.model_copy(update={"strips": own})
+        part = frame
+        if own is not frame.strips:
+            part = frame.model_copy(update={"strips": own})
 
         def send() -> bool:
             output.show(part, age_s)
@@ -175,13 +184,15 @@ class GuardedOutput:
 
     def show_lamp(self, lamp_id: str, color: Rgb) -> None:
         """Show `color` on the lamp `lamp_id`."""
-        if (output := self._lamps) is not None:
+        output = self._lamps
+        if output is not None:
             self._colors[lamp_id] = color
             self._guard.call("show_lamp", lambda: output.show_lamp(lamp_id, color))
 
     def show_cursor(self, user: str, cursor: Cursor | None, color: Rgb) -> None:
         """Point at the `cursor` of `user` in their `color`, or at none."""
-        if (output := self._beam) is not None:
+        output = self._beam
+        if output is not None:
             self._guard.call("show_cursor", lambda: output.show_cursor(user, cursor, color))
 
     async def run(self) -> None:
@@ -189,14 +200,16 @@ class GuardedOutput:
         await self._guard.keep_running(self._run)
 
     async def _run(self) -> None:
+        # After a failure: a new output, which gets all that the failed one had been shown. The map goes first
+        # and resets the last frame, which is therefore kept
         if not self._is_new:
-            self._use(self._make())
+            self._set_output(self._make())
             colors = self._colors
-            shown = self._last_frame
+            last_frame = self._last_frame
             if self._map is not None:
                 self.set_map(self._map)
-            if shown is not None:
-                self.show(shown)
+            if last_frame is not None:
+                self.show(last_frame)
             for lamp_id, color in colors.items():
                 self.show_lamp(lamp_id, color)
         self._is_new = False
@@ -259,7 +272,8 @@ class OutputConfig(Config):
     @field_validator("segments")
     @classmethod
     def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        if len({len(segment.order) for segment in segments}) > 1:
+        widths = {len(segment.order) for segment in segments}
+        if len(widths) > 1:
             raise ValueError(
                 "three and four colours do not go together: use an output for each, at a universe of its own"
             )
@@ -320,30 +334,52 @@ def make_outputs(
         ConfigError: If an address is missing or used twice.
     """
     outputs: list[GuardedOutput] = []
-    taken: set[tuple[str, str]] = set()
-    uses = Counter(config.kind for config in configs)
-    seen = Counter[str]()
+    used: set[tuple[str, str]] = set()
+    counts = Counter(config.kind for config in configs)
+    numbers_of_kind = Counter[str]()
     for number, config in enumerate(configs):
         if config.kind == NONE:
             continue
-        plugin = OUTPUTS.get(config.kind)
-        seen[config.kind] += 1
-        which = str(seen[config.kind]) if seen[config.kind] > 1 else ""
+        kind = config.kind
+        plugin = OUTPUTS.get(kind)
+        numbers_of_kind[kind] += 1
+
+        # The address distinguishes outputs of a kind, or their number if the kind has none
         if plugin.argument:
-            which = str(getattr(config, plugin.argument))
-            where = f"outputs.{number}.{plugin.argument}"
-            if not which:
-                raise ConfigError(f"{where}: is missing; `--output {config.kind}:{plugin.example}` sets it")
-            remedy = "remove one"
-            if plugin.divided_by:
-                which += f" {plugin.divided_by} {getattr(config, plugin.divided_by)}"
-                remedy += f", or correct its `{plugin.divided_by}`"
-            if (config.kind, which) in taken:
-                raise ConfigError(f"{where}: {which} is used by two outputs: {remedy}")
-            taken.add((config.kind, which))
-        around = surroundings(OUTPUTS.kind, config.kind, "", which)
-        name = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
-        guard = guard_of(OUTPUTS, config.kind, health, name)
+            parameter = f"outputs.{number}.{plugin.argument}"
+            identity = _address(config, plugin, parameter)
+            if (kind, identity) in used:
+                remedy = "remove one"
+                if plugin.divided_by:
+                    remedy += f", or correct its `{plugin.divided_by}`"
+                raise ConfigError(f"{parameter}: {identity} is used by two outputs: {remedy}")
+            used.add((kind, identity))
+            name = identity
+        else:
+            number_of_kind = numbers_of_kind[kind]
+            identity = str(number_of_kind) if number_of_kind > 1 else ""
+            name = f"outputs.{number}"
+
+        # Health names an output only where its kind is not enough
+        if counts[kind] == 1:
+            name = ""
+        around = surroundings(OUTPUTS.kind, kind, "", identity)
+        guard = guard_of(OUTPUTS, kind, health, name)
         make = functools.partial(plugin.make, config, around)
         outputs.append(GuardedOutput(make, guard, config.strip_ids()))
     return outputs
+
+
+def _address(config: OutputConfig, plugin: LedOutput, parameter: str) -> str:
+    """Return the address of an output, with the parameter that divides it.
+
+    Raises:
+        ConfigError: If the address, which `parameter` has, is missing.
+    """
+    address = str(getattr(config, plugin.argument))
+    if not address:
+        raise ConfigError(f"{parameter}: is missing; `--output {config.kind}:{plugin.example}` sets it")
+    if plugin.divided_by:
+        part = getattr(config, plugin.divided_by)
+        address += f" {plugin.divided_by} {part}"
+    return address

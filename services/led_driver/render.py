@@ -90,46 +90,65 @@ class Layout:
         self.count = sum(strip.pixels for strip in strips)
         if self.count > MAX_PIXELS:
             raise ValueError(f"all have {self.count} pixels together, a frame holds {MAX_PIXELS}")
-        own: list[tuple[_Run, Array]] = []
+
+        # Pixels of each strip along its own line
+        strip_runs: list[tuple[_Run, Array]] = []
         self.slices: dict[str, slice] = {}
         first = 0
         for strip in strips:
-            self.slices[strip.id] = slice(3 * first, 3 * (first + strip.pixels))
-            own.append(_own_run(strip, first))
-            first += strip.pixels
-        self.wire: Indices = _joined([np.arange(strip.pixels) for strip in strips]).astype(np.intp)
-        runs = [[run] for run, _ in own]
+            end = first + strip.pixels
+            self.slices[strip.id] = slice(3 * first, 3 * end)
+            strip_runs.append(_own_run(strip, first))
+            first = end
+        self.wire: Indices = _counted_up([strip.pixels for strip in strips])
+
+        # Lines are the strips, then the belts with the pixels beside them
+        runs = [[run] for run, _ in strip_runs]
         lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
         self._lines = {("strip", strip.id): number for number, strip in enumerate(strips)}
         for belt in belts:
             line = Polyline(belt.line_m)
+            reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
             self._lines["belt", belt.id] = len(runs)
-            runs.append(list(_runs_beside(line, belt.width_m / 2.0 + BESIDE_BELT_M, own)))
+            runs.append(list(_runs_beside(line, reach_m, strip_runs)))
             lengths_m.append(line.length_m)
-        self._lay(runs, np.array(lengths_m))
+        self._store_entries(runs, np.array(lengths_m))
 
-    def _lay(self, lines: list[list[_Run]], lengths_m: Array) -> None:
+    def _store_entries(self, lines: list[list[_Run]], lengths_m: Array) -> None:
+        """Store the pixels of all `lines`, given as runs, sorted by line and arc length."""
+        # All lines lie one after the other on an axis, so that one sorted search serves them all
         self._ends_m = lengths_m + _APART_M / 4.0
         self._origins_m = np.cumsum(lengths_m + _APART_M) - lengths_m
-        runs = [run for line in lines for run in line]
-        line_of_run = [number for number, line in enumerate(lines) for _ in line]
+        runs: list[_Run] = []
+        line_of_run: list[int] = []
+        coarsest_m: list[float] = []
+        for number, line_runs in enumerate(lines):
+            runs += line_runs
+            line_of_run += [number] * len(line_runs)
+            coarsest_m.append(max((run.coarsest_m for run in line_runs), default=0.0))
+
+        # The fields of every entry
         sizes = [len(run.pixels) for run in runs]
         line = np.repeat(np.array(line_of_run, dtype=np.intp), sizes)
         at_m = _joined([run.at_m for run in runs])
         order = np.lexsort((at_m, line))
         self.at_m: Array = at_m[order]
-        self.pixels: Indices = _joined([run.pixels for run in runs]).astype(np.intp)[order]
+        pixels = _joined([run.pixels for run in runs]).astype(np.intp)
+        self.pixels: Indices = pixels[order]
         self.run: Indices = np.repeat(np.arange(len(runs)), sizes)[order]
-        self.number: Indices = _joined([np.arange(size) for size in sizes]).astype(np.intp)[order]
+        self.number: Indices = _counted_up(sizes)[order]
+
+        # Those of every run
         self.pitch_m: Array = np.array([run.pitch_m for run in runs])
         self.first_m: Array = np.array([run.at_m[0] for run in runs])
         self.last_m: Array = np.array([run.at_m[-1] for run in runs])
         self.pixels_of: Indices = np.array(sizes, dtype=np.intp)
-        self._lay_runs(runs, np.array(line_of_run, dtype=np.intp), order)
-        self._keys: Array = self._origins_m[line[order]] + self.at_m if len(line) else at_m
-        self._coarsest_m: Array = np.array(
-            [max((run.coarsest_m for run in line), default=0.0) for line in lines]
-        )
+        self._store_runs(runs, np.array(line_of_run, dtype=np.intp), order)
+
+        # Positions of the entries on the common axis, and the largest gap between pixels of each line
+        sorted_line = line[order]
+        self._keys: Array = self._origins_m[sorted_line] + self.at_m if len(line) else at_m
+        self._coarsest_m: Array = np.array(coarsest_m)
 
     def line(self, surface: str, line_id: str) -> int | None:
         """Return the number of the strip or belt `line_id`, or None if the map has no such line."""
@@ -148,54 +167,75 @@ class Layout:
         """
         if not len(self._keys):
             return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+
+        # The entries of a span are consecutive on the common axis
         origin_m = self._origins_m[lines]
         limit_m = self._ends_m[lines]
-        low = origin_m + np.minimum(np.maximum(start_m, -_APART_M / 4.0), limit_m)
-        high = origin_m + np.minimum(np.maximum(end_m, -_APART_M / 4.0), limit_m)
+        before_m = -_APART_M / 4.0
+        low = origin_m + np.minimum(np.maximum(start_m, before_m), limit_m)
+        high = origin_m + np.minimum(np.maximum(end_m, before_m), limit_m)
         first = self._keys.searchsorted(low, side="left")
         counts = self._keys.searchsorted(high, side="right") - first
+
+        # Narrow spans, which may lie between two pixels, are looked up below
         (narrow,) = (end_m - start_m < self._coarsest_m[lines]).nonzero()
         counts[narrow] = 0
         ends = counts.cumsum()
+        offsets = ends - counts - first
         spans = np.arange(len(counts)).repeat(counts)
-        entries = np.arange(len(spans)) - (ends - counts - first).repeat(counts)
+        entries = np.arange(len(spans)) - offsets.repeat(counts)
         if not len(narrow):
             return spans, entries
-        line_of_entry, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
-        spans = np.concatenate([spans, narrow[line_of_entry]])
-        entries = np.concatenate([entries, those])
+
+        # Each strip shows them by the pixel that contains their middle
+        pairs, narrow_entries = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
+        spans = np.concatenate([spans, narrow[pairs]])
+        entries = np.concatenate([entries, narrow_entries])
         order = np.argsort(spans, kind="stable")
         return spans[order], entries[order]
 
     def _lit_run_by_run(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
         """Return the same as `lit`: the entries in each span, or else for each run the one at its middle."""
-        line_of_entry, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
-        start_m = start_m[line_of_entry]
-        end_m = end_m[line_of_entry]
+        # Pairs of a span and a run of its line
+        first_run = self._runs_bounds[lines]
+        end_run = self._runs_bounds[lines + 1]
+        span_of_pair, run = _expanded(first_run, end_run)
+        start_m = start_m[span_of_pair]
+        end_m = end_m[span_of_pair]
         low = self._rows(self._run_at_m, run, start_m, bisect_left)
         high = self._rows(self._run_at_m, run, end_m, bisect_right)
+
+        # The pixel of the run whose interval contains the middle of the span, if any
         middle_m = (start_m + end_m) / 2.0
-        about = self._rows(self._run_from_list_m, run, middle_m, bisect_right) - 1
-        about = np.minimum(np.maximum(about, self._run_bounds[run]), self._run_bounds[run + 1] - 1)
-        is_there = (self._run_from_m[about] <= middle_m) & (middle_m < self._run_to_m[about])
-        is_about = (low >= high) & is_there
-        low, high = np.where(is_about, about, low), np.where(is_about, about + 1, np.maximum(low, high))
-        pairs, rows = _expanded(low, high)
-        return line_of_entry[pairs], self._entry_of[rows]
+        nearest = self._rows(self._run_from_list_m, run, middle_m, bisect_right) - 1
+        nearest = np.maximum(nearest, self._run_bounds[run])
+        nearest = np.minimum(nearest, self._run_bounds[run + 1] - 1)
+        is_behind_start = self._run_from_m[nearest] <= middle_m
+        is_before_end = middle_m < self._run_to_m[nearest]
+
+        # It stands for the span in runs of which the span contains no pixel
+        is_between = (low >= high) & is_behind_start & is_before_end
+        first = np.where(is_between, nearest, low)
+        end = np.where(is_between, nearest + 1, np.maximum(low, high))
+        pairs, rows = _expanded(first, end)
+        return span_of_pair[pairs], self._entry_of[rows]
 
     def _rows(self, values_m: list[float], run: Indices, at_m: Array, search: Callable[..., int]) -> Indices:
         """Return the positions of `at_m` in `values_m`, sorted within each run: few, so without arrays."""
         bounds = self._run_bounds
-        pairs = zip(at_m.tolist(), bounds[run].tolist(), bounds[run + 1].tolist(), strict=True)
-        rows = [search(values_m, each_m, low, high) for each_m, low, high in pairs]
+        lows = bounds[run].tolist()
+        highs = bounds[run + 1].tolist()
+        queries = zip(at_m.tolist(), lows, highs, strict=True)
+        rows = [search(values_m, query_m, low, high) for query_m, low, high in queries]
         return np.array(rows, dtype=np.intp)
 
-    def _lay_runs(self, runs: list[_Run], line_of_run: Indices, order: Indices) -> None:
+    def _store_runs(self, runs: list[_Run], line_of_run: Indices, order: Indices) -> None:
         """Store the entries by run too, to look up spans shorter than a pixel."""
         lines = len(self._ends_m)
         self._runs_bounds: Indices = np.searchsorted(line_of_run, np.arange(lines + 1))
         """First run of each line."""
-        self._run_bounds: Indices = np.r_[0, np.cumsum([len(run.pixels) for run in runs])].astype(np.intp)
+        ends = np.cumsum([len(run.pixels) for run in runs])
+        self._run_bounds: Indices = np.r_[0, ends].astype(np.intp)
         """First row of each run."""
         self._run_at_m: list[float] = _joined([run.at_m for run in runs]).tolist()
         self._run_from_m: Array = _joined([run.from_m for run in runs])
@@ -208,38 +248,55 @@ class Layout:
 def _expanded(first: Indices, end: Indices) -> tuple[Indices, Indices]:
     """Return every number from `first` up to `end`, preceded by the index of its pair."""
     counts = end - first
-    line_of_entry = np.repeat(np.arange(len(counts)), counts)
-    return line_of_entry, np.arange(len(line_of_entry)) - np.repeat(
-        np.cumsum(counts) - counts - first, counts
-    )
+    pairs = np.repeat(np.arange(len(counts)), counts)
+    offsets = np.cumsum(counts) - counts - first
+    numbers = np.arange(len(pairs)) - np.repeat(offsets, counts)
+    return pairs, numbers
 
 
 def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
+    """Return the run of a strip along its own line, and the positions of its pixels, m, {W}."""
     line = Polyline(strip.line_m)
     numbers: Array = np.arange(strip.pixels + 1, dtype=np.float64)
     bounds_m: Array = numbers / (strip.pixels / line.length_m)
-    at_m: Array = (numbers[:-1] + 0.5) / (strip.pixels / line.length_m)
+    middles: Array = numbers[:-1] + 0.5
+    at_m: Array = middles / (strip.pixels / line.length_m)
     pixels = np.arange(first, first + strip.pixels)
     pitch_m = line.length_m / strip.pixels
     bounds_m[[0, -1]] += np.array([-1.0, 1.0]) * _ROUNDING * pitch_m
+    if strip.direction != 1:
+        pixels = pixels[::-1]
     run = _Run(
-        pixels if strip.direction == 1 else pixels[::-1], at_m, pitch_m, pitch_m, bounds_m[:-1], bounds_m[1:]
+        pixels=pixels,
+        at_m=at_m,
+        pitch_m=pitch_m,
+        coarsest_m=pitch_m,
+        from_m=bounds_m[:-1],
+        to_m=bounds_m[1:],
     )
     return run, line.points_at(at_m)
 
 
 def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]]) -> Iterator[_Run]:
+    """Yield the runs of pixels of `strips` that lie within `reach_m` of `line`."""
     low_m = line.vertices_m.min(axis=0) - reach_m
     high_m = line.vertices_m.max(axis=0) + reach_m
-    for run, places_m in strips:
-        near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
-        at_m, apart_m = line.nearest_to(places_m[near])
-        beside = (apart_m <= reach_m) & ~line.is_beyond_ends(places_m[near], at_m, END_M)
+    for run, positions_m in strips:
+        # A box round the line leaves few pixels for the exact distance
+        is_in_box = (positions_m >= low_m) & (positions_m <= high_m)
+        near = np.flatnonzero(np.all(is_in_box, axis=1))
+        at_m, distance_m = line.nearest_to(positions_m[near])
+        is_beyond_ends = line.is_beyond_ends(positions_m[near], at_m, END_M)
+        beside = (distance_m <= reach_m) & ~is_beyond_ends
         order = np.argsort(at_m[beside], kind="stable")
         pixels = run.pixels[near[beside][order]]
         along_m = at_m[beside][order]
-        gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1
-        for part, part_m in zip(np.split(pixels, gaps), np.split(along_m, gaps), strict=True):
+
+        # Where the strip goes away from the line and comes back, the next run begins
+        is_gap = np.diff(along_m) > 2.0 * run.pitch_m
+        gaps = np.flatnonzero(is_gap) + 1
+        runs = zip(np.split(pixels, gaps), np.split(along_m, gaps), strict=True)
+        for part, part_m in runs:
             if len(part):
                 yield _run_along(part, part_m, run.pitch_m)
 
@@ -248,12 +305,20 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
     """Return the run of `pixels` at the sorted `at_m`; they are `own_m` apart along their own strip."""
     steps_m = np.diff(at_m)
     # at sharp corners and where a strip goes across, many pixels share one arc length
-    pitch_m = max(float(steps_m.mean()), own_m / 4.0) if len(steps_m) else own_m
+    pitch_m = own_m
+    if len(steps_m):
+        pitch_m = max(float(steps_m.mean()), own_m / 4.0)
+    coarsest_m = max(float(steps_m.max(initial=0.0)), pitch_m)
     half_m = pitch_m * (0.5 + _ROUNDING)
     middle_m = at_m[:-1] + steps_m / 2.0
     from_m = np.r_[at_m[0] - half_m, middle_m]
     to_m = np.r_[middle_m, at_m[-1] + half_m]
-    return _Run(pixels, at_m, pitch_m, max(float(steps_m.max(initial=0.0)), pitch_m), from_m, to_m)
+    return _Run(pixels, at_m, pitch_m, coarsest_m, from_m, to_m)
+
+
+def _counted_up(counts: Sequence[int]) -> Indices:
+    """Return the numbers from 0 up to each of `counts`, one behind the other."""
+    return _joined([np.arange(count) for count in counts]).astype(np.intp)
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -310,8 +375,9 @@ class Renderer:
         self._style = style if style is not None else StyleConfig()
         self.layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
-        margin = np.clip(np.rint(self._style.margin_m / layout.pitch_m), 1, 4096).astype(np.intp)
-        self._margin: Indices = margin[layout.run]
+        margin = np.rint(self._style.margin_m / layout.pitch_m)
+        margin_of_run = np.clip(margin, 1, 4096).astype(np.intp)
+        self._margin: Indices = margin_of_run[layout.run]
         """Number of pixels of a margin, for every entry of the layout."""
 
     def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
@@ -327,41 +393,50 @@ class Renderer:
         layout = self.layout
         start_m = segments.at_m - segments.half_m
         end_m = segments.at_m + segments.half_m
+
+        # Pixels of all segments with their tails
         tails_m = segments.tail_m
         if tails_m is None:
-            line_of_entry, entries = layout.lit(segments.lines, start_m, end_m)
+            segment_of_entry, entries = layout.lit(segments.lines, start_m, end_m)
         else:
-            line_of_entry, entries = layout.lit(segments.lines, start_m - tails_m[0], end_m + tails_m[1])
+            tail_start_m = start_m - tails_m[0]
+            tail_end_m = end_m + tails_m[1]
+            segment_of_entry, entries = layout.lit(segments.lines, tail_start_m, tail_end_m)
         if not len(entries):
             return
-        at_m = layout.at_m[entries]
-        before_m = at_m - start_m[line_of_entry]
-        after_m = end_m[line_of_entry] - at_m
+
+        # Tails fade with the distance from the body, and are drawn below all bodies
         if tails_m is not None:
+            at_m = layout.at_m[entries]
             tail_m = tails_m[0] + tails_m[1]
-            outside_m = np.minimum(before_m, after_m)
-            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[line_of_entry]
+            from_start_m = at_m - start_m[segment_of_entry]
+            to_end_m = end_m[segment_of_entry] - at_m
+            outside_m = np.minimum(from_start_m, to_end_m)
+            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[segment_of_entry]
             tail = np.flatnonzero(behind)
             if len(tail):
-                fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[line_of_entry[tail]])
-                colors = segments.palette[line_of_entry[tail], BODY] * np.maximum(fade, 0.0)[:, None]
+                place = outside_m[tail] / tail_m[segment_of_entry[tail]]  # 0 at the body, -1 at the end
+                fade = self._style.tail_level * (1.0 + place)
+                body_colors = segments.palette[segment_of_entry[tail], BODY]
+                colors = body_colors * np.maximum(fade, 0.0)[:, None]
                 self._buffer[layout.pixels[entries[tail]]] = colors
                 body = np.flatnonzero(~behind)
-                line_of_entry = line_of_entry[body]
+                segment_of_entry = segment_of_entry[body]
                 entries = entries[body]
-                before_m = before_m[body]
-                after_m = after_m[body]
-        roles = np.zeros(len(line_of_entry), dtype=np.intp)
-        stated = np.flatnonzero((segments.margins > 0)[line_of_entry])
+
+        # Only segments that somebody hovers or has selected consist of more than their body
+        roles = np.zeros(len(segment_of_entry), dtype=np.intp)
+        stated = np.flatnonzero((segments.margins > 0)[segment_of_entry])
         if len(stated):
-            those = line_of_entry[stated]
-            these = entries[stated]
-            first, last = self._counted(segments, those, these, start_m, end_m)
-            roles[stated] = self._roles(segments, those, self._margin[these], first, last)
-        self._buffer[layout.pixels[entries]] = segments.palette[line_of_entry, roles]
+            stated_segments = segment_of_entry[stated]
+            stated_entries = entries[stated]
+            first, last = self._counted(segments, stated_segments, stated_entries, start_m, end_m)
+            widest = self._margin[stated_entries]
+            roles[stated] = self._roles(segments, stated_segments, widest, first, last)
+        self._buffer[layout.pixels[entries]] = segments.palette[segment_of_entry, roles]
 
     def _counted(
-        self, segments: Segments, line_of_entry: Indices, entries: Indices, start_m: Array, end_m: Array
+        self, segments: Segments, segment_of_entry: Indices, entries: Indices, start_m: Array, end_m: Array
     ) -> tuple[Indices, Indices]:
         """Return for each pixel the numbers of its segment's pixels before and after it on the same strip.
 
@@ -370,34 +445,47 @@ class Renderer:
         layout = self.layout
         run = layout.run[entries]
         number = layout.number[entries]
+
+        # Lowest and highest number of each segment's pixels in each run
+        runs = len(layout.pitch_m)
         stated = np.cumsum(segments.margins > 0) - 1
-        slot = stated[line_of_entry] * len(layout.pitch_m) + run
-        low = np.full((int(stated[-1]) + 1) * len(layout.pitch_m), layout.count, dtype=np.intp)
+        slot = stated[segment_of_entry] * runs + run
+        slots = (int(stated[-1]) + 1) * runs
+        low = np.full(slots, layout.count, dtype=np.intp)
         high = np.zeros_like(low)
         np.minimum.at(low, slot, number)
         np.maximum.at(high, slot, number)
         low = low[slot]
         high = high[slot]
+
+        # Pixels that are missing where the run ends within the segment
         pitch_m = layout.pitch_m[run]
-        before = _whole((layout.first_m[run] - start_m[line_of_entry]) / pitch_m) * (low == 0)
-        after = _whole((end_m[line_of_entry] - layout.last_m[run]) / pitch_m) * (
-            high == layout.pixels_of[run] - 1
-        )
+        missing_before = (layout.first_m[run] - start_m[segment_of_entry]) / pitch_m
+        missing_after = (end_m[segment_of_entry] - layout.last_m[run]) / pitch_m
+        reaches_start = low == 0
+        reaches_end = high == layout.pixels_of[run] - 1
+        before = _whole(missing_before) * reaches_start
+        after = _whole(missing_after) * reaches_end
         return number - low + before, high - number + after
 
     @staticmethod
     def _roles(
-        segments: Segments, line_of_entry: Indices, widest: Indices, first: Indices, last: Indices
+        segments: Segments, segment_of_entry: Indices, widest: Indices, first: Indices, last: Indices
     ) -> Indices:
         """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
+        # The gauge fills the body from both ends
         nearer = np.minimum(first, last)
         count = first + last + 1
-        roles = np.zeros(len(line_of_entry), dtype=np.intp)
-        roles[nearer < np.rint(segments.progress[line_of_entry] * count / 2.0)] = FILL
+        roles = np.zeros(len(segment_of_entry), dtype=np.intp)
+        progress = segments.progress[segment_of_entry]
+        filled = np.rint(progress * count / 2.0)
+        roles[nearer < filled] = FILL
+
+        # The owner's pattern begins where full margins would end, also where the margins are thin
         margin = np.minimum(widest, count // 3)
-        patterns = segments.patterns[line_of_entry]
+        patterns = segments.patterns[segment_of_entry]
         if patterns.any():
-            trailing = np.where(segments.forth[line_of_entry], first, last)
+            trailing = np.where(segments.forth[segment_of_entry], first, last)
             _draw_patterns(
                 roles,
                 patterns,
@@ -406,36 +494,43 @@ class Renderer:
                 trailing=trailing - margin,
                 body=count - 2 * margin,
             )
-        margin = np.where(segments.thin[line_of_entry], np.minimum(margin, 1), margin)
-        colors = segments.margins[line_of_entry]
+
+        # Margins are drawn over both, in alternating colours
+        margin = np.where(segments.thin[segment_of_entry], np.minimum(margin, 1), margin)
+        colors = segments.margins[segment_of_entry]
         # each end begins with another colour if there are more colours than pixels
-        turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
-        ends = nearer < margin
-        roles[ends] = MARGIN + turn[ends]
+        offset = (last < first) * np.maximum(colors - margin, 0)
+        turn = (nearer + offset) % np.maximum(colors, 1)
+        is_margin = nearer < margin
+        roles[is_margin] = MARGIN + turn[is_margin]
         return roles
 
     def _draw_cursors(self, cursors: list[CursorMark]) -> None:
         layout = self.layout
-        line, place_m, width_m, color = zip(*cursors, strict=True)
+        line, position_m, width_m, color = zip(*cursors, strict=True)
         lines = np.array(line, dtype=np.intp)
         colors = np.array(color, dtype=np.uint8)
-        at_m = np.array(place_m)
+        at_m = np.array(position_m)
         half_m = np.array(width_m) / 2.0
-        line_of_entry, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
+        start_m = at_m - half_m
+        end_m = at_m + half_m
+        cursor_of_entry, entries = layout.lit(lines, start_m, end_m)
         pixels = layout.pixels[entries]
+
+        # The k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
         if len(cursors) > 1 and len(pixels):
-            # the k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
-            order = np.lexsort((line_of_entry, pixels))
+            order = np.lexsort((cursor_of_entry, pixels))
             pixels = pixels[order]
-            line_of_entry = line_of_entry[order]
+            cursor_of_entry = cursor_of_entry[order]
             begins = np.ones(len(pixels), dtype=np.bool_)
             np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
             group = np.cumsum(begins) - 1
             rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
-            shown = rank == layout.wire[pixels] % np.bincount(group)[group]
+            cursors_of_pixel = np.bincount(group)[group]
+            shown = rank == layout.wire[pixels] % cursors_of_pixel
             pixels = pixels[shown]
-            line_of_entry = line_of_entry[shown]
-        self._buffer[pixels] = colors[line_of_entry]
+            cursor_of_entry = cursor_of_entry[shown]
+        self._buffer[pixels] = colors[cursor_of_entry]
 
 
 def _whole(pixels: Array) -> Indices:

@@ -73,7 +73,7 @@ class _State:
     owner: str | None = None
     """User who has selected it."""
     claimant: str | None = None
-    """User who has selected it while its carriers have not told yet that it is on."""
+    """User who has selected it while its carriers have not reported yet that it is on."""
     reserver: str | None = None
     """User who is about to select it."""
     hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
@@ -105,12 +105,13 @@ class AppearanceTable:
         profiles: Mapping[str, UserProfile],
     ) -> Appearance:
         """Return the appearance of objects of `kinds`; `ids` has their indices, `hovers` is by user."""
+        count = len(kinds)
         appearance = Appearance(
-            self._plain[kinds],
-            np.zeros(len(kinds)),
-            np.zeros(len(kinds), dtype=np.intp),
-            np.zeros(len(kinds), dtype=np.bool_),
-            np.zeros(len(kinds), dtype=np.intp),
+            palette=self._plain[kinds],
+            progress=np.zeros(count),
+            margins=np.zeros(count, dtype=np.intp),
+            thin=np.zeros(count, dtype=np.bool_),
+            patterns=np.zeros(count, dtype=np.intp),
         )
         for object_id, state in _states(hovers, selection).items():
             for index in ids.get(object_id, ()):
@@ -133,25 +134,30 @@ class AppearanceTable:
         palette[GAP] = self._gap[kind]
 
         # margins: the person who has the object first, then those who hover it
+        dark = _color(self._gap[kind])
         colors = [profiles.get(user, NO_PROFILE).cursor_color for user in sorted(state.hovers)]
         if state.owner is not None:
             owner = profiles.get(state.owner, NO_PROFILE)
             palette[OWNER] = owner.cursor_color
             appearance.patterns[index] = PATTERNS.index(owner.pattern)
-            colors = _with_owner(owner.cursor_color, colors, _color(self._gap[kind]))
+            colors = _with_owner(owner.cursor_color, colors, dark)
         elif state.claimant is not None:
             claimant = profiles.get(state.claimant, NO_PROFILE)
-            colors = _with_owner(claimant.cursor_color, colors, _color(self._gap[kind]))
+            colors = _with_owner(claimant.cursor_color, colors, dark)
         elif state.reserver is not None:
             color = profiles.get(state.reserver, NO_PROFILE).cursor_color
             appearance.thin[index] = not colors
-            colors = [color, *(each for each in colors if each != color)]
+            colors = [color, *_without(colors, color)]
         colors = colors[:MARGIN_COLORS]
         palette[MARGIN : MARGIN + len(colors)] = colors
         appearance.margins[index] = len(colors)
 
-        changes = (hover for hover in state.hovers.values() if _changes(hover, selected=is_selected))
-        appearance.progress[index] = max((hover.progress for hover in changes), default=0.0)
+        # gauge: the person who is nearest to changing the object
+        progress = 0.0
+        for hover in state.hovers.values():
+            if _changes(hover, selected=is_selected):
+                progress = max(progress, hover.progress)
+        appearance.progress[index] = progress
 
     def _body_and_fill(self, kind: int, state: _State) -> tuple[Bytes, Bytes]:
         """Return the colour of the body, and the one in which it fills with progress."""
@@ -164,11 +170,16 @@ class AppearanceTable:
 
 def _with_owner(color: Rgb, hoverers: list[Rgb], dark: Rgb) -> list[Rgb]:
     """Return the margins of a selected object: the owner's colour first, so that it is the outermost."""
-    others = [each for each in hoverers if each != color]
+    others = _without(hoverers, color)
     if others or not hoverers:
         return [color, *others]
     # the owner hovers it: their colour beside itself would show nothing
-    return [color, dark if color == WHITE else WHITE]
+    contrast = dark if color == WHITE else WHITE
+    return [color, contrast]
+
+
+def _without(colors: list[Rgb], color: Rgb) -> list[Rgb]:
+    return [other for other in colors if other != color]
 
 
 def _color(values: Bytes) -> Rgb:
@@ -178,10 +189,12 @@ def _color(values: Bytes) -> Rgb:
 
 def _changes(hover: Hover, *, selected: bool) -> bool:
     """Return True if completing `hover` would change the object."""
-    return hover.action in {"", "deselect" if selected else "select"}
+    action = "deselect" if selected else "select"
+    return hover.action in {"", action}
 
 
 def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[str, _State]:
+    """Return the state of each object that has any, by id."""
     states: dict[str, _State] = {}
     if selection is not None:
         for reserved in selection.reserved:
@@ -192,12 +205,14 @@ def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[st
                 state.claimant = item.user
             else:
                 state.owner = item.user
+
+    # A hover may report who is about to get the object before the selection does
     for user, hover in hovers.items():
         if hover.object_id:
             state = states.setdefault(hover.object_id, _State())
             state.hovers[user] = hover
-            is_free = state.owner is None and state.claimant is None and state.reserver is None
-            if hover.taken_by and is_free:
+            users = (state.owner, state.claimant, state.reserver)
+            if hover.taken_by and users == (None, None, None):
                 state.reserver = hover.taken_by
     return states
 
@@ -251,14 +266,16 @@ class StripContent:
 
         It does if the cursor is or was on a line, or if another pixel is nearest to a ray past everything.
         """
-        _, before = self._cursors.get(user, (0, NO_CURSOR))
+        _, previous = self._cursors.get(user, (0, NO_CURSOR))
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
             return True
-        if before.surface in LINES:
+        if previous.surface in LINES:
             return True
-        return cursor.passed != before.passed and self._pixels(cursor) != self._pixels(before)
+        if cursor.passed == previous.passed:
+            return False
+        return self._pixels(cursor) != self._pixels(previous)
 
     def cursor_color(self, user: str) -> Rgb:
         """Return the colour of `user`'s cursor, or of their profile without one."""
@@ -276,9 +293,10 @@ class StripContent:
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> bool:
         """Set `user`'s hovered object. Return False if they hover nothing, as before: no pixel changes."""
-        before = self._hovers.get(user)
+        previous = self._hovers.get(user)
         self._hovers[user] = (now_ns, hover)
-        if not hover.object_id and (before is None or not before[1].object_id):
+        has_hovered = previous is not None and bool(previous[1].object_id)
+        if not hover.object_id and not has_hovered:
             return False
         self._appearance = None
         return True
@@ -315,10 +333,18 @@ class StripContent:
 
     def next_change_ns(self) -> int | None:
         """Return the time of the next expiry without new messages, blink or step of a moving object."""
-        ends = [at + self._cursor_timeout_ns for at, _ in (*self._cursors.values(), *self._hovers.values())]
-        ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
-        ends += [at for at in (self._blink_ns, self._motion_ns) if at is not None]
-        return min(ends, default=None)
+        changes_ns: list[int] = []
+        for received_ns, _ in self._cursors.values():
+            changes_ns.append(received_ns + self._cursor_timeout_ns)
+        for received_ns, _ in self._hovers.values():
+            changes_ns.append(received_ns + self._cursor_timeout_ns)
+        for received_ns, _ in self._objects.values():
+            changes_ns.append(received_ns + self._objects_timeout_ns)
+        if self._blink_ns is not None:
+            changes_ns.append(self._blink_ns)
+        if self._motion_ns is not None:
+            changes_ns.append(self._motion_ns)
+        return min(changes_ns, default=None)
 
     def pop_newest_capture_ns(self) -> int | None:
         """Return the newest capture time of the cursors on lines that came since the last call."""
@@ -333,55 +359,63 @@ class StripContent:
         self._blink_ns = None
         for user in sorted(self._cursors):
             cursor = self._cursors[user][1]
-            if cursor.passed is not None and (marked := self._pixel(user, cursor.passed)):
+
+            # The pixel nearest to a ray past everything blinks, all of them together
+            passed_mark = None
+            if cursor.passed is not None:
+                passed_mark = self._passed_mark(user, cursor.passed)
+            if passed_mark is not None:
                 self._blink_ns = (blinks + 1) * BLINK_NS
-                marks += marked if blinks % 2 == 0 else []
+                if blinks % 2 == 0:
+                    marks.append(passed_mark)
+
+            # The cursor itself, if it is on a line of the map
             if cursor.surface not in LINES:
                 continue
             line = self._layout.line(cursor.surface, cursor.surface_id)
-            if line is not None:
-                profile = self._profiles.get(user, NO_PROFILE)
-                marks.append(
-                    CursorMark(
-                        line=line,
-                        at_m=cursor.position_m,
-                        width_m=profile.cursor_width_m,
-                        color=self._color(profile, cursor),
-                    )
-                )
+            if line is None:
+                continue
+            profile = self._profiles.get(user, NO_PROFILE)
+            color = self._color(profile, cursor)
+            marks.append(CursorMark(line, cursor.position_m, profile.cursor_width_m, color))
         return marks
 
-    def _pixel(self, user: str, passed: Passed) -> list[CursorMark]:
+    def _passed_mark(self, user: str, passed: Passed) -> CursorMark | None:
         """Return the mark of a person who points past everything: a dim pixel where they come nearest."""
         line = self._layout.line(passed.surface, passed.surface_id)
         if line is None:
-            return []
+            return None
         profile = self._profiles.get(user, NO_PROFILE)
-        tints = profile.cursor_colormap
-        color = colormap(tints).rgb(0.0) if tints else profile.cursor_color
+        color = profile.cursor_color
+        if profile.cursor_colormap:
+            color = colormap(profile.cursor_colormap).rgb(0.0)
         red, green, blue = (round(value * PASSED_LEVEL) for value in color)
-        return [CursorMark(line=line, at_m=passed.position_m, width_m=0.0, color=(red, green, blue))]
+        return CursorMark(line=line, at_m=passed.position_m, width_m=0.0, color=(red, green, blue))
 
     def _pixels(self, cursor: Cursor) -> list[int]:
-        """Return the numbers of the pixels that `_pixel` lights, one of each strip beside a belt."""
+        """Return the numbers of the pixels that `_passed_mark` lights, one of each strip beside a belt."""
         passed = cursor.passed
-        line = None if passed is None else self._layout.line(passed.surface, passed.surface_id)
-        if passed is None or line is None:
+        if passed is None:
             return []
+        line = self._layout.line(passed.surface, passed.surface_id)
+        if line is None:
+            return []
+        lines = np.array([line], dtype=np.intp)
         at_m = np.array([passed.position_m])
-        _, entries = self._layout.lit(np.array([line], dtype=np.intp), at_m, at_m)
+        _, entries = self._layout.lit(lines, at_m, at_m)
         return [int(pixel) for pixel in self._layout.pixels[entries]]
 
     def _color(self, profile: UserProfile, cursor: Cursor) -> Rgb:
         if not profile.cursor_colormap:
             return profile.cursor_color
-        share = cursor.miss_rad / CURSOR_RANGE_RAD
-        return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
+        share = min(cursor.miss_rad / CURSOR_RANGE_RAD, 1.0)
+        return colormap(profile.cursor_colormap).rgb(1.0 - share)
 
     def segments(self, now_ns: int) -> Segments:
         """Return the objects on strips and belts at their positions at `now_ns`."""
+        # Positions and appearance are computed once for each change of theirs, not for each frame
         if self._placed is None:
-            self._placed = self._place()
+            self._placed = self._place_objects()
         placed = self._placed
         if self._appearance is None:
             hovers = {user: hover for user, (_, hover) in self._hovers.items()}
@@ -389,9 +423,12 @@ class StripContent:
                 placed.kinds, placed.ids, hovers, self._selection, self._profiles
             )
         looks = self._appearance
+
+        # Moving objects go on at their last speed until their tracker reports them again
         self._motion_ns = now_ns + MOTION_PERIOD_NS if placed.moves else None
         # never beyond the timeout, and a clock ahead of ours must not move them backwards
-        elapsed_ns = np.maximum(np.minimum(now_ns - placed.stamp_ns, self._objects_timeout_ns), 0)
+        age_ns = now_ns - placed.stamp_ns
+        elapsed_ns = np.maximum(np.minimum(age_ns, self._objects_timeout_ns), 0)
         return Segments(
             lines=placed.lines,
             at_m=placed.at_m + placed.speed_mps * (elapsed_ns / NS_PER_S),
@@ -405,27 +442,35 @@ class StripContent:
             patterns=looks.patterns,
         )
 
-    def _place(self) -> _Placed:
+    def _place_objects(self) -> _Placed:
         rows: list[tuple[int, TrackedObject, int]] = []
         for _, tracked in self._objects.values():
             rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
         rows.sort(key=lambda row: not row[1].lit)  # moving lights are drawn over a thing's light
+
+        # An object may have several indices: several trackers may report it
+        items = [item for _, item, _ in rows]
         ids: dict[str, list[int]] = {}
-        for index, (_, item, _) in enumerate(rows):
+        for index, item in enumerate(items):
             ids.setdefault(item.id, []).append(index)
+
+        # One array for each field, in the order of drawing
         lines = np.array([line for line, _, _ in rows], dtype=np.intp)
-        half_m = np.array([item.length_m for _, item, _ in rows]) / 2.0
-        speed_mps = np.array([item.surface_speed_mps for _, item, _ in rows])
+        stamps_ns = np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64)
+        at_m = np.array([item.surface_position_m for item in items])
+        half_m = np.array([item.length_m for item in items]) / 2.0
+        speed_mps = np.array([item.surface_speed_mps for item in items])
+        kinds = np.array([self._appearances.kind(item.kind) for item in items], dtype=np.intp)
         return _Placed(
             lines=lines,
-            at_m=np.array([item.surface_position_m for _, item, _ in rows]),
+            at_m=at_m,
             half_m=half_m,
             speed_mps=speed_mps,
             moves=bool(speed_mps.any()),
             forth=speed_mps >= 0.0,
             tail_m=tails(self._layout, lines, half_m, speed_mps, self._style),
-            stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),
-            kinds=np.array([self._appearances.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
+            stamp_ns=stamps_ns,
+            kinds=kinds,
             ids=ids,
         )
 
@@ -439,7 +484,7 @@ class StripContent:
 
 def _forget(received: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
     count = len(received)
-    for name, (at, _) in list(received.items()):
-        if now_ns - at >= timeout_ns:
+    for name, (received_ns, _) in list(received.items()):
+        if now_ns - received_ns >= timeout_ns:
             del received[name]
     return len(received) < count

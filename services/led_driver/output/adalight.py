@@ -71,16 +71,22 @@ class AdalightOutput(SerialOutput):
 
 def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
     """Return a message if wire and board cannot carry the configured frame rate for these pixels."""
+    wanted_hz = config.wanted_rate_hz
     wire_s = wire_time_s(HEADER_BYTES + 3 * pixels, config.baud)
     frame_s = wire_s + draw_time_s(pixels)
-    if frame_s * config.wanted_rate_hz <= 1.0:
+    if frame_s * wanted_hz <= 1.0:
         return []
-    room_s = 1.0 / config.wanted_rate_hz - LATCH_TIME_S - wire_time_s(HEADER_BYTES, config.baud)
-    fitting = int(room_s / (3 * BITS_PER_BYTE / config.baud + PIXEL_TIME_S))
+
+    # Pixels for which the period leaves time, on the wire and on the LEDs one after the other
+    room_s = 1.0 / wanted_hz - LATCH_TIME_S - wire_time_s(HEADER_BYTES, config.baud)
+    pixel_s = 3 * BITS_PER_BYTE / config.baud + PIXEL_TIME_S
+    fitting = max(0, int(room_s / pixel_s))
     faster = "raise `baud` here and on the controller, " if config.baud < MAX_BAUD else ""
+    frame_ms = frame_s * 1e3
+    rate_hz = 1.0 / frame_s
     sentence = (
-        f"{pixels} pixels at {config.baud} baud: {frame_s * 1e3:.0f} ms a frame, {1.0 / frame_s:.1f} frames "
-        f"a second; {max(0, fitting)} pixels fit at {config.wanted_rate_hz:g} frames a second: {faster}"
+        f"{pixels} pixels at {config.baud} baud: {frame_ms:.0f} ms a frame, {rate_hz:.1f} frames "
+        f"a second; {fitting} pixels fit at {wanted_hz:g} frames a second: {faster}"
         "use more outputs, or lower `wanted_rate_hz`"
     )
     return [sentence]

@@ -60,14 +60,11 @@ def dmx_packet(port_address: int, sequence: int, slots: bytes) -> bytes:
         slots: values from the first slot on, at most 512. An odd number gets one more, 0.
     """
     slots += bytes(len(slots) % 2)
-    head = _COMMAND.pack(_HEAD, _DMX)
-    return (
-        head
-        + struct.pack(">HBB", _VERSION, sequence % 255 + 1, 0)
-        + struct.pack("<H", port_address)
-        + struct.pack(">H", len(slots))
-        + slots
-    )
+    command = _COMMAND.pack(_HEAD, _DMX)
+    version_and_sequence = struct.pack(">HBB", _VERSION, sequence % 255 + 1, 0)
+    universe = struct.pack("<H", port_address)
+    size = struct.pack(">H", len(slots))
+    return command + version_and_sequence + universe + size + slots
 
 
 def sync_packet() -> bytes:
@@ -89,20 +86,23 @@ def read_reply(packet: bytes) -> ArtnetNode | None:
     )
     if head != _HEAD or operation != _POLL_REPLY:
         return None
+
+    # All outputs of a reply are in one sub-net
     base = (net & 0x7F) << 8 | (subnet & 0x0F) << 4
-    ports = range(min(count, len(kinds)))
-    return ArtnetNode(
-        address=".".join(str(byte) for byte in address),
-        name=_text(long) or _text(short),
-        report=_text(report),
-        universes=tuple(base | outputs[port] & 0x0F for port in ports if kinds[port] & _IS_OUTPUT),
-    )
+    universes: list[int] = []
+    for port in range(min(count, len(kinds))):
+        if kinds[port] & _IS_OUTPUT:
+            universes.append(base | outputs[port] & 0x0F)
+    dotted_address = ".".join(str(byte) for byte in address)
+    name = _text(long) or _text(short)
+    return ArtnetNode(address=dotted_address, name=name, report=_text(report), universes=tuple(universes))
 
 
 def _text(field: bytes) -> str:
     """Return the printable characters before the first zero."""
     text = field.partition(b"\0")[0].decode("ascii", errors="replace")
-    return "".join(each if each.isprintable() else "?" for each in text).strip()
+    printable = [character if character.isprintable() else "?" for character in text]
+    return "".join(printable).strip()
 
 
 async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
@@ -115,7 +115,9 @@ async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
 
     def read(data: bytes, _address: str) -> FoundDevice | None:
         node = read_reply(data)
-        if node is None or (len(nodes) >= MAX_FOUND and node.address not in nodes):
+        if node is None:
+            return None
+        if len(nodes) >= MAX_FOUND and node.address not in nodes:
             return None
         merge_reply(nodes, node)
         return _device(nodes[node.address])
@@ -146,15 +148,24 @@ def broadcast_addresses() -> list[str]:
             f"Art-Net nodes cannot be searched without the extra `discovery`; {extras.remedy('discovery')} "
             "installs it"
         ) from error
-    own = [ip for adapter in ifaddr.get_adapters() for ip in adapter.ips if ip.is_IPv4]
-    interfaces = [ipaddress.IPv4Interface(f"{ip.ip}/{ip.network_prefix}") for ip in own]
-    return [str(each.network.broadcast_address) for each in interfaces if not each.is_loopback]
+    addresses: list[str] = []
+    for adapter in ifaddr.get_adapters():
+        for ip in adapter.ips:
+            if not ip.is_IPv4:
+                continue
+            interface = ipaddress.IPv4Interface(f"{ip.ip}/{ip.network_prefix}")
+            if not interface.is_loopback:
+                addresses.append(str(interface.network.broadcast_address))
+    return addresses
 
 
 def _device(node: ArtnetNode) -> FoundDevice:
-    universes = ", ".join(str(universe) for universe in sorted(set(node.universes)))
-    label = f"{node.name or 'Art-Net node'}, {f'universes {universes}' if universes else 'no outputs'}"
-    return FoundDevice(node.address, label, {"universes": universes, "report": node.report})
+    numbers = sorted(set(node.universes))
+    universes = ", ".join(str(number) for number in numbers)
+    name = node.name or "Art-Net node"
+    outputs = f"universes {universes}" if universes else "no outputs"
+    details: dict[str, str | float] = {"universes": universes, "report": node.report}
+    return FoundDevice(node.address, f"{name}, {outputs}", details)
 
 
 class ArtnetConfig(UdpOutputConfig):

@@ -53,12 +53,15 @@ def encode_frame(pixels: bytes, colors: int, number: int) -> list[bytes]:
     """
     starts = range(0, len(pixels), MAX_DATA_BYTES)
     first = (number - 1) * len(starts)
+    is_sequenced = len(starts) <= SEQUENCED_PACKETS
     packets: list[bytes] = []
     for index, start in enumerate(starts):
         data = pixels[start : start + MAX_DATA_BYTES]
-        flags = VERSION | (PUSH if index == len(starts) - 1 else 0)
-        sequence = (first + index) % SEQUENCES + 1 if len(starts) <= SEQUENCED_PACKETS else 0
-        packets.append(_HEADER.pack(flags, sequence, DATA_TYPES[colors], DEFAULT_ID, start, len(data)) + data)
+        is_last = index == len(starts) - 1
+        flags = VERSION | PUSH if is_last else VERSION
+        sequence = (first + index) % SEQUENCES + 1 if is_sequenced else 0
+        header = _HEADER.pack(flags, sequence, DATA_TYPES[colors], DEFAULT_ID, start, len(data))
+        packets.append(header + data)
     return packets
 
 
@@ -73,8 +76,11 @@ async def find_wled(seconds: float) -> Sequence[FoundDevice]:
 
 
 async def _describe(service: NetworkService) -> FoundDevice:
-    host = service.host if await _is_resolved(service.host) else service.address
-    return described(host, service.name, await read_info(service.address, service.port))
+    host = service.address
+    if await _is_resolved(service.host):
+        host = service.host
+    info = await read_info(service.address, service.port)
+    return described(host, service.name, info)
 
 
 async def _is_resolved(host: str) -> bool:
@@ -105,21 +111,23 @@ async def read_info(address: str, port: int) -> object:
             finally:
                 writer.transport.abort()
     head, _, body = answer.partition(b"\r\n\r\n")
+    status = head.split(b" ")[1:2]
+    if status != [b"200"]:
+        return None
     try:
-        return json.loads(body) if head.split(b" ")[1:2] == [b"200"] else None
+        return json.loads(body)
     except (ValueError, RecursionError):
         return None
 
 
 def described(host: str, name: str, info: object) -> FoundDevice:
     """Return the controller at `host`, given its `/json/info`, which may be anything."""
-    values = cast("dict[str, Any]", info) if isinstance(info, dict) else {}
-    leds = values.get("leds")
-    pixels = cast("dict[str, Any]", leds).get("count") if isinstance(leds, dict) else None
-    own_name, version = (
-        one_line(value, MAX_WORD) if isinstance(value := values.get(field), str) else ""
-        for field in ("name", "ver")
-    )
+    values = _mapping(info)
+    pixels = _mapping(values.get("leds")).get("count")
+    own_name = _word(values.get("name"))
+    version = _word(values.get("ver"))
+
+    # Only what is plausible is shown
     words = [own_name or name]
     details: dict[str, str | float] = {}
     if type(pixels) is int and 0 < pixels <= MAX_PIXELS:
@@ -129,6 +137,14 @@ def described(host: str, name: str, info: object) -> FoundDevice:
         details["version"] = version
         words.append(f"WLED {version}")
     return FoundDevice(host, ", ".join(words), details)
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+
+
+def _word(value: object) -> str:
+    return one_line(value, MAX_WORD) if isinstance(value, str) else ""
 
 
 class DdpConfig(UdpOutputConfig):

@@ -69,18 +69,27 @@ def data_packet(
     """Return the packet that sets a universe.
 
     Args:
-        sender: who sends it.
+        sender: identity of the sender.
         universe: number of the universe, 1 to 63999.
         sequence: number of the packet in its universe, of which the lowest byte is sent.
         slots: values from the first slot on, at most 512.
         ended: True in the last `END_PACKETS` packets of a stream.
     """
+    # Root layer (5): each layer states the size of the packet from its own start to the end
     size = HEADER_BYTES + len(slots)
-    name = sender.name.encode()[:_NAME_BYTES].decode(errors="ignore").encode()
     root = _ROOT.pack(
-        _PREAMBLE_BYTES, 0, _IDENTIFIER, _length(size - _PREAMBLE_BYTES), _ROOT_DATA, sender.cid.bytes
+        _PREAMBLE_BYTES,
+        0,
+        _IDENTIFIER,
+        _length(size - _PREAMBLE_BYTES),
+        _ROOT_DATA,
+        sender.cid.bytes,
     )
+
+    # Framing layer (6): a name that is cut within a character loses the whole character
     options = _STREAM_TERMINATED if ended else 0
+    cut_name = sender.name.encode()[:_NAME_BYTES]
+    name = cut_name.decode(errors="ignore").encode()
     framing = _FRAMING.pack(
         _length(size - _ROOT.size),
         _FRAMING_DATA,
@@ -91,15 +100,12 @@ def data_packet(
         options,
         universe,
     )
-    dmp = _DMP.pack(
-        _length(size - _ROOT.size - _FRAMING.size),
-        _DMP_SET_PROPERTY,
-        _DMP_ADDRESSES,
-        0,
-        1,
-        len(slots) + 1,
-        0,  # start code of levels
-    )
+
+    # DMP layer (7): the values, preceded by the start code
+    dmp_size = size - _ROOT.size - _FRAMING.size
+    values = len(slots) + 1
+    start_code = 0  # of levels
+    dmp = _DMP.pack(_length(dmp_size), _DMP_SET_PROPERTY, _DMP_ADDRESSES, 0, 1, values, start_code)
     return root + framing + dmp + slots
 
 
@@ -156,8 +162,9 @@ class E131Stream:
         if self._is_multicast:
             self.destination = Destination(host="", port=destination.port, interface=destination.interface)
         # the same after a restart, so that receivers do not merge a stream with its own past
-        where = f"{socket.gethostname()} {destination.host} {first_universe}"
-        self._sender = E131Sender(uuid.uuid5(uuid.NAMESPACE_DNS, where), "PointIt", priority)
+        stream = f"{socket.gethostname()} {destination.host} {first_universe}"
+        cid = uuid.uuid5(uuid.NAMESPACE_DNS, stream)
+        self._sender = E131Sender(cid, "PointIt", priority)
 
     def frame(self, universes: Sequence[Universe], number: int) -> list[Datagram]:
         """Return the packets that set `universes`."""
@@ -171,13 +178,12 @@ class E131Stream:
         return packets
 
     def _packets(self, universes: Sequence[Universe], number: int, *, ended: bool) -> list[Datagram]:
-        return [
-            Datagram(
-                data_packet(self._sender, universe, number, slots, ended=ended),
-                multicast_address(universe) if self._is_multicast else None,
-            )
-            for universe, slots in universes
-        ]
+        datagrams: list[Datagram] = []
+        for universe, slots in universes:
+            data = data_packet(self._sender, universe, number, slots, ended=ended)
+            host = multicast_address(universe) if self._is_multicast else None
+            datagrams.append(Datagram(data, host))
+        return datagrams
 
 
 def make_e131(config: E131Config, surroundings: Surroundings) -> DmxOutput:

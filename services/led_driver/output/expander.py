@@ -55,12 +55,14 @@ def set_channel(channel: int, order: str, rgb: bytes) -> bytes:
         order: colours in their order on the LEDs' wire, `GRB`, `GRBW`. A white LED stays dark.
         rgb: 3 bytes per pixel: red, green, blue.
     """
+    pixels = len(rgb) // 3
     data = rgb
     if "W" in order:
-        wide = np.zeros((len(rgb) // 3, 4), dtype=np.uint8)
-        wide[:, :3] = np.frombuffer(rgb, dtype=np.uint8).reshape(-1, 3)
+        wide = np.zeros((pixels, 4), dtype=np.uint8)
+        colors = np.frombuffer(rgb, dtype=np.uint8)
+        wide[:, :3] = colors.reshape(-1, 3)
         data = wide.tobytes()
-    head = struct.pack("<BBBBH", channel, SET_CHANNEL_WS2812, len(order), _order_byte(order), len(rgb) // 3)
+    head = struct.pack("<BBBBH", channel, SET_CHANNEL_WS2812, len(order), _order_byte(order), pixels)
     return _framed(head + data)
 
 
@@ -75,8 +77,11 @@ def draw_time_s(pixels: int) -> float:
 
 
 def _order_byte(order: str) -> int:
+    red = order.index("R")
+    green = order.index("G") << 2
+    blue = order.index("B") << 4
     white = order.index("W") << 6 if "W" in order else 0
-    return order.index("R") | order.index("G") << 2 | order.index("B") << 4 | white
+    return red | green | blue | white
 
 
 def _framed(content: bytes) -> bytes:
@@ -103,8 +108,9 @@ class ExpanderConfig(SerialOutputConfig):
 
     @model_validator(mode="after")
     def _have_channels(self) -> Self:
-        if any(segment.universe not in range(CHANNELS) for segment in self.segments):
-            raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
+        for segment in self.segments:
+            if segment.universe not in range(CHANNELS):
+                raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
         return self
 
 
@@ -130,48 +136,56 @@ class Wiring:
 
     def encode(self, pixels: bytes) -> bytes:
         """Return the frames that show `pixels` of the pixel map on all channels."""
-        frames = [
-            set_channel(each.number, each.order, pixels[each.start : each.start + 3 * each.pixels])
-            for each in self.channels
-        ]
-        return b"".join((*frames, draw_all()))
+        frames: list[bytes] = []
+        for channel in self.channels:
+            end = channel.start + 3 * channel.pixels
+            rgb = pixels[channel.start : end]
+            frames.append(set_channel(channel.number, channel.order, rgb))
+        frames.append(draw_all())
+        return b"".join(frames)
 
 
 def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wiring, list[str]]:
     """Return the channels of strips, and messages about what does not fit the board."""
+    # The board itself sorts the colours, by the order in the frames
     segments, problems = _segments(config, strips)
-    # the board sorts the colours, and is told their order
-    sorted_later = [segment.model_copy(update={"order": "RGB"}) for segment in segments]
-    pixel_map, unfit = map_pixels(sorted_later, strips if segments else (), block_pixels=CHANNEL_PIXELS)
+    unsorted = [segment.model_copy(update={"order": "RGB"}) for segment in segments]
+    mapped_strips = strips if segments else ()
+    pixel_map, unmapped = map_pixels(unsorted, mapped_strips, block_pixels=CHANNEL_PIXELS)
+
+    # A channel has one order, and drives fewer pixels if they have a white LED
     channels: list[PixelChannel] = []
     for block in pixel_map.blocks:
-        here = [segment for segment in segments if segment.universe == block.number]
-        orders = {segment.order for segment in here}
-        names = dict.fromkeys(each.strip for each in here)
+        channel_segments = [segment for segment in segments if segment.universe == block.number]
+        orders = {segment.order for segment in channel_segments}
+        names = dict.fromkeys(segment.strip for segment in channel_segments)
         if len(orders) > 1:
             problems.append(f"channel {block.number} has segments of several orders: use one for a channel")
         pixels = block.size // 3
-        order = here[0].order
+        order = channel_segments[0].order
         limit = PIXEL_LIMITS[config.board]["W" in order]
         if pixels > limit:
+            strip_names = ", ".join(names)
             problems.append(
-                f"channel {block.number} with strip {', '.join(names)} has {pixels} pixels, board "
+                f"channel {block.number} with strip {strip_names} has {pixels} pixels, board "
                 f"{config.board} drives {limit}: only the first {limit} light; use more channels, or set "
                 "`board` to what you have"
             )
         channels.append(PixelChannel(block.number, order, min(pixels, limit), block.start))
-    return Wiring(tuple(channels), pixel_map), problems + unfit
+    return Wiring(tuple(channels), pixel_map), problems + unmapped
 
 
 def _segments(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[list[Segment], list[str]]:
+    """Return the configured segments, or a channel for each strip, and sentences about what does not fit."""
     if config.segments:
         return list(config.segments), []
-    problem = f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}"
-    segments = [
-        Segment(strip=strip.id, universe=number, order="GRB")
-        for number, strip in enumerate(strips[:CHANNELS])
-    ]
-    return segments, [problem] if len(strips) > CHANNELS else []
+    segments: list[Segment] = []
+    for number, strip in enumerate(strips[:CHANNELS]):
+        segments.append(Segment(strip=strip.id, universe=number, order="GRB"))
+    problems: list[str] = []
+    if len(strips) > CHANNELS:
+        problems.append(f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}")
+    return segments, problems
 
 
 def frame_bytes(channels: Sequence[PixelChannel]) -> int:
@@ -184,30 +198,45 @@ def too_slow(config: ExpanderConfig, channels: Sequence[PixelChannel]) -> str:
 
     The board draws a frame while the next one is sent, so the slower of the two limits.
     """
-    pixels = sum(each.pixels for each in channels)
-    wanted_hz = config.wanted_rate_hz
-    longest = max((each.pixels for each in channels), default=0)
+    pixels = sum(channel.pixels for channel in channels)
+    longest = _longest_channel(channels)
     wire_s = wire_time_s(frame_bytes(channels), config.baud)
     draw_s = draw_time_s(longest)
-    if not pixels or max(wire_s, draw_s) * wanted_hz <= 1.0:
+    frame_s = max(wire_s, draw_s)
+    wanted_hz = config.wanted_rate_hz
+    if not pixels or frame_s * wanted_hz <= 1.0:
         return ""
+
+    # The wire limits all pixels together, the board those of the longest channel
     if wire_s >= draw_s:
-        room_bytes = config.baud / BITS_PER_BYTE / wanted_hz - _overhead_bytes(channels)
-        fitting = int(room_bytes / (_pixel_bytes(channels) / pixels))
-        what = f"{pixels} pixels at {config.baud} baud"
+        bytes_per_frame = config.baud / BITS_PER_BYTE / wanted_hz
+        room_bytes = bytes_per_frame - _overhead_bytes(channels)
+        bytes_per_pixel = _pixel_bytes(channels) / pixels
+        fitting = int(room_bytes / bytes_per_pixel)
+        load = f"{pixels} pixels at {config.baud} baud"
         unit = "pixels"
         remedy = "spread the strips over more outputs"
     else:
-        fitting = int((1.0 / wanted_hz - LATCH_TIME_S) / PIXEL_TIME_S)
-        what = f"a channel of {longest} pixels"
+        room_s = 1.0 / wanted_hz - LATCH_TIME_S
+        fitting = int(room_s / PIXEL_TIME_S)
+        load = f"a channel of {longest} pixels"
         unit = "pixels a channel"
         remedy = "split the longest strips"
-    frame_s = max(wire_s, draw_s)
+
+    # A fixed part of a frame may already take too long
+    fitting = max(0, fitting)
+    frame_ms = frame_s * 1e3
+    rate_hz = 1.0 / frame_s
     return (
-        f"{what}: {frame_s * 1e3:.0f} ms a frame, {1.0 / frame_s:.1f} frames a second; "
-        f"{max(0, fitting)} {unit} fit at {wanted_hz:g} frames a second: "
+        f"{load}: {frame_ms:.0f} ms a frame, {rate_hz:.1f} frames a second; "
+        f"{fitting} {unit} fit at {wanted_hz:g} frames a second: "
         f"{remedy}, or lower `wanted_rate_hz`"
     )
+
+
+def _longest_channel(channels: Sequence[PixelChannel]) -> int:
+    """Return the number of pixels of the longest channel, 0 without channels."""
+    return max((channel.pixels for channel in channels), default=0)
 
 
 def _overhead_bytes(channels: Sequence[PixelChannel]) -> int:
@@ -215,7 +244,7 @@ def _overhead_bytes(channels: Sequence[PixelChannel]) -> int:
 
 
 def _pixel_bytes(channels: Sequence[PixelChannel]) -> int:
-    return sum(each.pixels * len(each.order) for each in channels)
+    return sum(channel.pixels * len(channel.order) for channel in channels)
 
 
 class ExpanderOutput(SerialOutput):
@@ -231,9 +260,10 @@ class ExpanderOutput(SerialOutput):
     def map_strips(self, strips: Sequence[Strip]) -> tuple[PixelMap, list[str]]:
         """Return the pixels of `strips`, and sentences about what board and wire cannot show."""
         self._wiring, problems = map_channels(self._board, strips)
-        if slow := too_slow(self._board, self._wiring.channels):
-            problems.append(slow)
-            log.warning("%s: %s", self._board.port, slow)
+        warning = too_slow(self._board, self._wiring.channels)
+        if warning:
+            problems.append(warning)
+            log.warning("%s: %s", self._board.port, warning)
         return self._wiring.pixel_map, problems
 
     def encode(self, pixels: bytes) -> bytes:
@@ -246,7 +276,7 @@ class ExpanderOutput(SerialOutput):
 
     def draw_time_s(self) -> float:
         """Return the time in which the board draws its longest channel, s."""
-        return draw_time_s(max((each.pixels for each in self._wiring.channels), default=0))
+        return draw_time_s(_longest_channel(self._wiring.channels))
 
 
 EXPANDER = LedOutput(

@@ -38,12 +38,13 @@ class LampCommands:
     def set_lamps(self, lamps: Collection[str]) -> None:
         """Set the ids of the lamps. Others that are lit go off."""
         self._lamps = frozenset(lamps)
-        gone = self._wanted.keys() - self._lamps
-        for lamp_id in gone & self._lit:
+        removed = self._wanted.keys() - self._lamps
+        for lamp_id in removed & self._lit:
             self._wanted[lamp_id] = DARK
-        for lamp_id in gone - self._lit:
-            for table in (self._wanted, self._sent, self._free_s):
-                table.pop(lamp_id, None)
+        for lamp_id in removed - self._lit:
+            self._wanted.pop(lamp_id, None)
+            self._sent.pop(lamp_id, None)
+            self._free_s.pop(lamp_id, None)
 
     def set_offline(self, lamps: Collection[str]) -> None:
         """Set the ids of lamps that get no commands. Those that are no longer among them get their colour."""
@@ -62,8 +63,11 @@ class LampCommands:
 
     def wait_s(self, now_s: float) -> float | None:
         """Return the time until a command is due, s, or None if none waits."""
-        times = [self._free_s.get(lamp_id, 0.0) for lamp_id in self._waiting()]
-        return max(0.0, min(times) - now_s, self._all_free_s - now_s) if times else None
+        lamps_free_s = [self._free_s.get(lamp_id, 0.0) for lamp_id in self._waiting_lamps()]
+        if not lamps_free_s:
+            return None
+        lamp_wait_s = min(lamps_free_s) - now_s
+        return max(0.0, lamp_wait_s, self._all_free_s - now_s)
 
     def take(self, now_s: float) -> tuple[str, Rgb] | None:
         """Return a lamp and its colour to send now, or None. Lamps that go off come first.
@@ -71,15 +75,19 @@ class LampCommands:
         A lamp that is to be pointed at is thus lit alone. Of the others, the one that has been free for
         longest comes first.
         """
-        due = [
-            (self._wanted[lamp_id] != DARK, free_s, lamp_id)
-            for lamp_id in self._waiting()
-            if (free_s := self._free_s.get(lamp_id, 0.0)) <= now_s
-        ]
+        due: list[tuple[bool, float, str]] = []
+        for lamp_id in self._waiting_lamps():
+            free_s = self._free_s.get(lamp_id, 0.0)
+            if free_s <= now_s:
+                is_lit = self._wanted[lamp_id] != DARK
+                due.append((is_lit, free_s, lamp_id))
         if not due or self._all_free_s > now_s:
             return None
-        lamp_id = min(due)[2]
-        color = self._sent[lamp_id] = self._wanted[lamp_id]
+        _, _, lamp_id = min(due)
+
+        # The command counts as sent: the caller sends it or resends all
+        color = self._wanted[lamp_id]
+        self._sent[lamp_id] = color
         self._free_s[lamp_id] = now_s + self._lamp_period_s
         self._all_free_s = now_s + self._period_s
         if color == DARK:
@@ -88,9 +96,9 @@ class LampCommands:
             self._lit.add(lamp_id)
         return lamp_id, color
 
-    def _waiting(self) -> list[str]:
-        return [
-            lamp_id
-            for lamp_id, color in self._wanted.items()
-            if lamp_id not in self._offline and self._sent.get(lamp_id) != color
-        ]
+    def _waiting_lamps(self) -> list[str]:
+        waiting: list[str] = []
+        for lamp_id, color in self._wanted.items():
+            if lamp_id not in self._offline and self._sent.get(lamp_id) != color:
+                waiting.append(lamp_id)
+        return waiting

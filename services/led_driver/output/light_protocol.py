@@ -28,7 +28,7 @@ ABBREVIATIONS = {
 }
 """Short names of keys in Home Assistant's discovery."""
 WORDS = {"online": "payload_available", "offline": "payload_not_available"}
-"""Keys of the words by which a light tells that it is online and offline, by parameter."""
+"""Keys of the words by which a light reports that it is online and offline, by parameter."""
 COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
 LONGEST_TEXT = 200
 """Names and topics that are longer are left out."""
@@ -40,11 +40,9 @@ def command(color: Rgb) -> bytes:
     if level == 0:
         return b'{"state":"OFF"}'
     red, green, blue = (round(value * 255 / level) for value in color)
-    message = {
-        "state": "ON",
-        "brightness": max(1, round(level * FULL / 255)),
-        "color": {"r": red, "g": green, "b": blue},
-    }
+    hue = {"r": red, "g": green, "b": blue}
+    brightness = max(1, round(level * FULL / 255))
+    message = {"state": "ON", "brightness": brightness, "color": hue}
     return json.dumps(message, separators=(",", ":")).encode()
 
 
@@ -55,7 +53,7 @@ class AnnouncedLight(NamedTuple):
     topic: str
     """Topic of its commands."""
     availability: str
-    """Topic that tells if it is online, or `""`."""
+    """Topic that reports if it is online, or `""`."""
     has_color: bool
     online: str = ""
     """Word there for online, or `""` for `ONLINE`."""
@@ -64,8 +62,9 @@ class AnnouncedLight(NamedTuple):
 
 def announcement_topics(prefix: str) -> tuple[str, ...]:
     """Return the topics of announcements, which brokers retain; `prefix` is that of Home Assistant's."""
-    bases = ("+", "+/+", "+/+/+")
-    return (*(f"{base}{DEVICES}" for base in bases), f"{prefix}/light/#", f"{prefix}/device/#")
+    zigbee = tuple(f"{base}{DEVICES}" for base in ("+", "+/+", "+/+/+"))
+    home_assistant = (f"{prefix}/light/#", f"{prefix}/device/#")
+    return zigbee + home_assistant
 
 
 def is_online(payload: bytes, online: str, offline: str) -> bool | None:
@@ -74,15 +73,23 @@ def is_online(payload: bytes, online: str, offline: str) -> bool | None:
     It is the word, or an object in JSON whose `state` is the word, as Zigbee2MQTT writes it.
     """
     text = payload.decode(errors="replace")
-    words = {text, _text(_mapping(_parsed(payload)).get("state"))}
-    return True if online in words else False if offline in words else None
+    state = _mapping(_parsed(payload)).get("state")
+    words = {text, _text(state)}
+    if online in words:
+        return True
+    if offline in words:
+        return False
+    return None
 
 
 def announced_lights(topic: str, payload: object, prefix: str) -> list[AnnouncedLight]:
     """Return the lights that a message announces, whatever it holds. `prefix` is Home Assistant's."""
+    # Zigbee2MQTT announces all its devices in one message
     value = _parsed(payload)
     if topic.endswith(DEVICES):
         return list(_zigbee_lights(topic.removesuffix(DEVICES), value))
+
+    # Home Assistant's discovery: a light, or a device whose components may be lights
     if not topic.endswith("/config") or not isinstance(value, dict):
         return []
     config = cast("dict[str, Any]", value)
@@ -90,29 +97,33 @@ def announced_lights(topic: str, payload: object, prefix: str) -> list[Announced
         return list(_light(config))
     if not topic.startswith(f"{prefix}/device/"):
         return []
-    components = _mapping(_get(config, "components"))
-    return [
-        light
-        for component in components.values()
-        if _get(_mapping(component), "platform") == "light"
-        for light in _light({**config, **_mapping(component)})
-    ]
+    lights: list[AnnouncedLight] = []
+    for item in _mapping(_get(config, "components")).values():
+        component = _mapping(item)
+        if _get(component, "platform") == "light":
+            lights += _light({**config, **component})
+    return lights
 
 
 def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
-    for device in _items(devices):
-        name = _text(_mapping(device).get("friendly_name"))
-        exposes = _items(_mapping(_mapping(device).get("definition")).get("exposes"))
-        lights = [_mapping(each) for each in exposes if _mapping(each).get("type") == "light"]
-        if not name or not lights:
+    for item in _items(devices):
+        device = _mapping(item)
+        name = _text(device.get("friendly_name"))
+        definition = _mapping(device.get("definition"))
+
+        # A device with several lights counts as one lamp, which has colour if any of them has
+        is_light = False
+        features: set[str] = set()
+        for exposed in map(_mapping, _items(definition.get("exposes"))):
+            if exposed.get("type") == "light":
+                is_light = True
+                for feature in _items(exposed.get("features")):
+                    features.add(_text(_mapping(feature).get("name")))
+        if not name or not is_light:
             continue
-        features = {
-            _text(_mapping(feature).get("name"))
-            for light in lights
-            for feature in _items(light.get("features"))
-        }
-        color = bool(features & {"color_xy", "color_hs"})
-        yield AnnouncedLight(name, f"{base}/{name}/set", f"{base}/{name}/availability", color)
+        has_color = bool(features & {"color_xy", "color_hs"})
+        topic = f"{base}/{name}"
+        yield AnnouncedLight(name, f"{topic}/set", f"{topic}/availability", has_color)
 
 
 def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
@@ -122,14 +133,19 @@ def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
         return
     device = _mapping(_get(config, "device"))
     name = _text(config.get("name")) or _text(device.get("name")) or topic
-    several = _get(config, "availability")
-    listed = [_mapping(each) for each in (_items(several) or [several])]
-    own = _get(config, "availability_topic")
-    source = listed[-1]
-    availability = _topic(config, own or _get(source, "topic"))
-    words = (_text(_get(config if own else source, key)) for key in WORDS.values())
+
+    # Availability: by a topic of the light itself, or by the last one of a list, or of a single entry
+    own_topic = _get(config, "availability_topic")
+    entries = _get(config, "availability")
+    listed = _items(entries) or [entries]
+    entry = _mapping(listed[-1])
+    availability = _topic(config, own_topic or _get(entry, "topic"))
+    source = config if own_topic else entry
+    online = _text(_get(source, WORDS["online"]))
+    offline = _text(_get(source, WORDS["offline"]))
     modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
-    yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES), *words)
+    has_color = bool(modes & COLOR_MODES)
+    yield AnnouncedLight(name, topic, availability, has_color, online, offline)
 
 
 def _get(config: Mapping[str, Any], key: str) -> object:
@@ -140,9 +156,13 @@ def _topic(config: Mapping[str, Any], value: object) -> str:
     """Return a topic, with `~` at its start or end as the base topic of `config`."""
     topic = _text(value)
     base = _text(config.get("~"))
-    if base and topic.startswith("~"):
+    if not base:
+        return topic
+    if topic.startswith("~"):
         return base + topic[1:]
-    return topic[:-1] + base if base and topic.endswith("~") else topic
+    if topic.endswith("~"):
+        return topic[:-1] + base
+    return topic
 
 
 def _parsed(payload: object) -> object:
@@ -156,7 +176,9 @@ def _parsed(payload: object) -> object:
 
 
 def _text(value: object) -> str:
-    return value if isinstance(value, str) and len(value) <= LONGEST_TEXT else ""
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        return ""
+    return value
 
 
 def _mapping(value: object) -> dict[str, Any]:

@@ -46,9 +46,9 @@ Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$
 LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
 BRIDGE = "/bridge/state"
-"""End of the topic by which a Zigbee2MQTT tells if it is online."""
+"""End of the topic by which a Zigbee2MQTT reports if it is online."""
 STATUS_TOPIC = "pointit/status"
-"""Topic that tells if the lamps are controlled, online or offline."""
+"""Topic that reports if the lamps are controlled, online or offline."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
 RETRY_S = 1.0
@@ -80,7 +80,7 @@ Payload = Annotated[str, BeforeValidator(_payload), StringConstraints(max_length
 
 
 class AvailabilityConfig(Config):
-    """Topic and words by which lamps tell if they are online."""
+    """Topic and words by which lamps report if they are online."""
 
     availability: Topic = Field(
         default="",
@@ -123,30 +123,35 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
 
     @model_validator(mode="after")
     def _one_topic_a_lamp(self) -> Self:
-        if (
-            self.topic
-            and LAMP not in self.topic
-            and not (self.lamps and all(each.topic for each in self.lamps.values()))
-        ):
+        if self.topic and LAMP not in self.topic and self._uses_common_topic():
             raise ValueError(f"topic: write {LAMP}, for which a lamp's id is put in")
-        taken: dict[str, str] = {}
+        lamps_by_topic: dict[str, str] = {}
         for lamp_id in self.lamps:
-            other = taken.setdefault(self.command_topic(lamp_id), lamp_id)
-            if other != lamp_id:
-                raise ValueError(f"lamps: {other} and {lamp_id} share a topic")
+            first = lamps_by_topic.setdefault(self.command_topic(lamp_id), lamp_id)
+            if first != lamp_id:
+                raise ValueError(f"lamps: {first} and {lamp_id} share a topic")
         return self
+
+    def _uses_common_topic(self) -> bool:
+        """Return True if a lamp has no command topic of its own."""
+        if not self.lamps:
+            return True
+        return not all(lamp.topic for lamp in self.lamps.values())
 
     def command_topic(self, lamp_id: str) -> str:
         """Return the topic of a lamp's commands, or `""` if the lamp is not on this output."""
         if self.lamps and lamp_id not in self.lamps:
             return ""
-        own = self.lamps[lamp_id].topic if self.lamps else ""
-        return own or (self.topic or f"{self.base_topic}/{LAMP}{SET}").replace(LAMP, lamp_id)
+        if self.lamps and self.lamps[lamp_id].topic:
+            return self.lamps[lamp_id].topic
+        common_topic = self.topic or f"{self.base_topic}/{LAMP}{SET}"
+        return common_topic.replace(LAMP, lamp_id)
 
     def availability_topics(self, lamp_id: str) -> tuple[str, ...]:
-        """Return the topics that tell if a lamp is online: all of them must say so, or nothing."""
-        if own := self._of_lamp(lamp_id, "availability"):
-            return (own.replace(LAMP, lamp_id),)
+        """Return the topics that report if a lamp is online: all of them must say so, or nothing."""
+        configured = self._of_lamp(lamp_id, "availability")
+        if configured:
+            return (configured.replace(LAMP, lamp_id),)
         topic = self.command_topic(lamp_id)
         if not topic.startswith(f"{self.base_topic}/") or not topic.endswith(SET):
             return ()
@@ -161,7 +166,9 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
 
     def _of_lamp(self, lamp_id: str, name: str) -> str:
         """Return the value of the field `name` of a lamp, or that of the output if the lamp has none."""
-        own = getattr(self.lamps[lamp_id], name) if lamp_id in self.lamps else ""
+        own = ""
+        if lamp_id in self.lamps:
+            own = getattr(self.lamps[lamp_id], name)
         return own or getattr(self, name)
 
 
@@ -196,11 +203,12 @@ class MqttLamps:
         ids = [lamp.id for lamp in lamps]
         self._lamps = tuple(lamp_id for lamp_id in ids if self._config.command_topic(lamp_id))
         self._commands.set_lamps(self._lamps)
-        unknown = ", ".join(sorted(self._config.lamps.keys() - set(ids)))
-        self._health.warn(
-            "map", f"no lamp of the map is called {unknown}: correct `lamps`, or the map" if unknown else ""
-        )
-        self._tell_availability()
+        unknown = ", ".join(sorted(self._config.lamps.keys() - ids))
+        warning = ""
+        if unknown:
+            warning = f"no lamp of the map is called {unknown}: correct `lamps`, or the map"
+        self._health.warn("map", warning)
+        self._report_availability()
         self._changed.set()
 
     def show_lamp(self, lamp_id: str, color: Rgb) -> None:
@@ -217,15 +225,18 @@ class MqttLamps:
 
     async def _serve(self) -> None:
         async with self._connected(0, STATUS_TOPIC, OFFLINE.encode(), retain=True) as client:
+            # A new connection knows nothing of the last one's subscriptions, last wills and refusals
             self._health.clear("broker")
             self._payloads.clear()
             self._subscribed.clear()
             self._guarded.clear()
             self._refused.clear()
             self._health.clear("commands")
-            self._tell_availability()
+            self._report_availability()
             self._commands.resend()
             self._changed.set()
+
+            # Both run until the connection is lost, or until led-driver ends
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._read(client), name="lamps' availability")
@@ -240,7 +251,8 @@ class MqttLamps:
         """Connect as client `number`, with a last `will` on `topic`."""
         from aiomqtt import Will  # noqa: PLC0415 - an extra
 
-        options = self._options | {"identifier": f"{self._options['identifier']}-{number}"}
+        options = dict(self._options)
+        options["identifier"] = f"{self._options['identifier']}-{number}"
         options["will"] = Will(topic, will, qos=1, retain=retain)
         if self._config.last_wills:
             options["session_hint"] = SESSION_HINT
@@ -251,12 +263,17 @@ class MqttLamps:
         new = [lamp_id for lamp_id in self._lamps if lamp_id not in self._guarded]
         if not self._config.last_wills or not new:
             return
-        is_left = [asyncio.Event() for _ in new]
-        for lamp_id, event in zip(new, is_left, strict=True):
+        events: list[asyncio.Event] = []
+        for lamp_id in new:
             self._guarded.add(lamp_id)
-            tasks.create_task(self._leave_will(len(self._guarded), lamp_id, event), name="a lamp's last will")
-        for event in is_left:
-            await event.wait()
+            is_left = asyncio.Event()
+            number = len(self._guarded)
+            tasks.create_task(self._leave_will(number, lamp_id, is_left), name="a lamp's last will")
+            events.append(is_left)
+
+        # All connect in parallel. No lamp is lit before its last will is with the broker
+        for is_left in events:
+            await is_left.wait()
 
     async def _leave_will(self, number: int, lamp_id: str, is_left: asyncio.Event) -> None:
         from aiomqtt import MqttError  # noqa: PLC0415 - an extra
@@ -270,24 +287,26 @@ class MqttLamps:
         except (MqttError, OSError) as error:
             if is_left.is_set():
                 raise
-            why = str(error) or "no answer"
+            reason = str(error) or "no answer"
             raise BrokerError(
-                f"{why}, at the last will of {lamp_id}; `last_wills: false` needs none"
+                f"{reason}, at the last will of {lamp_id}; `last_wills: false` needs none"
             ) from error
 
     async def _send(self, client: BrokerClient, tasks: asyncio.TaskGroup) -> None:
         loop = asyncio.get_running_loop()
-        await self._tell_status(client, ONLINE.encode())
+        await self._publish_status(client, ONLINE.encode())
         while True:
+            # cleared first: a change during the commands below gets another round
             self._changed.clear()
             await self._subscribe(client)
             await self._guard(tasks)
-            while (taken := self._commands.take(loop.time())) is not None:
-                lamp_id, color = taken
-                await self._publish(client, lamp_id, color)
-            await wait_up_to(self._changed, self._commands.wait_s(loop.time()))
+            while (command := self._commands.take(loop.time())) is not None:
+                lamp_id, color = command
+                await self._publish_color(client, lamp_id, color)
+            wait_s = self._commands.wait_s(loop.time())
+            await wait_up_to(self._changed, wait_s)
 
-    async def _publish(self, client: BrokerClient, lamp_id: str, color: Rgb) -> None:
+    async def _publish_color(self, client: BrokerClient, lamp_id: str, color: Rgb) -> None:
         """Send a command. One that the broker refuses is reported, and the other lamps go on."""
         topic = self._config.command_topic(lamp_id)
         self._refused.pop(lamp_id, None)
@@ -296,59 +315,73 @@ class MqttLamps:
             await client.publish(topic, light_protocol.command(color), timeout=ACK_S)
         except RefusedTopicsError as error:
             self._refused[lamp_id] = str(error)
-        self._tell_refusals()
+        self._report_refusals()
 
-    async def _tell_status(self, client: BrokerClient, status: bytes) -> None:
+    async def _publish_status(self, client: BrokerClient, status: bytes) -> None:
         """Say whether the lamps are controlled. Lamps need no such message, so it may be refused."""
         with contextlib.suppress(RefusedTopicsError):
             await client.publish(STATUS_TOPIC, status, retain=True, timeout=ACK_S)
 
-    def _tell_refusals(self) -> None:
+    def _report_refusals(self) -> None:
         sentences = list(self._refused.values())
-        more = f" ({len(sentences) - 1} more lamps)" if sentences[1:] else ""
-        self._health.warn("commands", f"{sentences[0]}{more}" if sentences else "")
+        warning = ""
+        if sentences:
+            warning = sentences[0]
+        if len(sentences) > 1:
+            warning += f" ({len(sentences) - 1} more lamps)"
+        self._health.warn("commands", warning)
 
     async def _subscribe(self, client: BrokerClient) -> None:
         """Subscribe to the availability of new lamps. Without it, all lamps count as online."""
-        wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}
-        new = sorted(wanted - self._subscribed)
+        topics: set[str] = set()
+        for lamp_id in self._lamps:
+            topics.update(self._config.availability_topics(lamp_id))
+        new = sorted(topics - self._subscribed)
         if not new:
             return
-        problem = await client.subscribe([(topic, 1) for topic in new], optional=new)
-        until_then = "until then, lamps that are off count as online"
-        self._health.warn("subscription", f"{problem}; {until_then}" if problem else "")
+        warning = await client.subscribe([(topic, 1) for topic in new], optional=new)
+        if warning:
+            warning += "; until then, lamps that are off count as online"
+        self._health.warn("subscription", warning)
         self._subscribed.update(new)
 
     async def _read(self, client: BrokerClient) -> None:
         async for message in client.messages:
             self._payloads[str(message.topic)] = message.payload[:MAX_PAYLOAD]
-            self._tell_availability()
+            self._report_availability()
             self._changed.set()
 
-    def _tell_availability(self) -> None:
+    def _report_availability(self) -> None:
+        """Send no commands to lamps that are offline, and report them and messages of unknown words."""
         offline: list[str] = []
         unknown: dict[str, str] = {}
         for lamp_id in self._lamps:
-            # payloads are empty where the broker has nothing retained any more
             for topic in self._config.availability_topics(lamp_id):
-                if not (payload := self._payloads.get(topic)):
+                # empty where the broker has nothing retained any more
+                payload = self._payloads.get(topic)
+                if not payload:
                     continue
                 online = self._config.is_online(lamp_id, topic, payload)
                 if online is None:
-                    unknown[topic] = repr(payload.decode(errors="replace")[:MAX_SHOWN])
+                    text = payload.decode(errors="replace")
+                    unknown[topic] = repr(text[:MAX_SHOWN])
                 elif not online and lamp_id not in offline:
                     offline.append(lamp_id)
         self._commands.set_offline(offline)
-        reported = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
-        remedy = (
-            "set `availability` to the topic that tells if the lamp is online, and `online` and `offline` to "
-            "its words, or its whole messages"
-        )
-        self._health.warn("availability", f"{reported}: {remedy}" if reported else "")
-        who = ", ".join(offline)
-        self._health.warn(
-            "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""
-        )
+
+        # Both warnings end as soon as their message is empty
+        messages = [f"{topic} tells {text}" for topic, text in unknown.items()]
+        warning = ", ".join(messages)
+        if warning:
+            warning += (
+                ": set `availability` to the topic that tells if the lamp is online, and `online` and "
+                "`offline` to its words, or its whole messages"
+            )
+        self._health.warn("availability", warning)
+        warning = ""
+        if offline:
+            warning = f"offline: {', '.join(offline)}; switch them on at the wall, or look into their bridge"
+        self._health.warn("lamps", warning)
 
     async def _end(self, client: BrokerClient) -> None:
         from aiomqtt import MqttError  # noqa: PLC0415 - an extra
@@ -356,10 +389,9 @@ class MqttLamps:
         # without a connection, the broker publishes the last will
         with contextlib.suppress(MqttError, OSError):  # TimeoutError is one
             async with asyncio.timeout(OFF_S):
-                await asyncio.gather(
-                    *(self._publish(client, lamp_id, DARK) for lamp_id in self._commands.lit)
-                )
-                await self._tell_status(client, OFFLINE.encode())
+                commands = [self._publish_color(client, lamp_id, DARK) for lamp_id in self._commands.lit]
+                await asyncio.gather(*commands)
+                await self._publish_status(client, OFFLINE.encode())
 
 
 async def find_lamps(seconds: float) -> Sequence[FoundDevice]:
@@ -381,11 +413,14 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
     address = host if port == PORT else f"{host}:{port}"
     server: dict[str, Any] = {"hostname": host, "port": port}
     reached = False
+
+    # Collect retained announcements until the time is over: nothing says that the last one has come
     try:
         # TimeoutError, at the end of the search, is an OSError
         async with asyncio.timeout(seconds - TLS_SHARE * seconds), connected(server) as client:
             reached = True
-            await client.subscribe([(topic, 0) for topic in announcement_topics(prefix)])
+            topics = announcement_topics(prefix)
+            await client.subscribe([(topic, 0) for topic in topics])
             async for message in client.messages:
                 for light in announced_lights(str(message.topic), message.payload, prefix):
                     if len(lights) < MAX_LAMPS:
@@ -397,15 +432,23 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
             return [FoundDevice(address, "MQTT broker that asks for a user name", {"broker": address})]
     except OSError:
         pass
-    if not reached and await encrypts(host, port, TLS_SHARE * seconds):
-        url = f"mqtts://{address}"
-        return [FoundDevice(url, "MQTT broker that encrypts: write the name that its certificate has")]
+
+    if not reached:
+        return await _encrypting_broker(host, port, address, TLS_SHARE * seconds)
     if not lights:
-        return [FoundDevice(address, "MQTT broker on which no lamp announces itself")] if reached else []
-    return [_found(address, light) for light in lights.values()]
+        return [FoundDevice(address, "MQTT broker on which no lamp announces itself")]
+    return [_lamp_device(address, light) for light in lights.values()]
 
 
-def _found(address: str, light: AnnouncedLight) -> FoundDevice:
+async def _encrypting_broker(host: str, port: int, address: str, seconds: float) -> list[FoundDevice]:
+    """Return the broker that does not answer since it expects an encrypted connection, or nothing."""
+    if not await encrypts(host, port, seconds):
+        return []
+    url = f"mqtts://{address}"
+    return [FoundDevice(url, "MQTT broker that encrypts: write the name that its certificate has")]
+
+
+def _lamp_device(address: str, light: AnnouncedLight) -> FoundDevice:
     kind = "lamp with colour" if light.has_color else "lamp without colour"
     details = {
         "name": light.name,
@@ -413,8 +456,11 @@ def _found(address: str, light: AnnouncedLight) -> FoundDevice:
         "topic": light.topic,
         "availability": light.availability,
     }
-    words = {name: word for name in WORDS if (word := getattr(light, name))}
-    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", details | words)
+    for name in WORDS:
+        word = getattr(light, name)
+        if word:
+            details[name] = word
+    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", details)
 
 
 MQTT = LedOutput(

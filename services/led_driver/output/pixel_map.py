@@ -42,7 +42,8 @@ class Power:
 
     def __init__(self, config: OutputConfig) -> None:
         """Set gamma and limits of one output."""
-        self._sent = np.rint(255.0 * (np.arange(256) / 255.0) ** config.gamma)
+        shares = np.arange(256) / 255.0
+        self._sent = np.rint(255.0 * shares**config.gamma)
         self._table = self._sent.astype(np.uint8).tobytes()
         self._a_per_count = config.current_per_pixel_ma / 1000.0 / FULL_PIXEL
         self._limit_a = config.max_current_a
@@ -50,7 +51,8 @@ class Power:
     def send(self, pixels: bytes) -> tuple[bytes, PowerLoad]:
         """Return the bytes to send for the `pixels` of a frame, and their current."""
         sent = pixels.translate(self._table)
-        wanted_a = drawn_a = self._current_a(sent)
+        wanted_a = self._current_a(sent)
+        drawn_a = wanted_a
         if self._limit_a is not None and wanted_a > self._limit_a:
             scaled = np.floor(self._sent * (self._limit_a / wanted_a))  # rounding must not exceed the limit
             sent = pixels.translate(scaled.astype(np.uint8).tobytes())
@@ -58,7 +60,9 @@ class Power:
         return sent, PowerLoad(wanted_a, drawn_a)
 
     def _current_a(self, sent: bytes) -> float:
-        return int(np.frombuffer(sent, dtype=np.uint8).sum(dtype=np.uint32)) * self._a_per_count
+        values = np.frombuffer(sent, dtype=np.uint8)
+        count = int(values.sum(dtype=np.uint32))
+        return count * self._a_per_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,23 +112,33 @@ class PixelMap:
 
     def covering(self, old: "PixelMap") -> "PixelMap":
         """Return this map with the pixels and blocks that only `old` has, dark: none of them stays lit."""
-        own = {block.number: self._gather[block.start : block.start + block.size] for block in self.blocks}
-        sizes = {block.number: block.size for block in old.blocks}
+        own: dict[int, Indices] = {}
+        for block in self.blocks:
+            end = block.start + block.size
+            own[block.number] = self._gather[block.start : end]
+        old_sizes = {block.number: block.size for block in old.blocks}
+
+        # Each block becomes as long as the longer one, filled up by the dark byte behind all strips
         dark = sum(self._sizes.values())
         gather = np.zeros(0, dtype=np.intp)
         blocks: list[PixelBlock] = []
-        for number in sorted(own.keys() | sizes.keys()):
+        for number in sorted(own.keys() | old_sizes.keys()):
             part = own.get(number, gather[:0])
-            size = max(len(part), sizes.get(number, 0))
+            size = max(len(part), old_sizes.get(number, 0))
+            filling = np.full(size - len(part), dark, dtype=np.intp)
             blocks.append(PixelBlock(number, len(gather), size))
-            gather = np.concatenate((gather, part, np.full(size - len(part), dark, dtype=np.intp)))
+            gather = np.concatenate((gather, part, filling))
         return PixelMap(self._strips, gather, self.colors, tuple(blocks))
 
     def output_bytes(self, frame: StripsFrame) -> bytes:
         """Return the pixels of the output that show `frame`. Pixels without a value in it are dark."""
         shown = {strip.id: strip.rgb for strip in frame.strips}
-        parts = [shown.get(name, b"")[:size].ljust(size, b"\0") for name, size in self._sizes.items()]
-        source = np.frombuffer(b"".join((*parts, b"\0")), dtype=np.uint8)
+        parts: list[bytes] = []
+        for name, size in self._sizes.items():
+            rgb = shown.get(name, b"")
+            parts.append(rgb[:size].ljust(size, b"\0"))
+        parts.append(b"\0")  # the source of dark bytes
+        source = np.frombuffer(b"".join(parts), dtype=np.uint8)
         return source.take(self._gather, mode="clip").tobytes()  # all are valid: skips the check
 
 
@@ -168,10 +182,15 @@ def map_pixels(
     colors = len(segments[0].order) if segments else len(_COLORS)
 
     # the bytes of the strips in use, one strip behind the other, and a dark byte behind them
-    used = [by_id[name] for name in dict.fromkeys(segment.strip for segment in segments) if name in by_id]
-    ends = np.cumsum([0, *(3 * strip.pixels for strip in used)])
-    dark = int(ends[-1])
-    first_byte = {strip.id: int(start) for strip, start in zip(used, ends, strict=False)}
+    used: list[Strip] = []
+    first_byte: dict[str, int] = {}
+    dark = 0
+    for segment in segments:
+        name = segment.strip
+        if name in by_id and name not in first_byte:
+            used.append(by_id[name])
+            first_byte[name] = dark
+            dark += 3 * by_id[name].pixels
 
     # each segment continues at the end of the one before, unless it has an offset
     problems: list[str] = []
@@ -189,22 +208,24 @@ def map_pixels(
             continue
         end = mapped.end
         targets.append(np.arange(mapped.start, mapped.end, dtype=np.intp))
-        sources.append(_byte_sources(mapped.numbers, segment.order, first_byte[strip.id], dark))
+        first = first_byte[strip.id]
+        sources.append(_byte_sources(mapped.numbers, segment.order, first, dark))
 
     # only universes in use are sent
     target = np.concatenate(targets) if targets else np.zeros(0, dtype=np.intp)
     if len(np.unique(target)) < len(target):
         problems.append("two segments share pixels of the output, which show the later one: correct `offset`")
-    places, blocks = _divide(target, colors, output)
+    positions, blocks = _divide(target, colors, output)
     size = sum(block.size for block in blocks) // colors
     gather = np.full((size, colors), dark, dtype=np.intp)
     if sources:
-        gather[places] = np.concatenate(sources)
+        gather[positions] = np.concatenate(sources)
     return PixelMap(used, gather.ravel(), colors, blocks), problems
 
 
 def _map_segment(segment: Segment, strip: Strip, output: _Output, *, previous_end: int) -> _MappedSegment:
     """Return the pixels of one segment. `previous_end`: end of the segment before, 0 for the first one."""
+    # Pixels that the strip has
     problems: list[str] = []
     available = strip.pixels - segment.first
     count = available if segment.pixels is None else segment.pixels
@@ -216,13 +237,15 @@ def _map_segment(segment: Segment, strip: Strip, output: _Output, *, previous_en
         )
         count = max(0, available)
 
+    # First pixel of the output: in the segment's universe, at its offset, or next to the segment before
     universe = segment.universe
     if universe is not None and output.block_pixels == WHOLE:
         problems.append(f"the output has no universes: remove `universe: {universe}`")
         universe = None
 
     if universe is not None:
-        start = (universe - output.first_block) * output.block_pixels + (segment.offset or 0)
+        universe_start = (universe - output.first_block) * output.block_pixels
+        start = universe_start + (segment.offset or 0)
     elif segment.offset is not None:
         start = segment.offset
     else:
@@ -254,12 +277,12 @@ def _byte_sources(numbers: Indices, order: str, first_byte: int, dark: int) -> I
 def _divide(target: Indices, colors: int, output: _Output) -> tuple[Indices, tuple[PixelBlock, ...]]:
     """Return the places of the pixels `target` where only blocks in use are kept, and these."""
     numbers, block_of = np.unique(target // output.block_pixels, return_inverse=True)
-    pixels = np.zeros(len(numbers), dtype=np.intp)
+    counts = np.zeros(len(numbers), dtype=np.intp)
     within = target % output.block_pixels
-    np.maximum.at(pixels, block_of, within + 1)
-    starts = np.cumsum(pixels) - pixels
-    blocks = tuple(
-        PixelBlock(output.first_block + int(number), int(start) * colors, int(count) * colors)
-        for number, start, count in zip(numbers, starts, pixels, strict=True)
-    )
-    return starts[block_of] + within, blocks
+    np.maximum.at(counts, block_of, within + 1)
+    starts = np.cumsum(counts) - counts
+    blocks: list[PixelBlock] = []
+    for number, start, count in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
+        block_number = output.first_block + number
+        blocks.append(PixelBlock(block_number, start * colors, count * colors))
+    return starts[block_of] + within, tuple(blocks)

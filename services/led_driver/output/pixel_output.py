@@ -28,7 +28,9 @@ class OutputHealth:
 
     def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Show a warning, which begins with the address, until it is cleared, by `clear` or `""`."""
-        self._health.warn(code, f"{self._address}: {sentence}" if sentence else "", subject or self._address)
+        if sentence:
+            sentence = f"{self._address}: {sentence}"
+        self._health.warn(code, sentence, subject or self._address)
 
     def clear(self, code: str, subject: str = "") -> None:
         """Clear a warning."""
@@ -37,7 +39,8 @@ class OutputHealth:
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a metric. None removes it."""
         # a metric's name is short, an address may not be; its end distinguishes ports
-        self._health.set_metric(f"{name} {self._address[-FIGURE_NAME:]}", value, unit)
+        address = self._address[-FIGURE_NAME:]
+        self._health.set_metric(f"{name} {address}", value, unit)
 
     def reached(self, age_s: float, light_s: float) -> None:
         """Record that what was captured `age_s` before `show` has left `light_s` after it."""
@@ -50,11 +53,11 @@ class OutputHealth:
         now_s = asyncio.get_running_loop().time()
         if load.limited:
             self._limited_s = now_s
+            wanted_a = round_beyond(load.wanted_a, limit_a or 0.0)
             self.warn(
                 "current",
-                f"frames need up to {round_beyond(load.wanted_a, limit_a or 0.0)} A and are dimmed to "
-                f"{limit_a} A; lower the "
-                "brightness, or give more power and raise `max_current_a`",
+                f"frames need up to {wanted_a} A and are dimmed to {limit_a} A; lower the brightness, or "
+                "give more power and raise `max_current_a`",
             )
         elif now_s - self._limited_s >= LIMIT_SHOWN_S:
             self.clear("current")

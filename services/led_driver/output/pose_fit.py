@@ -52,14 +52,20 @@ def fit_pose(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> FittedPose:
         angles: angles of the head, one for each place.
         places_m: at least `MIN_PLACES` in {W}, of which no three may lie on a line with each other.
     """
+    # If nothing fits, pan may turn the other way round
     fits = _fits(angles, places_m)
     is_mirrored = False
     if fits[0].error_rad > WRONG_RAD:
-        mirrored = _fits([each.mirrored() for each in angles], places_m)
-        if is_mirrored := mirrored[0].error_rad < fits[0].error_rad / 2.0:
-            fits = mirrored
+        mirrored_angles = [measured.mirrored() for measured in angles]
+        mirrored_fits = _fits(mirrored_angles, places_m)
+        is_mirrored = mirrored_fits[0].error_rad < fits[0].error_rad / 2.0
+        if is_mirrored:
+            fits = mirrored_fits
+
+    # The best fit is unique if all that are about as good are the same pose
     best = fits[0]
     limit_rad = max(2.0 * best.error_rad, FITS_RAD)
+    is_unique = all(best.is_same(other) for other in fits if other.error_rad <= limit_rad)
     yaw, pitch, roll = best.rotation.as_euler("ZYX", degrees=True)
     x, y, z = best.position_m.tolist()
     return FittedPose(
@@ -69,7 +75,7 @@ def fit_pose(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> FittedPose:
         roll_deg=float(roll),
         is_mirrored=is_mirrored,
         error_rad=best.error_rad,
-        is_unique=all(best.is_same(other) for other in fits if other.error_rad <= limit_rad),
+        is_unique=is_unique,
     )
 
 
@@ -82,25 +88,28 @@ class _Fit:
     rotation: Rotation
 
     def is_same(self, other: "_Fit") -> bool:
-        return bool(
-            np.linalg.norm(self.position_m - other.position_m) < SAME_M
-            and (self.rotation.inv() * other.rotation).magnitude() < SAME_RAD
-        )
+        distance_m = np.linalg.norm(self.position_m - other.position_m)
+        difference = self.rotation.inv() * other.rotation
+        return bool(distance_m < SAME_M and difference.magnitude() < SAME_RAD)
 
 
 def _fits(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> list[_Fit]:
-    beams = np.array([direction(each) for each in angles])
+    """Return the poses found from all starts, the best one first."""
+    beams = np.array([direction(measured) for measured in angles])
     places = np.array(places_m, dtype=np.float64)
-    return sorted((_refined(start, beams, places) for start in _starts()), key=lambda fit: fit.error_rad)
+    fits = [_refined(start, beams, places) for start in _starts()]
+    return sorted(fits, key=lambda fit: fit.error_rad)
 
 
 def _starts() -> list[Rotation]:
+    """Return rotations of which one is near any: standing, hanging and on its side, each turned by 90°."""
     standing = [Rotation.from_euler("z", yaw, degrees=True) for yaw in range(0, 360, 90)]
-    leaning = [
-        Rotation.from_euler("x", 180.0, degrees=True),
-        *(Rotation.from_euler("ZY", (yaw, 90.0), degrees=True) for yaw in range(0, 360, 90)),
-    ]
-    return [*standing, *(lean * turn for lean, turn in itertools.product(leaning, standing))]
+    hanging = Rotation.from_euler("x", 180.0, degrees=True)
+    on_side = [Rotation.from_euler("ZY", (yaw, 90.0), degrees=True) for yaw in range(0, 360, 90)]
+    starts = list(standing)
+    for lean, turn in itertools.product([hanging, *on_side], standing):
+        starts.append(lean * turn)
+    return starts
 
 
 def _refined(start: Rotation, beams: Array, places: Array) -> _Fit:
@@ -109,21 +118,31 @@ def _refined(start: Rotation, beams: Array, places: Array) -> _Fit:
 
     def errors(pose: Array) -> Array:
         offsets = places - pose[:3]
-        wanted = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-9)
-        return np.asarray((Rotation.from_rotvec(pose[3:]).apply(turned) - wanted).ravel(), dtype=np.float64)
+        distances = np.linalg.norm(offsets, axis=1, keepdims=True)
+        directions = offsets / np.maximum(distances, 1e-9)
+        pointed = Rotation.from_rotvec(pose[3:]).apply(turned)
+        return np.asarray((pointed - directions).ravel(), dtype=np.float64)
 
-    first = np.concatenate([_position(turned, places), np.zeros(3)])
-    pose = np.asarray(leastsq(errors, first, maxfev=MAX_CALLS, full_output=True)[0], dtype=np.float64)
-    chords: Array = np.asarray(np.linalg.norm(errors(pose).reshape(-1, 3), axis=1), dtype=np.float64)
-    each_rad = 2.0 * np.arcsin(np.minimum(chords / 2.0, 1.0))
-    error_rad = float(np.sqrt(np.mean(each_rad**2)))
-    return _Fit(error_rad, pose[:3], Rotation.from_rotvec(pose[3:]) * start)
+    position = _position(turned, places)
+    first = np.concatenate([position, np.zeros(3)])
+    result = leastsq(errors, first, maxfev=MAX_CALLS, full_output=True)
+    pose = np.asarray(result[0], dtype=np.float64)
+
+    # Errors are chords between directions; their angles are what a person can judge
+    chord_vectors = errors(pose).reshape(-1, 3)
+    chords: Array = np.asarray(np.linalg.norm(chord_vectors, axis=1), dtype=np.float64)
+    half_sines = np.minimum(chords / 2.0, 1.0)
+    angles_rad = 2.0 * np.arcsin(half_sines)
+    mean_square = np.mean(angles_rad**2)
+    error_rad = float(np.sqrt(mean_square))
+    fitted = Rotation.from_rotvec(pose[3:]) * start
+    return _Fit(error_rad, pose[:3], fitted)
 
 
 def _position(beams: Array, places: Array) -> Array:
     """Return the place from which beams of these directions, {W}, pass `places` most closely."""
-    across = np.eye(3) - beams[:, :, None] * beams[:, None, :]
-    return np.asarray(
-        np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, places), rcond=None)[0],
-        dtype=np.float64,
-    )
+    projections = np.eye(3) - beams[:, :, None] * beams[:, None, :]
+    matrix = projections.sum(axis=0)
+    right_side = np.einsum("nij,nj->i", projections, places)
+    solution = np.linalg.lstsq(matrix, right_side, rcond=None)
+    return np.asarray(solution[0], dtype=np.float64)

@@ -132,46 +132,53 @@ class SerialOutput(PixelOutput):
         with self._change:
             self._change.notify()
 
-    def _on_port_change(self, why: str) -> None:
-        if why:
-            self._port_health.warn("port", f"LED controller: {why}")
-            self._took_s.clear()
-            self._busy_s.clear()
-            self.health.light_s = 0.0
-            self.health.set_metric(FRAME_RATE, None)
-            self.health.clear("link")
-        else:
+    def _on_port_change(self, reason: str) -> None:
+        """Report that the port is lost for a `reason`, or open if that is `""`."""
+        if not reason:
             self._port_health.clear("port")
+            return
+
+        # The times of the last frames say nothing about the next connection
+        self._port_health.warn("port", f"LED controller: {reason}")
+        self._took_s.clear()
+        self._busy_s.clear()
+        self.health.light_s = 0.0
+        self.health.set_metric(FRAME_RATE, None)
+        self.health.clear("link")
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
-        frame: SerialFrame | None = None
+        """Write frames to an open port until `stopping` is set, then a dark one."""
+        shown: SerialFrame | None = None
         sent_s = 0.0
         while True:
-            picture = self._next(frame, sent_s, stopping)
+            frame = self._next_frame(shown, sent_s, stopping)
             if stopping.is_set():
                 break
-            if picture is None:
-                continue
             if frame is None:
-                self._transmit(port, replace(picture, data=picture.opening))
-            is_new = picture != frame
-            frame = picture
+                continue
+            if shown is None:
+                self._transmit(port, replace(frame, data=frame.opening))
+            is_new = frame != shown
+            shown = frame
             sent_s = time.monotonic()
-            self._transmit(port, picture, is_new=is_new)
-        if frame is not None:
-            self._transmit(port, replace(frame, data=frame.dark))
+            self._transmit(port, frame, is_new=is_new)
+        if shown is not None:
+            self._transmit(port, replace(shown, data=shown.dark))
 
-    def _next(
-        self, frame: SerialFrame | None, sent_s: float, stopping: threading.Event
+    def _next_frame(
+        self, shown: SerialFrame | None, sent_s: float, stopping: threading.Event
     ) -> SerialFrame | None:
-        """Wait for a picture other than `frame`, or until it is time to resend that one."""
+        """Wait for a frame other than the `shown` one, or until it is time to resend that one."""
         with self._change:
             while not stopping.is_set():
                 newest = self._newest
-                left_s = sent_s + KEEP_ALIVE_S - time.monotonic()
-                if newest is not None and (newest != frame or left_s <= 0.0):
+                if newest is None:
+                    self._change.wait(KEEP_ALIVE_S)
+                    continue
+                remaining_s = sent_s + KEEP_ALIVE_S - time.monotonic()
+                if newest != shown or remaining_s <= 0.0:
                     return newest
-                self._change.wait(left_s if newest is not None else KEEP_ALIVE_S)
+                self._change.wait(remaining_s)
         return None
 
     def _transmit(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
@@ -180,12 +187,20 @@ class SerialOutput(PixelOutput):
         data = picture.data
         for start in range(0, len(data), PIECE_BYTES):
             port.write(data[start : start + PIECE_BYTES])
+
+        # First the time that the wire needs by its baud rate, then for what the driver still holds
         wire_s = wire_time_s(len(data), self._port.baud)
-        time.sleep(max(0.0, began_s + wire_s - time.monotonic()))
+        remaining_s = began_s + wire_s - time.monotonic()
+        time.sleep(max(0.0, remaining_s))
         _drain(port)
         now_s = time.monotonic()
-        self._thread.post(self._on_sent, picture, wire_s, now_s - began_s, now_s if is_new else None)
-        drawn_s = (began_s if self.DRAWS_WHILE_RECEIVING else now_s) + picture.draw_s
+        new_s = now_s if is_new else None
+        took_s = now_s - began_s
+        self._thread.post(self._on_sent, picture, wire_s, took_s, new_s)
+
+        # The next frame must not come before the board has drawn this one
+        draw_start_s = began_s if self.DRAWS_WHILE_RECEIVING else now_s
+        drawn_s = draw_start_s + picture.draw_s
         time.sleep(max(0.0, drawn_s - time.monotonic()))
 
     def _on_sent(self, picture: SerialFrame, wire_s: float, took_s: float, new_s: float | None) -> None:
@@ -193,21 +208,32 @@ class SerialOutput(PixelOutput):
         if new_s is not None:
             self.health.reached(picture.age_s, new_s - picture.shown_s)
         self._took_s.append(took_s)
-        draw_s = picture.draw_s
-        self._busy_s.append(max(took_s, draw_s) if self.DRAWS_WHILE_RECEIVING else took_s + draw_s)
+        busy_s = took_s + picture.draw_s
+        if self.DRAWS_WHILE_RECEIVING:
+            busy_s = max(took_s, picture.draw_s)
+        self._busy_s.append(busy_s)
         # not the rate of sending: a static scene sends few frames
-        self.health.set_metric(FRAME_RATE, len(self._busy_s) / sum(self._busy_s), "Hz")
-        took_s = min(self._took_s)
+        rate_hz = len(self._busy_s) / sum(self._busy_s)
+        self.health.set_metric(FRAME_RATE, rate_hz, "Hz")
+
+        # The fastest of several frames: one that waits for the processor is no slow link
+        fastest_s = min(self._took_s)
         slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._port.wanted_rate_hz)
-        if took_s <= slow_s:
+        if fastest_s <= slow_s:
             self.health.clear("link")
         elif len(self._took_s) == SENT_FRAMES:
-            self.health.warn(
-                "link",
-                f"takes {took_s * 1e3:.0f} ms a frame, {1.0 / took_s:.1f} frames a "
-                f"second; at {self._port.baud} baud {wire_s * 1e3:.0f} ms would do: something slows the "
-                "link (adapter, hub, flow control); use a faster one, or fewer pixels",
-            )
+            self._warn_of_slow_link(fastest_s, wire_s)
+
+    def _warn_of_slow_link(self, took_s: float, wire_s: float) -> None:
+        took_ms = took_s * 1e3
+        wire_ms = wire_s * 1e3
+        rate_hz = 1.0 / took_s
+        self.health.warn(
+            "link",
+            f"takes {took_ms:.0f} ms a frame, {rate_hz:.1f} frames a "
+            f"second; at {self._port.baud} baud {wire_ms:.0f} ms would do: something slows the "
+            "link (adapter, hub, flow control); use a faster one, or fewer pixels",
+        )
 
 
 def _drain(port: serial.Serial) -> None:
@@ -216,13 +242,13 @@ def _drain(port: serial.Serial) -> None:
     Raises:
         serial.SerialTimeoutException: If the port makes no progress.
     """
-    waiting = port.out_waiting
-    since_s = time.monotonic()
-    while waiting:
+    waiting_bytes = port.out_waiting
+    progress_s = time.monotonic()
+    while waiting_bytes:
         time.sleep(DRAIN_POLL_S)
-        left = port.out_waiting
-        if left < waiting:
-            waiting = left
-            since_s = time.monotonic()
-        elif time.monotonic() - since_s > (port.write_timeout or 0.0):
+        remaining_bytes = port.out_waiting
+        if remaining_bytes < waiting_bytes:
+            waiting_bytes = remaining_bytes
+            progress_s = time.monotonic()
+        elif time.monotonic() - progress_s > (port.write_timeout or 0.0):
             raise serial.SerialTimeoutException("nothing leaves the port")

@@ -85,17 +85,15 @@ class HeadLimits:
 
     def allow(self, angles: Angles) -> bool:
         """Return True if the head can turn to `angles`."""
-        return (
-            abs(angles.pan_rad) <= self.pan_range_rad / 2.0
-            and abs(angles.tilt_rad) <= self.tilt_range_rad / 2.0
-        )
+        allows_pan = abs(angles.pan_rad) <= self.pan_range_rad / 2.0
+        allows_tilt = abs(angles.tilt_rad) <= self.tilt_range_rad / 2.0
+        return allows_pan and allows_tilt
 
     def duration_s(self, start: Angles, end: Angles) -> float:
         """Return the time that the head takes from `start` to `end`, s."""
-        return max(
-            abs(end.pan_rad - start.pan_rad) / self.pan_speed_radps,
-            abs(end.tilt_rad - start.tilt_rad) / self.tilt_speed_radps,
-        )
+        pan_s = abs(end.pan_rad - start.pan_rad) / self.pan_speed_radps
+        tilt_s = abs(end.tilt_rad - start.tilt_rad) / self.tilt_speed_radps
+        return max(pan_s, tilt_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,23 +122,30 @@ class HeadMounting:
         offset = vector.subtract(point_m, self.position_m)
         if vector.norm(offset) < NEAREST_M:
             return None
-        x, y, z = rotation.rotate(rotation.inverse(self.world_from_fixture), offset)
+
+        # Along the pan axis, any pan will do
+        fixture_from_world = rotation.inverse(self.world_from_fixture)
+        x, y, z = rotation.rotate(fixture_from_world, offset)
         level = math.hypot(x, y)
         tilt_rad = math.atan2(level, z)
         pan_rad = start.pan_rad if tilt_rad < POLE_RAD else math.atan2(y, x)
-        choices = [
-            Angles(pan, tilt)
-            for turned, tilt in ((pan_rad, tilt_rad), (pan_rad + math.pi, -tilt_rad))
-            for pan in _turns(turned, limits.pan_range_rad)
-        ]
-        allowed = [choice for choice in choices if limits.allow(choice)]
-        return min(allowed, key=lambda choice: limits.duration_s(start, choice), default=None)
+
+        # Each direction has two tilts of opposite signs, and each pan may be whole turns further
+        choices: list[Angles] = []
+        for opposite_pan_rad, signed_tilt_rad in ((pan_rad, tilt_rad), (pan_rad + math.pi, -tilt_rad)):
+            for turned_pan_rad in _turns(opposite_pan_rad, limits.pan_range_rad):
+                choice = Angles(turned_pan_rad, signed_tilt_rad)
+                if limits.allow(choice):
+                    choices.append(choice)
+        return min(choices, key=lambda choice: limits.duration_s(start, choice), default=None)
 
 
 def direction(angles: Angles) -> Vec3:
     """Return the direction of the beam at `angles`, {F}."""
     level = math.sin(angles.tilt_rad)
-    return (level * math.cos(angles.pan_rad), level * math.sin(angles.pan_rad), math.cos(angles.tilt_rad))
+    x = level * math.cos(angles.pan_rad)
+    y = level * math.sin(angles.pan_rad)
+    return (x, y, math.cos(angles.tilt_rad))
 
 
 def _turns(pan_rad: float, range_rad: float) -> Iterable[float]:
@@ -159,10 +164,9 @@ def moved(start: Angles, end: Angles, limits: HeadLimits, elapsed_s: float) -> A
     if duration_s <= elapsed_s:
         return end
     share = elapsed_s / duration_s
-    return Angles(
-        start.pan_rad + share * (end.pan_rad - start.pan_rad),
-        start.tilt_rad + share * (end.tilt_rad - start.tilt_rad),
-    )
+    pan_rad = start.pan_rad + share * (end.pan_rad - start.pan_rad)
+    tilt_rad = start.tilt_rad + share * (end.tilt_rad - start.tilt_rad)
+    return Angles(pan_rad, tilt_rad)
 
 
 class ManualAim:
@@ -189,12 +193,12 @@ class ManualAim:
                 entered += 1
         return entered
 
-    def _turn(self, pan: int, tilt: int) -> None:
-        turned = Angles(
-            self.angles.pan_rad + pan * self.step_rad, self.angles.tilt_rad + tilt * self.step_rad
-        )
-        if self._limits.allow(turned):
-            self.angles = turned
+    def _turn(self, pan_steps: int, tilt_steps: int) -> None:
+        pan_rad = self.angles.pan_rad + pan_steps * self.step_rad
+        tilt_rad = self.angles.tilt_rad + tilt_steps * self.step_rad
+        angles = Angles(pan_rad, tilt_rad)
+        if self._limits.allow(angles):
+            self.angles = angles
 
 
 class ChannelMap(Config):
@@ -212,12 +216,14 @@ class ChannelMap(Config):
     @property
     def used(self) -> list[int]:
         """Return the numbers of the channels that exist."""
-        each = (self.pan, self.pan_fine, self.tilt, self.tilt_fine)
-        return [number for number in (*each, self.dimmer, self.red, self.green, self.blue) if number]
+        axes = (self.pan, self.pan_fine, self.tilt, self.tilt_fine)
+        colors = (self.dimmer, self.red, self.green, self.blue)
+        return [number for number in axes + colors if number]
 
     @model_validator(mode="after")
     def _can_be_dark(self) -> Self:
-        if not (self.dimmer or (self.red and self.green and self.blue)):
+        has_all_colors = all((self.red, self.green, self.blue))
+        if not self.dimmer and not has_all_colors:
             raise ValueError("give the channel of the dimmer, or those of red, green and blue")
         return self
 
@@ -278,17 +284,25 @@ class SpotlightConfig(AddressConfig, OutputConfig):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         check_interface(self.host, self.interface)
-        lowest, highest = (MIN_UNIVERSE, MAX_UNIVERSE) if self.protocol == "e131" else (0, MAX_PORT_ADDRESS)
+        lowest = 0
+        highest = MAX_PORT_ADDRESS
+        if self.protocol == "e131":
+            lowest = MIN_UNIVERSE
+            highest = MAX_UNIVERSE
         if not lowest <= self.universe <= highest:
             raise ValueError(f"universe: {self.universe}; {self.protocol} has {lowest} to {highest}")
+
+        # Channels, those with fixed values too: each once, all in the universe
         numbers = [*self.channels.used, *self.fixed_channels]
-        if twice := [number for number, uses in Counter(numbers).items() if uses > 1]:
-            raise ValueError(f"channels: channel {twice[0]} is used twice")
+        for number, uses in Counter(numbers).items():
+            if uses > 1:
+                raise ValueError(f"channels: channel {number} is used twice")
         last = self.address + max(numbers) - 1
         if min(numbers) < 1 or last > UNIVERSE_SLOTS:
             raise ValueError(f"address: the fixture's channels reach {last}; they are 1 to {UNIVERSE_SLOTS}")
-        if not all(0 <= value <= 255 for value in self.fixed_channels.values()):
-            raise ValueError("fixed_channels: values are 0 to 255")
+        for value in self.fixed_channels.values():
+            if not 0 <= value <= FULL:
+                raise ValueError("fixed_channels: values are 0 to 255")
         return self
 
     @property
@@ -345,21 +359,28 @@ class Beam:
     def aim(self, point_m: Vec3 | None, color: Rgb, now_s: float) -> None:
         """Turn to `point_m` in {W} from `now_s` on, in `color`. Without a point: stop and be dark."""
         self._advance(now_s)
-        end = None if point_m is None else self._mounting.angles(point_m, self._angles, self._limits)
+        end = None
+        if point_m is not None:
+            end = self._mounting.angles(point_m, self._angles, self._limits)
         self.in_reach = point_m is None or end is not None
-        self._end = self._angles if end is None else end
-        self._color = DARK if end is None else color
+        if end is None:
+            self._end = self._angles
+            self._color = DARK
+        else:
+            self._end = end
+            self._color = color
 
     def state(self, now_s: float) -> BeamState:
         """Return angles and colour at `now_s`, which must not be before the last call's."""
         self._advance(now_s)
         beam = self._mounting.beam(self._angles)
-        wanted = self._mounting.beam(self._end)
-        is_far = vector.angle_between(beam, wanted) > self._dark_beyond_rad
+        target = self._mounting.beam(self._end)
+        is_far = vector.angle_between(beam, target) > self._dark_beyond_rad
         return BeamState(self._angles, DARK if is_far else self._color)
 
     def _advance(self, now_s: float) -> None:
-        self._angles = moved(self._angles, self._end, self._limits, max(now_s - self._at_s, 0.0))
+        elapsed_s = max(now_s - self._at_s, 0.0)
+        self._angles = moved(self._angles, self._end, self._limits, elapsed_s)
         self._at_s = now_s
 
 
@@ -382,11 +403,12 @@ class Fixture:
         tilt = _share(state.angles.tilt_rad, config.tilt_range_deg, inverted=False)
         self._set_axis(slots, channels.pan, channels.pan_fine, pan)
         self._set_axis(slots, channels.tilt, channels.tilt_fine, tilt)
-        self._set(slots, channels.dimmer, 0 if state.color == DARK else FULL)
-        for number, value in zip(
-            (channels.red, channels.green, channels.blue), self._linear(state.color), strict=True
-        ):
-            self._set(slots, number, value)
+        brightness = 0 if state.color == DARK else FULL
+        self._set(slots, channels.dimmer, brightness)
+        red, green, blue = self._linear(state.color)
+        self._set(slots, channels.red, red)
+        self._set(slots, channels.green, green)
+        self._set(slots, channels.blue, blue)
         return bytes(slots)
 
     def _set_axis(self, slots: bytearray, coarse: int, fine: int, share: float) -> None:
@@ -402,14 +424,16 @@ class Fixture:
             slots[self._config.address + number - 2] = value
 
     def _linear(self, color: Rgb) -> Rgb:
-        red, green, blue = (round(FULL * (value / FULL) ** self._config.gamma) for value in color)
+        gamma = self._config.gamma
+        red, green, blue = (round(FULL * (value / FULL) ** gamma) for value in color)
         return (red, green, blue)
 
 
 def _share(angle_rad: float, range_deg: float, *, inverted: bool) -> float:
     """Return the share of an axis's range, 0 to 1, at an angle from its middle."""
-    share = angle_rad / math.radians(range_deg)
-    return min(max(0.5 - share if inverted else 0.5 + share, 0.0), 1.0)
+    offset = angle_rad / math.radians(range_deg)
+    share = 0.5 - offset if inverted else 0.5 + offset
+    return min(max(share, 0.0), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -458,10 +482,10 @@ class DmxHead:
         self.health = OutputHealth(health, config.host)
         self._sender = DatagramSender(
             self._stream.destination,
-            lambda slots, number: self._stream.frame([(self._universe, slots)], number),
+            self._encode,
             self.health,
             max_rate_hz=RATE_HZ,
-            encode_end=self._end,
+            encode_end=self._encode_end,
         )
 
     def send(self, state: BeamState) -> None:
@@ -473,7 +497,10 @@ class DmxHead:
         """Send until cancelled, then leave the head where it is, dark."""
         await self._sender.run()
 
-    def _end(self, _slots: bytes, number: int) -> list[Datagram]:
+    def _encode(self, slots: bytes, number: int) -> list[Datagram]:
+        return self._stream.frame([(self._universe, slots)], number)
+
+    def _encode_end(self, _slots: bytes, number: int) -> list[Datagram]:
         # a universe of zeros would turn the head to the end of its range
         dark = self._fixture.slots(BeamState(self._angles, DARK))
         return self._stream.end([(self._universe, dark)], number)
@@ -484,7 +511,8 @@ class Spotlight:
 
     def __init__(self, config: SpotlightConfig, health: HealthSink) -> None:
         """Prepare; nothing is opened yet."""
-        self._beam = Beam(config.mounting, config.limits, math.radians(config.dark_beyond_deg))
+        dark_beyond_rad = math.radians(config.dark_beyond_deg)
+        self._beam = Beam(config.mounting, config.limits, dark_beyond_rad)
         self._ownership = BeamOwnership(config.user)
         self._head = DmxHead(config, health)
         self._changed = asyncio.Event()
@@ -494,11 +522,19 @@ class Spotlight:
 
     def show_cursor(self, user: str, cursor: Cursor | None, color: Rgb) -> None:
         """Follow the `cursor` of `user` in their `color`, if they have the beam. Returns at once."""
-        self._ownership.set_cursor(user, None if cursor is None else cursor.point_m, color)
+        point_m = None if cursor is None else cursor.point_m
+        self._ownership.set_cursor(user, point_m, color)
+
+        # The beam follows the cursor that owns it, which may be another user's
         aim = self._ownership.aim
         now_s = asyncio.get_running_loop().time()
-        self._beam.aim(aim.point_m if aim else None, aim.color if aim else DARK, now_s)
+        if aim is None:
+            self._beam.aim(None, DARK, now_s)
+        else:
+            self._beam.aim(aim.point_m, aim.color, now_s)
         self._changed.set()
+
+        # Say why the beam is dark
         if aim is None or self._beam.in_reach:
             self._head.health.clear("reach")
         else:

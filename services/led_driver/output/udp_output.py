@@ -96,10 +96,14 @@ class DatagramSender:
         self._encode_end = encode_end
         self._health = health
         self._period_s = 1.0 / max_rate_hz
+
+        # Newest payload
         self._payload: bytes | None = None
         self._shown_s = 0.0
         self._age_s: float | None = None
         self._changed = asyncio.Event()
+
+        # Sending
         self._number = 0
         self._addresses: Sequence[Resolved] = ()
 
@@ -117,6 +121,7 @@ class DatagramSender:
         """Send until cancelled, then switch off."""
         try:
             while True:
+                # A name may have another address after each error
                 try:
                     if self._destination.host:
                         self._addresses = await look_up(self._destination.host, self._destination.port)
@@ -146,9 +151,9 @@ class DatagramSender:
             sock = self._open_family(family)
             try:
                 sock.connect(address)
-            except OSError as raised:
+            except OSError as refusal:
                 sock.close()
-                error = raised
+                error = refusal
             else:
                 return sock
         raise error
@@ -174,8 +179,11 @@ class DatagramSender:
         next_s = loop.time()
         self._changed.set()  # what was shown meanwhile
         while True:
-            await wait_up_to(self._changed, REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S)
-            if (wait_s := next_s - loop.time()) > 0.0:
+            # Wait for a new payload, or until the last one is due again, then for the rate
+            repeat_s = REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S
+            await wait_up_to(self._changed, repeat_s)
+            wait_s = next_s - loop.time()
+            if wait_s > 0.0:
                 await asyncio.sleep(wait_s)
             if self._payload is None:
                 self._changed.clear()
@@ -183,13 +191,16 @@ class DatagramSender:
             is_new = self._changed.is_set()
             unchanged = 0 if is_new else unchanged + 1
             self._changed.clear()
-            next_s = max(next_s, loop.time() - self._period_s) + self._period_s
-            await self._send_one(sock, self._payload, is_new=is_new)
+
+            # On the grid of the rate; a pause saves up no more than one payload
+            earliest_s = loop.time() - self._period_s
+            next_s = max(next_s, earliest_s) + self._period_s
+            await self._send_payload(sock, self._payload, is_new=is_new)
             sent += 1
             if sent == SETTLED_SENDS:
                 self._health.clear("network")
 
-    async def _send_one(self, sock: socket.socket, payload: bytes, *, is_new: bool) -> None:
+    async def _send_payload(self, sock: socket.socket, payload: bytes, *, is_new: bool) -> None:
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         shown_s = self._shown_s
@@ -198,6 +209,8 @@ class DatagramSender:
         datagrams = self._encode(payload, self._number)
         for datagram in datagrams:
             await self._send_datagram(sock, datagram)
+
+        # `send` may have been called meanwhile: the times are those of this payload
         now_s = loop.time()
         if is_new and age_s is not None:
             self._health.reached(age_s, now_s - shown_s)
@@ -211,7 +224,8 @@ class DatagramSender:
         if datagram.host is None:
             await loop.sock_sendall(sock, datagram.data)
         else:
-            await loop.sock_sendto(sock, datagram.data, (datagram.host, self._destination.port))
+            address = (datagram.host, self._destination.port)
+            await loop.sock_sendto(sock, datagram.data, address)
 
     async def _end(self, sock: socket.socket, payload: bytes) -> None:
         async with asyncio.timeout(END_S):
@@ -260,15 +274,20 @@ class UdpOutput(PixelOutput):
         if not config.host:
             remedy = f"give the controller's name or address, as in --output {config.kind}:HOST"
             raise ConfigError(f"host: is missing; {remedy}")
-        is_named_by_host = destination is not None or config.port == type(config).model_fields["port"].default
-        address = config.host if is_named_by_host else format_address(config.host, config.port)
+
+        # The name in health has the port only where that is not the protocol's
+        default_port = type(config).model_fields["port"].default
+        address = config.host
+        if destination is None and config.port != default_port:
+            address = format_address(config.host, config.port)
         super().__init__(config, surroundings, address)
+
         self._sender = DatagramSender(
             destination or Destination(host=config.host, port=config.port),
             self.encode,
             self.health,
             max_rate_hz=config.max_rate_hz,
-            encode_end=lambda pixels, number: self.encode_end(bytes(len(pixels)), number),
+            encode_end=self._encode_dark_end,
         )
 
     @abstractmethod
@@ -278,6 +297,10 @@ class UdpOutput(PixelOutput):
     def encode_end(self, pixels: bytes, number: int) -> Sequence[Datagram]:
         """Return the last datagrams. `pixels` are dark."""
         return self.encode(pixels, number)
+
+    def _encode_dark_end(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        dark = bytes(len(pixels))
+        return self.encode_end(dark, number)
 
     def send_pixels(self, pixels: bytes, age_s: float | None) -> None:
         """Send `pixels` of the present map, captured `age_s` ago, instead of unsent ones. Returns at once."""
@@ -322,7 +345,8 @@ class DmxOutput(UdpOutput):
     def map_strips(self, strips: Sequence[Strip]) -> tuple[PixelMap, list[str]]:
         """Return the pixels of `strips`, whole in each universe, and sentences about what cannot be shown."""
         segments = self._config.segments
-        block_pixels = UNIVERSE_SLOTS // (len(segments[0].order) if segments else 3)
+        colors = len(segments[0].order) if segments else 3
+        block_pixels = UNIVERSE_SLOTS // colors
         pixel_map, problems = map_pixels(
             segments, strips, block_pixels=block_pixels, first_block=self._first_universe
         )
@@ -337,5 +361,8 @@ class DmxOutput(UdpOutput):
         return self._stream.end(self._universes(pixels), number)
 
     def _universes(self, pixels: bytes) -> list[Universe]:
-        blocks = self.pixel_map.blocks
-        return [(block.number, pixels[block.start : block.start + block.size]) for block in blocks]
+        universes: list[Universe] = []
+        for block in self.pixel_map.blocks:
+            end = block.start + block.size
+            universes.append((block.number, pixels[block.start : end]))
+        return universes

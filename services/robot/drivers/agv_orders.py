@@ -6,6 +6,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 from pointit.schemas import NS_PER_S
@@ -98,11 +99,14 @@ class MessageEncoder:
             now_ns: returns the time, Unix ns.
             prefix: levels in place of the first two, if the AGV has others.
         """
+        # For the header of each message
         self._version = version
         self._manufacturer = manufacturer
         self._serial_number = serial_number
         self._now_ns = now_ns
         self._sent = Counter[str]()
+
+        # For its topic
         first_levels = prefix.rstrip("/") or f"{interface}/v{version[0]}"
         self._prefix = f"{first_levels}/{manufacturer}/{serial_number}"
 
@@ -113,24 +117,25 @@ class MessageEncoder:
     def order(self, order: Order, map_id: str) -> tuple[str, str]:
         """Return topic and payload of an order on the map `map_id`."""
         nodes = [_node(order, node, map_id) for node in order.nodes]
-        edges = [_edge(order, start, end) for start, end in zip(order.nodes, order.nodes[1:], strict=False)]
+        edges = [_edge(order, start, end) for start, end in pairwise(order.nodes)]
         ids = {"orderId": order.order_id, "orderUpdateId": order.update_id}
         return self._message("order", {**ids, "nodes": nodes, "edges": edges})
 
     def actions(self, actions: Sequence[InstantAction]) -> tuple[str, str]:
         """Return topic and payload of instant actions."""
-        listed = [
-            {"actionType": each.action_type, "actionId": each.action_id, "blockingType": "NONE"}
-            for each in actions
-        ]
-        body: dict[str, Any] = {"instantActions": listed}
+        contents: list[dict[str, str]] = []
+        for action in actions:
+            content = {"actionType": action.action_type, "actionId": action.action_id}
+            contents.append({**content, "blockingType": "NONE"})
+        body: dict[str, Any] = {"instantActions": contents}
         if self._version[0] != "1":  # renamed in version 2, not in its first schemas: AGVs ignore the other
-            body["actions"] = listed
+            body["actions"] = contents
         return self._message("instantActions", body)
 
     def _message(self, name: str, body: dict[str, Any]) -> tuple[str, str]:
+        header_id = self._sent[name] % (1 << 32)
         header = {
-            "headerId": self._sent[name] % (1 << 32),
+            "headerId": header_id,
             "timestamp": iso_time(self._now_ns()),
             "version": self._version,
             "manufacturer": self._manufacturer,
@@ -148,7 +153,9 @@ def iso_time(stamp_ns: int) -> str:
 
 
 def _node(order: Order, node: OrderNode, map_id: str) -> dict[str, Any]:
-    position: dict[str, Any] = {"x": round(node.x, 4), "y": round(node.y, 4), "mapId": map_id}
+    x = round(node.x, 4)
+    y = round(node.y, 4)
+    position: dict[str, Any] = {"x": x, "y": y, "mapId": map_id}
     if node.theta is not None:
         position["theta"] = round(node.theta, 4)
     return {
@@ -161,17 +168,18 @@ def _node(order: Order, node: OrderNode, map_id: str) -> dict[str, Any]:
 
 
 def _edge(order: Order, start: OrderNode, end: OrderNode) -> dict[str, Any]:
-    made: dict[str, Any] = {
-        "edgeId": f"{order.order_id}.{end.sequence_id - 1}",
-        "sequenceId": end.sequence_id - 1,
+    sequence_id = end.sequence_id - 1
+    edge: dict[str, Any] = {
+        "edgeId": f"{order.order_id}.{sequence_id}",
+        "sequenceId": sequence_id,
         "released": True,
         "startNodeId": node_id(order.order_id, start.sequence_id),
         "endNodeId": node_id(order.order_id, end.sequence_id),
         "actions": [],
     }
     if order.max_speed_mps is not None:
-        made["maxSpeed"] = order.max_speed_mps
-    return made
+        edge["maxSpeed"] = order.max_speed_mps
+    return edge
 
 
 class Route:
@@ -199,15 +207,16 @@ class Route:
         Way-points are nodes, and the line to a way-point that is farther away is divided evenly. Returns None
         at the end of the way.
         """
+        x, y = start
         while self._ahead:
-            to = self._ahead[0]
-            away_m = math.dist(start, to)
-            if away_m > step_m:
-                part = 1.0 / math.ceil(away_m / step_m)
-                return (start[0] + part * (to[0] - start[0]), start[1] + part * (to[1] - start[1]))
+            point = self._ahead[0]
+            distance_m = math.dist(start, point)
+            if distance_m > step_m:
+                part = 1.0 / math.ceil(distance_m / step_m)
+                return (x + part * (point[0] - x), y + part * (point[1] - y))
             self._ahead.popleft()
-            if away_m > SAME_M:
-                return to
+            if distance_m > SAME_M:
+                return point
         return None
 
 
@@ -258,6 +267,8 @@ class AgvOrders:
         self._tell = tell
         self._made = 0
         self._is_linked = False
+
+        # The command, and the way that is not handed out yet
         self._number = 0
         self._route = Route()
         self._yaw_rad: float | None = None
@@ -265,11 +276,15 @@ class AgvOrders:
         self._is_path = False
         self._is_accepted = False
         """True after the AGV has accepted the first order of a path."""
+
+        # What the AGV reports
         self._position: Point | None = None
         self._blocked = ""
         self._is_paused = False
         self._state: AgvState | None = None
         """Newest state since the AGV was connected, or None."""
+
+        # What it has to answer: an order, or a cancellation
         self._sent: _Sent | None = None
         self._last_order_s = -math.inf
         self._is_cancelling = False
@@ -283,13 +298,15 @@ class AgvOrders:
 
     @property
     def has_state(self) -> bool:
-        """Return True if the AGV has told its state since it was connected."""
+        """Return True if the AGV has reported its state since it was connected."""
         return self._state is not None
 
     @property
     def is_active(self) -> bool:
         """Return True from a command to its end, while the AGV may move."""
-        return bool(self._sent or self._route or self._is_cancelling or self._stop_number)
+        has_order = self._sent is not None or bool(self._route)
+        is_stopping = self._is_cancelling or self._stop_number != 0
+        return has_order or is_stopping
 
     @property
     def problem(self) -> str:
@@ -298,7 +315,9 @@ class AgvOrders:
             return (
                 "the AGV does not confirm that it stops: press its emergency stop, and look at its connection"
             )
-        return "the AGV is paused: press its button, or let its master go on" if self._is_paused else ""
+        if self._is_paused:
+            return "the AGV is paused: press its button, or let its master go on"
+        return ""
 
     def follow(self, number: int, target: Point, yaw_rad: float | None, speed_mps: float | None) -> None:
         """Go to `target`, m. This replaces the previous order."""
@@ -306,7 +325,13 @@ class AgvOrders:
             return
         self._number = number
         self._is_path = False
-        end = self._route.end or (self._sent.last.place if self._sent else self._position)
+
+        # A target that hardly differs from the end of the way is not worth an order
+        end = self._route.end
+        if end is None and self._sent is not None:
+            end = self._sent.last.place
+        elif end is None:
+            end = self._position
         if end is not None and math.dist(end, target) < SAME_TARGET_M:
             return
         self._yaw_rad = yaw_rad
@@ -327,7 +352,7 @@ class AgvOrders:
         self._route.replace(points)
 
     def stop(self, number: int) -> None:
-        """Cancel our order, also one of an earlier run, which the AGV's state tells."""
+        """Cancel our order, also one of an earlier run, which the AGV's state reports."""
         self._number = 0
         self._stop_number = number
         if self._sent:
@@ -358,12 +383,16 @@ class AgvOrders:
         self._state = state
         self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
         self._is_paused = state.paused and state.is_executing
-        if has_other_master(state):  # which is not ours to cancel
+
+        # An order of another master is not ours to cancel
+        if has_other_master(state):
             self._sent = None
             self._is_cancelling = False
             self._finish("failed", OTHER_MASTER)
             self._end_stop()
             return
+
+        # A cancellation is to end before anything else begins
         if self._is_cancelling:
             self._check_cancelled(state)
             return
@@ -373,6 +402,8 @@ class AgvOrders:
         if self._sent is None:
             self._on_state_without_order(state)
             return
+
+        # Our order: confirmed, replaced by somebody else's, or refused
         if state.order_id == self._sent.order.order_id:
             self._check_progress(self._sent, state)
         elif self._sent.is_confirmed:
@@ -393,11 +424,17 @@ class AgvOrders:
             return self._send_again(self._sent, now_s)
         if not self._route or now_s - self._last_order_s < self._interval_s:
             return []
-        order = self._first_order() if self._sent is None else self._update(self._sent)
+
+        # The next part of the way: by a new order, or by an update of the present one
+        reached = 0
+        if self._sent is None:
+            order = self._first_order()
+        else:
+            reached = self._sent.reached
+            order = self._update(self._sent)
         if order is None:
             return []
         self._last_order_s = now_s
-        reached = self._sent.reached if self._sent else 0
         self._sent = _Sent(order, now_s, reached=reached)
         return [order]
 
@@ -408,8 +445,12 @@ class AgvOrders:
         if not nodes:  # it is there
             self._arrive()
             return None
+        return Order(self._next_id(), 0, (start, *nodes), self._speed_mps)
+
+    def _next_id(self) -> str:
+        """Return an id that no other order or action of ours has."""
         self._made += 1
-        return Order(f"{self.session}-{self._made}", 0, (start, *nodes), self._speed_mps)
+        return f"{self.session}-{self._made}"
 
     def _update(self, sent: _Sent) -> Order | None:
         ahead = (sent.last.sequence_id - sent.reached) // 2
@@ -440,8 +481,10 @@ class AgvOrders:
         return [sent.order]
 
     def _check_progress(self, sent: _Sent, state: AgvState) -> None:
+        # The last node may still be one of the order before
         if state.last_node_id == node_id(state.order_id, state.last_node_sequence_id):
-            sent = replace(sent, reached=max(sent.reached, state.last_node_sequence_id))
+            reached = max(sent.reached, state.last_node_sequence_id)
+            sent = replace(sent, reached=reached)
         if not sent.is_confirmed and state.order_update_id >= sent.order.update_id:
             sent = replace(sent, is_confirmed=True)
             if self._is_path and not self._is_accepted:
@@ -450,8 +493,11 @@ class AgvOrders:
         self._sent = sent
         if state.is_executing:
             return
-        end = sent.last if sent.is_confirmed else sent.order.nodes[0]  # of what the AGV has accepted
+
+        # It has ended: at the last node that it has accepted, or cancelled before
+        end = sent.order.nodes[0]
         if sent.is_confirmed:
+            end = sent.last
             self._sent = None
         if sent.reached < end.sequence_id:
             self._finish("cancelled", "it was cancelled at the AGV, or by another master control")
@@ -459,26 +505,34 @@ class AgvOrders:
             self._arrive()
 
     def _check_refusal(self, order: Order, state: AgvState) -> None:
+        update_id = str(order.update_id)
         for error in state.errors:
-            if error.is_about("orderId", order.order_id) and error.is_about(
-                "orderUpdateId", str(order.update_id), default=True
-            ):
+            if not error.is_about("orderId", order.order_id):
+                continue
+            if error.is_about("orderUpdateId", update_id, default=True):
                 self._finish("refused", error.describe())
                 return
 
     def _check_cancelled(self, state: AgvState) -> None:
         # an answer is waited for: an order that is still on its way to the AGV would be carried out later
-        answered = any(
-            each.action_id in self._cancel_ids and each.action_status in ("FINISHED", "FAILED")
-            for each in state.action_states
-        ) or any(  # nothing to cancel
-            error.is_about("actionId", action_id) for error in state.errors for action_id in self._cancel_ids
-        )
-        has_cleared = bool(self._blocked)  # by hand, without an answer
-        if not (answered or has_cleared) or state.is_executing:
+        if state.is_executing:
             return
-        self._is_cancelling = False
-        self._end_stop()
+        is_cleared = bool(self._blocked)  # by hand, without an answer
+        if is_cleared or self._is_cancellation_answered(state):
+            self._is_cancelling = False
+            self._end_stop()
+
+    def _is_cancellation_answered(self, state: AgvState) -> bool:
+        for action in state.action_states:
+            if action.action_id in self._cancel_ids and action.action_status in ("FINISHED", "FAILED"):
+                return True
+
+        # An error is an answer, too: there is nothing to cancel
+        for error in state.errors:
+            for action_id in self._cancel_ids:
+                if error.is_about("actionId", action_id):
+                    return True
+        return False
 
     def _on_state_without_order(self, state: AgvState) -> None:
         """Cancel our order that nobody steers; else a stop is done."""
@@ -497,9 +551,9 @@ class AgvOrders:
             return []
         self._cancel_s = now_s
         self._cancel_tries += 1
-        self._made += 1
-        self._cancel_ids.append(f"{self.session}-{self._made}")
-        return [InstantAction("cancelOrder", self._cancel_ids[-1])]
+        action_id = self._next_id()
+        self._cancel_ids.append(action_id)
+        return [InstantAction("cancelOrder", action_id)]
 
     def _arrive(self) -> None:
         if self._number and self._is_path:

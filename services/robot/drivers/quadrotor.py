@@ -89,8 +89,9 @@ def towards(value: float, wanted: float, step: float) -> float:
 
 def ordered_speed(command: Command | None) -> float:
     """Return the speed limit of `command`, m/s, or infinity if it has none."""
-    given = command.max_speed_mps if isinstance(command, (Follow, FollowPath, Land)) else None
-    return math.inf if given is None else given
+    if not isinstance(command, (Follow, FollowPath, Land)):
+        return math.inf
+    return math.inf if command.max_speed_mps is None else command.max_speed_mps
 
 
 class FollowedPath:
@@ -98,36 +99,48 @@ class FollowedPath:
 
     def __init__(self, start_m: Vec3, points_m: Sequence[Vec3]) -> None:
         """Create a path from `start_m` through `points_m`, at least one."""
-        left = [after for before, after in pairwise((start_m, *points_m)) if before != after]
-        self._left = left or [points_m[-1]]
-        steps = [vector.subtract(after, before) for before, after in pairwise((start_m, *self._left))]
+        remaining: list[Vec3] = []
+        previous_m = start_m
+        for point_m in points_m:
+            if point_m != previous_m:
+                remaining.append(point_m)
+            previous_m = point_m
+        self._remaining = remaining or [points_m[-1]]
+
+        # From the end on: behind a point lies the way to the next sharp turn, or to the end
+        steps: list[Vec3] = []
+        for point_m, next_m in pairwise((start_m, *self._remaining)):
+            steps.append(vector.subtract(next_m, point_m))
         beyond_m = 0.0
-        free: list[float] = []
+        beyond_points_m: list[float] = []
         for index in range(len(steps) - 1, -1, -1):
-            free.append(beyond_m)
+            beyond_points_m.append(beyond_m)
             is_sharp = index == 0 or vector.angle_between(steps[index - 1], steps[index]) > SHARP_RAD
             beyond_m = 0.0 if is_sharp else beyond_m + vector.norm(steps[index])
-        self._free_m = free[::-1]
+        self._beyond_m = beyond_points_m[::-1]
 
     @property
     def line_m(self) -> tuple[Vec3, ...]:
         """Return the points not yet reached; the last one remains."""
-        return tuple(self._left)
+        return tuple(self._remaining)
 
     @property
     def target_m(self) -> Vec3:
         """Return the next point."""
-        return self._left[0]
+        return self._remaining[0]
 
     @property
     def beyond_m(self) -> float:
         """Return the distance behind the next point at which the robot must be able to stop."""
-        return self._free_m[0]
+        return self._beyond_m[0]
 
     def pass_points(self, position_m: Vec3) -> None:
         """Drop the points that `position_m` has reached, except the last one."""
-        while len(self._left) > 1 and vector.norm(vector.subtract(self._left[0], position_m)) <= PASS_M:
-            del self._left[0], self._free_m[0]
+        while len(self._remaining) > 1:
+            gap = vector.subtract(self._remaining[0], position_m)
+            if vector.norm(gap) > PASS_M:
+                return
+            del self._remaining[0], self._beyond_m[0]
 
 
 class SimulatedQuadrotor:
@@ -140,7 +153,8 @@ class SimulatedQuadrotor:
         self._wander = HoverWander(rng)
         self._offset: Vec3 = ZERO
         self._ground_m = start_m[2]
-        self._yaw_rad = self._wanted_yaw_rad = yaw_rad
+        self._yaw_rad = yaw_rad
+        self._target_yaw_rad = yaw_rad
         self._command: Command | None = None
         self._target_m: Vec3 | None = start_m
         """Set-point. None: it brakes."""
@@ -152,6 +166,8 @@ class SimulatedQuadrotor:
         """Carry out `command` instead of the one before. Return why it is refused, or `""`."""
         if not self.is_flying and isinstance(command, (Follow, FollowPath)):
             return "it stands on the ground: let it take off first"
+
+        # What the last command has left behind is forgotten
         here = self._motion.lead_m
         was_descending = self._is_descending
         self._command = command
@@ -171,9 +187,11 @@ class SimulatedQuadrotor:
                 self._face(yaw_rad)
             case Land(position_m=position_m) if self.is_flying:
                 x, y, self._ground_m = position_m or (here[0], here[1], self._ground_m)
-                self._target_m = (x, y, max(here[2], self._ground_m + CLEARANCE_M))
+                clear_m = self._ground_m + CLEARANCE_M
+                self._target_m = (x, y, max(here[2], clear_m))
                 # the same order again does not climb once more
-                is_above = math.hypot(x - here[0], y - here[1]) <= ABOVE_M + math.hypot(*self._offset)
+                distance_m = math.hypot(x - here[0], y - here[1])
+                is_above = distance_m <= ABOVE_M + math.hypot(*self._offset)
                 self._is_descending = was_descending and is_above
             case Land():
                 pass
@@ -189,7 +207,9 @@ class SimulatedQuadrotor:
                 return not self.is_flying or self._is_still
             case TakeOff() | FollowPath():
                 is_last = self._route is None or len(self._route.line_m) == 1
-                return is_last and self._is_still and self._distance_m <= THERE_M
+                if not is_last or not self._is_still:
+                    return False
+                return self._distance_m <= THERE_M
             case _:
                 return False
 
@@ -199,8 +219,11 @@ class SimulatedQuadrotor:
             return
         if not self._is_descending:
             self._offset = self._wander.step()
-        turn = vector.wrap(self._wanted_yaw_rad - self._yaw_rad)
-        self._yaw_rad = vector.wrap(self._yaw_rad + towards(0.0, turn, TURN_RADPS * STEP_S))
+        turn_rad = vector.wrap(self._target_yaw_rad - self._yaw_rad)
+        turned_rad = towards(0.0, turn_rad, TURN_RADPS * STEP_S)
+        self._yaw_rad = vector.wrap(self._yaw_rad + turned_rad)
+
+        # It brakes, follows its path, lands, or goes to its set-point
         if self._target_m is None:
             self._brake()
         elif self._route is not None:
@@ -208,10 +231,10 @@ class SimulatedQuadrotor:
         elif isinstance(self._command, Land):
             self._land(self._target_m)
         else:
-            climbs = isinstance(self._command, TakeOff)
-            self._motion.step(
-                self._aim(self._target_m), CLIMB_MPS if climbs else ordered_speed(self._command)
-            )
+            max_speed_mps = ordered_speed(self._command)
+            if isinstance(self._command, TakeOff):
+                max_speed_mps = CLIMB_MPS
+            self._motion.step(self._aim(self._target_m), max_speed_mps)
 
     def report(self, stamp_ns: int) -> RobotReport:
         """Return its pose at `stamp_ns`."""
@@ -229,18 +252,23 @@ class SimulatedQuadrotor:
 
     @property
     def _distance_m(self) -> float:
-        target_m = self._route.target_m if self._route is not None else self._target_m
-        gap = ZERO if target_m is None else vector.subtract(target_m, self._motion.position_m)
+        target_m = self._target_m
+        if self._route is not None:
+            target_m = self._route.target_m
+        if target_m is None:
+            return 0.0
+        gap = vector.subtract(target_m, self._motion.position_m)
         return vector.norm(gap)
 
     def _face(self, yaw_rad: float | None) -> None:
         if yaw_rad is not None:
-            self._wanted_yaw_rad = yaw_rad
+            self._target_yaw_rad = yaw_rad
 
     def _aim(self, target_m: Vec3) -> Vec3:
         """Return `target_m` with the wander about it, but not beneath the ground."""
         x, y, z = vector.add(target_m, self._offset)
-        return (x, y, max(z, min(self._ground_m, target_m[2])))
+        lowest_m = min(self._ground_m, target_m[2])
+        return (x, y, max(z, lowest_m))
 
     def _brake(self) -> None:
         self._motion.step(None)
@@ -261,7 +289,8 @@ class SimulatedQuadrotor:
             self._is_descending = gap_m <= ABOVE_M and self._is_still
             return
         x, y, _ = vector.add(above_m, self._offset)
-        self._motion.step((x, y, self._ground_m), min(DESCENT_MPS, ordered_speed(self._command)))
+        max_speed_mps = min(DESCENT_MPS, ordered_speed(self._command))
+        self._motion.step((x, y, self._ground_m), max_speed_mps)
         if self._motion.is_at_rest:
             self.is_flying = False
 
@@ -277,16 +306,15 @@ class HoverWander:
 
     def step(self) -> Vec3:
         """Advance by `STEP_S`. Return the offset from the set-point, m."""
-        x, y, z = self._rng.standard_normal(3).tolist()
-        keep = self._keep
-        kick = self._kick
-        old_x, old_y, old_z = self._at
-        self._at = (keep * old_x + kick * x, keep * old_y + kick * y, keep * old_z + kick * z)
-        offset_x, offset_y, offset_z = (
-            sd_m * min(max(value, -WANDER_LIMIT), WANDER_LIMIT)
-            for sd_m, value in zip(WANDER_SD_M, self._at, strict=True)
-        )
-        return (offset_x, offset_y, offset_z)
+        noises = self._rng.standard_normal(3).tolist()
+        values: list[float] = []
+        offsets_m: list[float] = []
+        for noise, previous, sd_m in zip(noises, self._at, WANDER_SD_M, strict=True):
+            value = self._keep * previous + self._kick * noise
+            values.append(value)
+            offsets_m.append(sd_m * min(max(value, -WANDER_LIMIT), WANDER_LIMIT))
+        self._at = (values[0], values[1], values[2])
+        return (offsets_m[0], offsets_m[1], offsets_m[2])
 
 
 class SmoothMotion:
@@ -325,13 +353,16 @@ class SmoothMotion:
             max_speed_mps: speed limit. If it is exceeded, it brakes to it.
             beyond_m: distance behind the target for which it need not have stopped at the target.
         """
-        wanted = ZERO if target_m is None else self._stoppable_velocity(target_m, max_speed_mps, beyond_m)
-        self._speed = self._accelerated(wanted)
+        target_velocity = ZERO
+        if target_m is not None:
+            target_velocity = self._stoppable_velocity(target_m, max_speed_mps, beyond_m)
+        self._speed = self._accelerated(target_velocity)
         self._lead = vector.add(self._lead, vector.scale(self._speed, STEP_S))
+
+        # The mean over the window: the newest velocity enters, the oldest leaves
         entering = vector.scale(self._speed, 1.0 / self._count)
-        self.velocity_mps = vector.add(
-            self.velocity_mps, vector.subtract(entering, vector.scale(self._velocities[0], 1.0 / self._count))
-        )
+        leaving = vector.scale(self._velocities[0], 1.0 / self._count)
+        self.velocity_mps = vector.add(self.velocity_mps, vector.subtract(entering, leaving))
         self._velocities.append(self._speed)
         if self.is_at_rest:  # drops what rounding has left
             self.velocity_mps = ZERO
@@ -346,28 +377,30 @@ class SmoothMotion:
         distance_m = vector.norm(gap)
         if distance_m <= limits.max_acceleration_mps2 * STEP_S**2:
             return vector.scale(gap, 1.0 / STEP_S)
-        speed = min(
-            limits.max_speed_mps,
-            max_speed_mps,
-            braking_speed(distance_m + beyond_m, limits.max_acceleration_mps2),
-        )
-        return vector.scale(gap, speed / distance_m)
+        braking_mps = braking_speed(distance_m + beyond_m, limits.max_acceleration_mps2)
+        speed_mps = min(limits.max_speed_mps, max_speed_mps, braking_mps)
+        return vector.scale(gap, speed_mps / distance_m)
 
-    def _accelerated(self, wanted: Vec3) -> Vec3:
+    def _accelerated(self, target_velocity: Vec3) -> Vec3:
         """Return the next velocity: braking has priority over the change of direction."""
         step = self._limits.max_acceleration_mps2 * STEP_S
-        change = vector.subtract(wanted, self._speed)
+        change = vector.subtract(target_velocity, self._speed)
         size = vector.norm(change)
         if size <= step:
-            return wanted
+            return target_velocity
         speed = vector.norm(self._speed)
         along = vector.dot(change, self._speed) / speed if speed > 0.0 else 0.0
         if along >= 0.0:
             return vector.add(self._speed, vector.scale(change, step / size))
+
+        # What the acceleration for braking leaves changes the direction
         braking = max(along, -step)
         ahead = vector.scale(self._speed, 1.0 / speed)
         across = vector.subtract(change, vector.scale(ahead, along))
-        left = math.sqrt(max(step * step - braking * braking, 0.0))
+        remaining = math.sqrt(max(step * step - braking * braking, 0.0))
         width = vector.norm(across)
-        sideways = vector.scale(across, min(1.0, left / width)) if width > 0.0 else ZERO
-        return vector.add(vector.add(self._speed, vector.scale(ahead, braking)), sideways)
+        sideways = ZERO
+        if width > 0.0:
+            sideways = vector.scale(across, min(1.0, remaining / width))
+        braked = vector.add(self._speed, vector.scale(ahead, braking))
+        return vector.add(braked, sideways)

@@ -94,41 +94,48 @@ class SimulatedGroundRobot:
         if self._speed_mps or self._rate_radps:
             return False
         if isinstance(self._command, FollowPath):
-            return self._is_there and abs(self._turn_left_rad) <= FACING_RAD
+            return self._is_there and abs(self._remaining_turn_rad) <= FACING_RAD
         return isinstance(self._command, Stop)
 
     def step(self) -> None:
         """Advance by `STEP_S`."""
         speed_mps, turn_rad = self._target_speed_and_turn()
-        rate_radps = math.copysign(min(TURN_RADPS, braking_speed(abs(turn_rad), TURN_RADPS2)), turn_rad)
-        self._speed_mps = towards(self._speed_mps, speed_mps, self._limits.max_acceleration_mps2 * STEP_S)
+        max_rate_radps = min(TURN_RADPS, braking_speed(abs(turn_rad), TURN_RADPS2))
+        rate_radps = math.copysign(max_rate_radps, turn_rad)
+        max_change_mps = self._limits.max_acceleration_mps2 * STEP_S
+        self._speed_mps = towards(self._speed_mps, speed_mps, max_change_mps)
         self._rate_radps = towards(self._rate_radps, rate_radps, TURN_RADPS2 * STEP_S)
+
+        # Along the mean direction of the step
         x, y, z = self._position_m
         middle_rad = self._yaw_rad + self._rate_radps * STEP_S / 2.0
         way_m = self._speed_mps * STEP_S
-        self._position_m = (x + way_m * math.cos(middle_rad), y + way_m * math.sin(middle_rad), z)
+        x += way_m * math.cos(middle_rad)
+        y += way_m * math.sin(middle_rad)
+        self._position_m = (x, y, z)
         self._yaw_rad = vector.wrap(self._yaw_rad + self._rate_radps * STEP_S)
 
     def report(self, stamp_ns: int) -> RobotReport:
         """Return its pose at `stamp_ns`."""
+        front = vector.direction(self._yaw_rad, 0.0)
         return RobotReport(
             stamp_ns=stamp_ns,
             position_m=self._position_m,
             yaw_rad=self._yaw_rad,
-            velocity_mps=vector.scale(vector.direction(self._yaw_rad, 0.0), self._speed_mps),
+            velocity_mps=vector.scale(front, self._speed_mps),
         )
 
     def _level(self, points_m: tuple[Vec3, ...]) -> FollowedPath:
+        """Return the path along `points_m` at the height of the robot."""
         height_m = self._position_m[2]
-        return FollowedPath(self._position_m, [(x, y, height_m) for x, y, _ in points_m])
+        level_points = [(x, y, height_m) for x, y, _ in points_m]
+        return FollowedPath(self._position_m, level_points)
 
     @property
     def _gap(self) -> Vec3:
-        return (
-            (0.0, 0.0, 0.0)
-            if self._route is None
-            else vector.subtract(self._route.target_m, self._position_m)
-        )
+        if self._route is None:
+            return (0.0, 0.0, 0.0)
+        return vector.subtract(self._route.target_m, self._position_m)
 
     @property
     def _is_there(self) -> bool:
@@ -136,8 +143,10 @@ class SimulatedGroundRobot:
         return is_last and vector.norm(self._gap) <= THERE_M
 
     @property
-    def _turn_left_rad(self) -> float:
-        return 0.0 if self._face_rad is None else vector.wrap(self._face_rad - self._yaw_rad)
+    def _remaining_turn_rad(self) -> float:
+        if self._face_rad is None:
+            return 0.0
+        return vector.wrap(self._face_rad - self._yaw_rad)
 
     def _target_speed_and_turn(self) -> tuple[float, float]:
         """Return the speed, m/s, and the angle to turn, rad."""
@@ -146,18 +155,20 @@ class SimulatedGroundRobot:
             return 0.0, 0.0
         route.pass_points(self._position_m)
         if self._is_there:
-            turn_rad = self._turn_left_rad
-            return 0.0, turn_rad if abs(turn_rad) > FACING_RAD / 2.0 else 0.0
+            turn_rad = self._remaining_turn_rad
+            if abs(turn_rad) <= FACING_RAD / 2.0:
+                turn_rad = 0.0
+            return 0.0, turn_rad
+
+        # It turns in place before it drives towards what lies far aside
         gap = self._gap
         turn_rad = vector.wrap(vector.azimuth(gap) - self._yaw_rad)
         if abs(turn_rad) > AHEAD_RAD:
             return 0.0, turn_rad
         limits = self._limits
-        speed_mps = min(
-            limits.max_speed_mps,
-            ordered_speed(self._command),
-            braking_speed(vector.norm(gap) + route.beyond_m, limits.max_acceleration_mps2),
-        )
+        free_m = vector.norm(gap) + route.beyond_m
+        braking_mps = braking_speed(free_m, limits.max_acceleration_mps2)
+        speed_mps = min(limits.max_speed_mps, ordered_speed(self._command), braking_mps)
         return speed_mps * math.cos(turn_rad), turn_rad
 
 
@@ -198,7 +209,9 @@ class OrderedRobot:
 
     def command(self, command: Command, problem: str = "") -> None:
         """Carry out `command`, or refuse it, because of `problem` or by itself."""
-        problem = problem or _problem(command) or self._robot.command(command)
+        problem = problem or _problem(command)
+        if not problem:
+            problem = self._robot.command(command)
         if problem:
             self._statuses.append(OrderStatus(command.order, "refused", problem))
             return
@@ -218,9 +231,9 @@ class OrderedRobot:
 
     def take_statuses(self) -> list[OrderStatus]:
         """Return the statuses since the last call."""
-        taken = self._statuses
+        statuses = self._statuses
         self._statuses = []
-        return taken
+        return statuses
 
     def report(self, stamp_ns: int) -> RobotReport:
         """Return its pose at `stamp_ns`."""
@@ -242,7 +255,9 @@ def _problem(command: Command) -> str:
             numbers = list(position_m or ())
         case Stop():
             numbers = []
-    return "" if all(map(math.isfinite, numbers)) else "its position, direction or height is not a number"
+    if not all(map(math.isfinite, numbers)):
+        return "its position, direction or height is not a number"
+    return ""
 
 
 class SimDriver:
@@ -259,7 +274,8 @@ class SimDriver:
         self._is_running = True
         try:
             async for now_ns in ticks(self._clock, REPORT_HZ):
-                if not 0 <= now_ns - at_ns <= STALL_S * self._clock.speed * NS_PER_S:
+                stall_ns = STALL_S * self._clock.speed * NS_PER_S
+                if not 0 <= now_ns - at_ns <= stall_ns:
                     at_ns = now_ns
                 while at_ns + STEP_NS <= now_ns:
                     at_ns += STEP_NS
@@ -274,7 +290,8 @@ class SimDriver:
     def command(self, command: Command) -> None:
         """Carry out `command`, or refuse it with a reason."""
         is_early = not self._is_running and not isinstance(command, (Stop, Land))
-        self._robot.command(command, "it is not connected yet" if is_early else "")
+        problem = "it is not connected yet" if is_early else ""
+        self._robot.command(command, problem)
 
 
 SIM = RobotPlugin(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.services.robot.drivers.vda5050 import Agv, Vda5050Config
+from pointit.services.robot.drivers.agv import Agv, Vda5050Config
 from pointit.services.robot.robot_driver import LinkLost, OrderStatus, ReportItem, RobotReport, RobotSpec
 from pointit.testing.trial import TrialHealth
 from pointit_lab.devices.agv_broker import VirtualAgv

@@ -10,7 +10,8 @@ import pytest
 
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.services.robot.drivers import vda5050
-from pointit.services.robot.drivers.vda5050 import Agv, Vda5050Config, Vda5050Driver
+from pointit.services.robot.drivers.agv import Agv, Vda5050Config
+from pointit.services.robot.drivers.vda5050 import Vda5050Driver
 from pointit.services.robot.robot_driver import FollowPath, ReportItem, RobotReport
 from pointit.testing.trial import TrialHealth
 from pointit_lab.devices.agv_broker import VirtualAgv

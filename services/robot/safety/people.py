@@ -37,7 +37,8 @@ class PeopleNearRobot:
 
     def on_map(self, environment: Environment) -> None:
         """Update the level planes."""
-        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
+        level_planes = [plane for plane in environment.planes if is_level(plane.normal)]
+        self._level = frozenset(plane.id for plane in level_planes)
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update a person's pose."""
@@ -49,13 +50,15 @@ class PeopleNearRobot:
             self._gone_ns.pop(user, None)
             return
         self._gone_ns.setdefault(user, None)
-        for state in (self._interactions, self._cursors, self._pointed_cursors):
-            state.pop(user, None)
+        self._interactions.pop(user, None)
+        self._cursors.pop(user, None)
+        self._pointed_cursors.pop(user, None)
 
     def on_interaction(self, user: str, interaction: Interaction) -> None:
         """Update a person's interaction."""
-        before = self._interactions.get(user)
-        if interaction.state == "pointing" and (before is None or before.state != "pointing"):
+        previous = self._interactions.get(user)
+        has_pointed = previous is not None and previous.state == "pointing"
+        if interaction.state == "pointing" and not has_pointed:
             self._pointing_since_ns[user] = interaction.stamp_ns
         self._interactions[user] = interaction
 
@@ -67,20 +70,17 @@ class PeopleNearRobot:
 
     def cylinders(self, now_ns: int) -> tuple[CylinderObstacle, ...]:
         """Return the space of each person: `keep_out_m` and twice the sigma of their place around it."""
+        # Those whose services have ended may still be there
         for user, gone_ns in tuple(self._gone_ns.items()):
             if gone_ns is None:
                 self._gone_ns[user] = now_ns
             elif now_ns - gone_ns > FORGOTTEN_S * NS_PER_S:
                 self._poses.pop(user, None)
-        return tuple(
-            CylinderObstacle(
-                "people",
-                user,
-                pose.position_m,
-                self._config.keep_out_m + 2.0 * position_sigma_m(pose.covariance),
-            )
-            for user, pose in self._poses.items()
-        )
+        cylinders: list[CylinderObstacle] = []
+        for user, pose in self._poses.items():
+            radius_m = self._config.keep_out_m + 2.0 * position_sigma_m(pose.covariance)
+            cylinders.append(CylinderObstacle("people", user, pose.position_m, radius_m))
+        return tuple(cylinders)
 
     def room_remedy(self, name: str) -> str:
         """Return the remedy for too little room beside a person. Only a tracked position follows them."""
@@ -88,20 +88,28 @@ class PeopleNearRobot:
         if pose is None or pose.method == "external":
             return "make room"
         sigma_m = position_sigma_m(pose.covariance)
-        known = f"the known position (1 sigma {sigma_m:.2f} m)" if sigma_m > 0.0 else "the known position"
-        return f"let {name} step back and localize again: {known} does not follow them"
+        position = "the known position"
+        if sigma_m > 0.0:
+            position = f"the known position (1 sigma {sigma_m:.2f} m)"
+        return f"let {name} step back and localize again: {position} does not follow them"
 
     def stop_reason(self, user: str, now_ns: int) -> StopReason | None:
         """Return the reason not to do what `user` wants, whatever they point at, or None."""
-        if gone := self.presence_stop_reason(user):
+        gone = self.presence_stop_reason(user)
+        if gone is not None:
             return gone
+
+        # A ground robot waits for its user meanwhile, a quadrotor is not left in the air
         interaction = self._interactions.get(user)
-        if interaction is not None and interaction.state == "localizing" and self._config.kind == "ground":
+        state = "" if interaction is None else interaction.state
+        if state == "localizing" and self._config.kind == "ground":
             text = f"{self._robot} waits until {user} is localized"
             return StopReason("not_pointing", text, is_freeing=False)
-        if interaction is None or interaction.state != "pointing":
+        if interaction is None or state != "pointing":
             text = f"{user} is not pointing: press the button, then take {self._robot} again"
             return StopReason("not_pointing", text, is_freeing=True)
+
+        # Where they point is known only with their position and direction
         pose = self._poses.get(user)
         if pose is None:
             return StopReason("pose", f"{user}'s position is unknown: localize first", is_freeing=True)
@@ -129,45 +137,56 @@ class PeopleNearRobot:
         a goal, when their arm must only report.
         """
         config = self._config
+        timeout_s = config.cursor_timeout_s
+        if not follows:
+            timeout_s = max(config.cursor_timeout_s, config.report_timeout_s)
+
+        # The newest cursor, which also says that the arm reports
         cursor = self._cursors.get(user)
-        timeout_s = (
-            config.cursor_timeout_s if follows else max(config.cursor_timeout_s, config.report_timeout_s)
-        )
-        age_s = math.inf if cursor is None else (now_ns - cursor.stamp_ns) / NS_PER_S
+        age_s = math.inf
+        if cursor is not None:
+            age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
         if abs(age_s) > timeout_s:
-            pointing_s = (now_ns - self._pointing_since_ns.get(user, 0)) / NS_PER_S
-            text = f"the last cursor of {user} is {round_beyond(age_s, timeout_s)} s old: look at {LINK}"
-            if age_s >= pointing_s:  # none came while they were localized, so that its age tells nothing
-                text = f"{self._robot} waits for {user}'s first cursor; if none comes, look at {LINK}"
-            elif age_s < 0.0:
-                ahead_s = round_beyond(-age_s, timeout_s)
-                text = f"{user}'s arm is {ahead_s} s ahead of this machine: synchronize the two clocks"
+            text = self._cursor_age_problem(user, age_s, timeout_s, now_ns)
             return StopReason("cursor", text, is_freeing=False)
         if not follows:
             return None
+
+        # The newest one on something: for a moment they may point past everything
         pointed = self._pointed_cursors.get(user)
         if pointed is None or (now_ns - pointed.stamp_ns) / NS_PER_S > timeout_s:
             text = f"{user} points past everything: point at the place for {self._robot}"
             return StopReason("cursor", text, is_freeing=False)
         return self.sigma_stop_reason(self.sigma_m(user, pointed))
 
+    def _cursor_age_problem(self, user: str, age_s: float, timeout_s: float, now_ns: int) -> str:
+        """Return what to do about a cursor that is too old, too new, or has not come, as one sentence."""
+        pointing_s = (now_ns - self._pointing_since_ns.get(user, 0)) / NS_PER_S
+        if age_s >= pointing_s:  # none came while they were localized, so that its age tells nothing
+            return f"{self._robot} waits for {user}'s first cursor; if none comes, look at {LINK}"
+        if age_s < 0.0:
+            ahead_s = round_beyond(-age_s, timeout_s)
+            return f"{user}'s arm is {ahead_s} s ahead of this machine: synchronize the two clocks"
+        old_s = round_beyond(age_s, timeout_s)
+        return f"the last cursor of {user} is {old_s} s old: look at {LINK}"
+
     def sigma_stop_reason(self, sigma_m: float) -> StopReason | None:
         """Return the reason to refuse a place known to `sigma_m`, or None."""
         limit_m = self._config.max_cursor_sigma_m
         if sigma_m <= limit_m:
             return None
-        how = (
-            f"sure to {round_beyond(sigma_m, limit_m)} m only, limit {limit_m:g} m"
-            if math.isfinite(sigma_m)
-            else "not known"
-        )
-        text = f"the pointed place is {how}: choose one nearer to you, or localize again"
+        certainty = "not known"
+        if math.isfinite(sigma_m):
+            certainty = f"sure to {round_beyond(sigma_m, limit_m)} m only, limit {limit_m:g} m"
+        text = f"the pointed place is {certainty}: choose one nearer to you, or localize again"
         return StopReason("unsure", text, is_freeing=False)
 
     def sigma_m(self, user: str, cursor: Cursor) -> float:
         """Return 1 sigma of the place of `cursor` along its worse direction, infinite if unknown."""
         pose = self._poses.get(user)
-        if pose is None or cursor.origin_m is None or cursor.point_m is None:
+        if pose is None:
+            return math.inf
+        if cursor.origin_m is None or cursor.point_m is None:
             return math.inf
         aim_rad = math.radians(self._config.aim_sigma_deg)
         is_level = self.is_on_level(cursor)

@@ -54,26 +54,35 @@ class KeepOut(_Fence):
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
         beside_m = self._shape.signed_distance_m(place_m[:2])
-        return max(beside_m, self._low_m - place_m[2], place_m[2] - self._high_m) - apart_m
+        below_m = self._low_m - place_m[2]
+        above_m = place_m[2] - self._high_m
+        return max(beside_m, below_m, above_m) - apart_m
 
     def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
         """Return True if the clearance is at least `min_m` all along a segment."""
         reach_m = apart_m + min_m
         if reach_m < 0.0:
-            return all(self.clearance_m(each, apart_m) >= min_m for each in _samples(start_m, end_m))
+            samples = _samples(start_m, end_m)
+            return all(self.clearance_m(place_m, apart_m) >= min_m for place_m in samples)
         part = _between_heights(start_m, end_m, self._low_m - reach_m, self._high_m + reach_m)
         if part is None:
             return True
-        return not self._shape.contains(part[0]) and self._shape.is_apart(*part, reach_m)
+        part_start_m, part_end_m = part
+        if self._shape.contains(part_start_m):
+            return False
+        return self._shape.is_apart(part_start_m, part_end_m, reach_m)
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return places near `place_m` with clearance: beside the volume, below and above it."""
-        x, y = _moved(self._shape, place_m[:2], apart_m + BEYOND_M)
-        places = [(x, y, place_m[2])]
+        x, y, z = place_m
+        beside_x, beside_y = _moved(self._shape, (x, y), apart_m + BEYOND_M)
+        places = [(beside_x, beside_y, z)]
         if math.isfinite(self._low_m):
-            places.append((place_m[0], place_m[1], self._low_m - apart_m - BEYOND_M))
+            below_m = self._low_m - apart_m - BEYOND_M
+            places.append((x, y, below_m))
         if math.isfinite(self._high_m):
-            places.append((place_m[0], place_m[1], self._high_m + apart_m + BEYOND_M))
+            above_m = self._high_m + apart_m + BEYOND_M
+            places.append((x, y, above_m))
         return tuple(places)
 
 
@@ -83,20 +92,24 @@ class KeepIn(_Fence):
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
         inside_m = -self._shape.signed_distance_m(place_m[:2]) - apart_m
-        return min(inside_m, self._high_m - place_m[2] - apart_m, place_m[2] - self._low_m + FLOOR_M)
+        below_m = self._high_m - place_m[2] - apart_m
+        above_m = place_m[2] - self._low_m + FLOOR_M
+        return min(inside_m, below_m, above_m)
 
     def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
         """Return True if the clearance is at least `min_m` all along a segment."""
         reach_m = apart_m + min_m
         if reach_m < 0.0:
-            return all(self.clearance_m(each, apart_m) >= min_m for each in _samples(start_m, end_m))
+            samples = _samples(start_m, end_m)
+            return all(self.clearance_m(place_m, apart_m) >= min_m for place_m in samples)
         lowest_m, highest_m = sorted((start_m[2], end_m[2]))
-        return (
-            lowest_m >= self._low_m - FLOOR_M + min_m
-            and highest_m <= self._high_m - reach_m
-            and self._shape.contains(start_m[:2])
-            and self._shape.is_apart(start_m[:2], end_m[:2], reach_m)
-        )
+        is_high_enough = lowest_m >= self._low_m - FLOOR_M + min_m
+        is_low_enough = highest_m <= self._high_m - reach_m
+        if not is_high_enough or not is_low_enough:
+            return False
+        if not self._shape.contains(start_m[:2]):
+            return False
+        return self._shape.is_apart(start_m[:2], end_m[:2], reach_m)
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return the place inside that is nearest to `place_m`."""
@@ -122,22 +135,35 @@ class CylinderObstacle:
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
         beside_m = math.dist(place_m[:2], self._axis_m) - self.radius_m
-        return max(beside_m, self._low_m - place_m[2], place_m[2] - self._high_m) - apart_m
+        below_m = self._low_m - place_m[2]
+        above_m = place_m[2] - self._high_m
+        return max(beside_m, below_m, above_m) - apart_m
 
     def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
         """Return True if the clearance is at least `min_m` all along a segment."""
         reach_m = apart_m + min_m
         part = _between_heights(start_m, end_m, self._low_m - reach_m, self._high_m + reach_m)
-        return part is None or point_segment_m(self._axis_m, *part) >= self.radius_m + reach_m
+        if part is None:
+            return True
+        part_start_m, part_end_m = part
+        distance_m = point_segment_m(self._axis_m, part_start_m, part_end_m)
+        return distance_m >= self.radius_m + reach_m
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return the nearest place beside it with clearance."""
-        x = place_m[0] - self._axis_m[0]
-        y = place_m[1] - self._axis_m[1]
-        over_m = math.hypot(x, y)
-        along, across = (x / over_m, y / over_m) if over_m > ROUNDING_M else (1.0, 0.0)
+        axis_x, axis_y = self._axis_m
+        x = place_m[0] - axis_x
+        y = place_m[1] - axis_y
+        distance_m = math.hypot(x, y)
+
+        # On the axis any direction is as good
+        direction_x = 1.0
+        direction_y = 0.0
+        if distance_m > ROUNDING_M:
+            direction_x = x / distance_m
+            direction_y = y / distance_m
         reach_m = self.radius_m + apart_m + BEYOND_M
-        return ((self._axis_m[0] + along * reach_m, self._axis_m[1] + across * reach_m, place_m[2]),)
+        return ((axis_x + direction_x * reach_m, axis_y + direction_y * reach_m, place_m[2]),)
 
 
 Obstacle = KeepOut | KeepIn | CylinderObstacle
@@ -155,33 +181,43 @@ def _moved(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
     if abs(apart_m) > ROUNDING_M:
         factor = to_m / apart_m
         return (x + factor * (place_m[0] - x), y + factor * (place_m[1] - y))
-    around = (
-        (x + to_m * math.cos(a), y + to_m * math.sin(a)) for a in (math.tau * i / 16 for i in range(16))
-    )
-    return min(around, key=lambda each: abs(shape.signed_distance_m(each) - to_m))
+
+    # On the outline itself the direction across it is not known: the best of 16
+    around: list[Vec2] = []
+    for number in range(16):
+        angle_rad = math.tau * number / 16
+        around.append((x + to_m * math.cos(angle_rad), y + to_m * math.sin(angle_rad)))
+    return min(around, key=lambda moved_m: abs(shape.signed_distance_m(moved_m) - to_m))
 
 
 def _between_heights(start_m: Vec3, end_m: Vec3, low_m: float, high_m: float) -> tuple[Vec2, Vec2] | None:
     """Return the part of a segment between two heights, seen from above, or None if there is none."""
-    rise_m = end_m[2] - start_m[2]
+    start_z = start_m[2]
+    rise_m = end_m[2] - start_z
     first = 0.0
     last = 1.0
     if abs(rise_m) < ROUNDING_M:
-        if not low_m < max(start_m[2], end_m[2]) or not min(start_m[2], end_m[2]) < high_m:
+        is_above_low = low_m < max(start_z, end_m[2])
+        is_below_high = min(start_z, end_m[2]) < high_m
+        if not is_above_low or not is_below_high:
             return None
     else:
-        ends = sorted(((low_m - start_m[2]) / rise_m, (high_m - start_m[2]) / rise_m))
-        first = max(first, ends[0])
-        last = min(last, ends[1])
+        at_low = (low_m - start_z) / rise_m
+        at_high = (high_m - start_z) / rise_m
+        first = max(first, min(at_low, at_high))
+        last = min(last, max(at_low, at_high))
         if first >= last:
             return None
     way = subtract(end_m, start_m)
-    return add(start_m, scale(way, first))[:2], add(start_m, scale(way, last))[:2]
+    first_m = add(start_m, scale(way, first))
+    last_m = add(start_m, scale(way, last))
+    return first_m[:2], last_m[:2]
 
 
 def _samples(start_m: Vec3, end_m: Vec3) -> tuple[Vec3, ...]:
     way = subtract(end_m, start_m)
-    count = min(max(math.ceil(math.dist(start_m, end_m) / SAMPLE_M), 1), MAX_SAMPLES)
+    wanted = math.ceil(math.dist(start_m, end_m) / SAMPLE_M)
+    count = min(max(wanted, 1), MAX_SAMPLES)
     return tuple(add(start_m, scale(way, index / count)) for index in range(count + 1))
 
 
@@ -209,8 +245,10 @@ class Region:
 
     def blocker(self, place_m: Vec3, margin_m: float = MARGIN_M) -> Obstacle | None:
         """Return the obstacle with the least clearance at `place_m`, None if all have `margin_m`."""
-        worst = min(self.obstacles, key=lambda each: self.clearance_m(each, place_m), default=None)
-        return worst if worst is not None and self.clearance_m(worst, place_m) < margin_m else None
+        nearest = min(self.obstacles, key=lambda obstacle: self.clearance_m(obstacle, place_m), default=None)
+        if nearest is not None and self.clearance_m(nearest, place_m) < margin_m:
+            return nearest
+        return None
 
     def clearance_m(self, obstacle: Obstacle, place_m: Vec3) -> float:
         """Return the clearance from `obstacle`, m; below 0 `place_m` is forbidden."""
@@ -235,16 +273,18 @@ class Region:
             blocker = self.blocker(place)
             if blocker is None:
                 return place
+            # Out of all other obstacles, too, if possible, and near the place asked for
             choices = blocker.nearest(place, self.apart_m + MARGIN_M)
-            place = min(choices, key=lambda each: (self._depth_m(each), math.dist(each, place_m)))
+            place = min(choices, key=lambda choice: (self._depth_m(choice), math.dist(choice, place_m)))
         return None
 
     def away(self, obstacle: Obstacle, place_m: Vec3) -> Vec3:
         """Return the unit direction in which the clearance from `obstacle` grows, or zeros."""
         gradient: list[float] = []
         for axis in ((STEP_M, 0.0, 0.0), (0.0, STEP_M, 0.0), (0.0, 0.0, STEP_M)):
-            ahead = self.clearance_m(obstacle, add(place_m, axis))
-            gradient.append(ahead - self.clearance_m(obstacle, subtract(place_m, axis)))
+            ahead_m = self.clearance_m(obstacle, add(place_m, axis))
+            behind_m = self.clearance_m(obstacle, subtract(place_m, axis))
+            gradient.append(ahead_m - behind_m)
         direction = (gradient[0], gradient[1], gradient[2])
         length = norm(direction)
         return scale(direction, 1.0 / length) if length > 0.0 else direction
@@ -258,8 +298,10 @@ class Region:
         blocker = self.blocker(target_m)
         if goal is None:
             return start_m, blocker
+
+        # Straight on as far as permitted. Before an obstacle, along it: a second obstacle ends that
         step = _within(subtract(goal, start_m), reach_m)
-        for _ in range(2):  # a second obstacle ends it
+        for _ in range(2):
             way = self.way(start_m, add(start_m, step))
             if way.blocker is None:
                 return add(start_m, step), blocker
@@ -268,10 +310,15 @@ class Region:
                 blocker = way.blocker
             if norm(ahead) > MARGIN_M:
                 return add(start_m, ahead), blocker
-            step = add(ahead, self._along(way.blocker, start_m, subtract(step, ahead)))
+            rest = subtract(step, ahead)
+            step = add(ahead, self._along(way.blocker, start_m, rest))
+
+        # The obstacle that holds it, if it hardly gets on
         way = self.way(start_m, add(start_m, step))
         step = scale(step, way.share)
-        return add(start_m, step), blocker or (way.blocker if norm(step) < MARGIN_M else None)
+        if blocker is None and norm(step) < MARGIN_M:
+            blocker = way.blocker
+        return add(start_m, step), blocker
 
     def _along(self, obstacle: Obstacle, start_m: Vec3, step: Vec3) -> Vec3:
         """Return `step` without its part into `obstacle`, and away from it if it is nearer than the margin.
@@ -281,10 +328,15 @@ class Region:
         """
         away = self.away(obstacle, start_m)
         short_m = max(MARGIN_M - self.clearance_m(obstacle, start_m), 0.0)
-        along = subtract(step, scale(away, min(dot(step, away), 0.0)))
+        inward = min(dot(step, away), 0.0)
+        along = subtract(step, scale(away, inward))
+
+        # Exactly between robot and target hardly anything is left of the step
+        is_held = norm(step) > PASSING_M > norm(along)
         left = (-away[1], away[0], 0.0)
-        if obstacle.kind != "fence" and norm(step) > PASSING_M > norm(along) and norm(left) > 0.0:
-            along = scale(left, PASSING_M / norm(left) * (1.0 if dot(step, left) >= 0.0 else -1.0))
+        if obstacle.kind != "fence" and is_held and norm(left) > 0.0:
+            side = 1.0 if dot(step, left) >= 0.0 else -1.0
+            along = scale(left, PASSING_M / norm(left) * side)
         return add(along, scale(away, short_m))
 
     def _permitted_share(
@@ -294,7 +346,8 @@ class Region:
         way = subtract(end_m, start_m)
 
         def is_clear(part: float) -> bool:
-            return obstacle.is_clear(start_m, add(start_m, scale(way, part)), self.apart_m, min_m)
+            part_end_m = add(start_m, scale(way, part))
+            return obstacle.is_clear(start_m, part_end_m, self.apart_m, min_m)
 
         if is_clear(share):
             return share
@@ -302,13 +355,17 @@ class Region:
         high = share
         for _ in range(BISECTIONS):
             middle = (low + high) / 2.0
-            low, high = (middle, high) if is_clear(middle) else (low, middle)
+            if is_clear(middle):
+                low = middle
+            else:
+                high = middle
         return low
 
     def _depth_m(self, place_m: Vec3) -> float:
         """Return the depth of `place_m` in forbidden space, m, rounded so that equal depths are equal."""
-        min_clearance_m = min(self.clearance_m(each, place_m) for each in self.obstacles)
-        return round(max(MARGIN_M - min_clearance_m, 0.0), 3)
+        min_clearance_m = min(self.clearance_m(obstacle, place_m) for obstacle in self.obstacles)
+        depth_m = max(MARGIN_M - min_clearance_m, 0.0)
+        return round(depth_m, 3)
 
 
 def _within(step: Vec3, reach_m: float) -> Vec3:

@@ -79,7 +79,9 @@ class Reports:
     @property
     def velocity_mps(self) -> Vec3:
         """Return the robot's velocity; from its places if it reports none."""
-        reported = (0.0, 0.0, 0.0) if self.newest is None else self.newest.velocity_mps
+        reported = (0.0, 0.0, 0.0)
+        if self.newest is not None:
+            reported = self.newest.velocity_mps
         return reported if norm(reported) >= MOVING_MPS else self._driven_mps
 
     def on_report(self, report: RobotReport, now_ns: int) -> str:
@@ -95,10 +97,12 @@ class Reports:
             return f"{self._robot} reports late: a newer report was here before"
         if last is not None:
             self._find_jump(last, report, now_ns)
+
+        # It is used even after a jump, which stops the robot for a while
         self.newest = report
         self._came_ns = min(report.stamp_ns, now_ns)
-        self._note_velocity(report)
-        self._note_turn(report)
+        self._update_velocity(report)
+        self._update_turn_rate(report)
         self._problem = ""
         return ""
 
@@ -124,26 +128,28 @@ class Reports:
             return StopReason("jump", self._jump, is_freeing=True)
         return None
 
-    def _note_turn(self, report: RobotReport) -> None:
+    def _update_turn_rate(self, report: RobotReport) -> None:
         base = self._turn_base or report
         passed_s = (report.stamp_ns - base.stamp_ns) / NS_PER_S
         if passed_s >= TURN_S or self._turn_base is None:
             self._turn_base = report
-            self.turn_radps = wrap(report.yaw_rad - base.yaw_rad) / max(passed_s, TURN_S)
+            turned_rad = wrap(report.yaw_rad - base.yaw_rad)
+            self.turn_radps = turned_rad / max(passed_s, TURN_S)
 
-    def _note_velocity(self, report: RobotReport) -> None:
-        base = self._base
-        passed_s = BASE_S if base is None else (report.stamp_ns - base.stamp_ns) / NS_PER_S
-        if passed_s < BASE_S:
+    def _update_velocity(self, report: RobotReport) -> None:
+        base = self._base or report
+        passed_s = (report.stamp_ns - base.stamp_ns) / NS_PER_S
+        if passed_s < BASE_S and self._base is not None:
             return
         self._base = report
-        way = (0.0, 0.0, 0.0) if base is None else subtract(report.position_m, base.position_m)
-        self._driven_mps = scale(way, 1.0 / passed_s)
+        way = subtract(report.position_m, base.position_m)
+        self._driven_mps = scale(way, 1.0 / max(passed_s, BASE_S))
 
     def _find_jump(self, last: RobotReport, report: RobotReport, now_ns: int) -> None:
         passed_s = (report.stamp_ns - last.stamp_ns) / NS_PER_S
         sigma_m = math.hypot(last.position_sigma_m or 0.0, report.position_sigma_m or 0.0)
-        limit_m = SPEED_RATIO * self._config.max_speed_mps * passed_s + JUMP_M + 2.0 * sigma_m
+        drivable_m = SPEED_RATIO * self._config.max_speed_mps * passed_s
+        limit_m = drivable_m + JUMP_M + 2.0 * sigma_m
         moved_m = math.dist(last.position_m, report.position_m)
         if moved_m > limit_m:
             self._jumped_ns = now_ns
@@ -155,7 +161,8 @@ class Reports:
 
 def stopping_m(config: RobotConfig, speed_mps: float) -> float:
     """Return the way to a standstill from `speed_mps`."""
-    return speed_mps * config.reaction_s + speed_mps**2 / (2.0 * config.max_acceleration_mps2)
+    reaction_m = speed_mps * config.reaction_s
+    return reaction_m + speed_mps**2 / (2.0 * config.max_acceleration_mps2)
 
 
 def lead_m(config: RobotConfig, speed_mps: float) -> float:
@@ -169,15 +176,20 @@ def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Ve
     length = norm(step)
     if length == 0.0:
         return limit
+
+    # Before everything ahead it must be able to stop, also while a ground robot still turns
     ahead = scale(step, 1.0 / length)
     horizon_m = stopping_m(config, limit) + limit * SPARE_S + limit**2 / config.max_acceleration_mps2
-    for course, margin_m in (
-        (ahead, 0.0),
-        *((each, MARGIN_M / 2.0) for each in _turn(config, ahead, yaw_rad)),
-    ):
-        way = region.way(place_m, add(place_m, scale(course, horizon_m)), margin_m)
+    courses = [(ahead, 0.0)]
+    for turning in _turn(config, ahead, yaw_rad):
+        courses.append((turning, MARGIN_M / 2.0))
+    for course, margin_m in courses:
+        end_m = add(place_m, scale(course, horizon_m))
+        way = region.way(place_m, end_m, margin_m)
         if way.blocker is not None:
-            limit = min(limit, _from(config, way.share * horizon_m, 0.0))
+            limit = min(limit, _speed_before(config, way.share * horizon_m, 0.0))
+
+    # Towards people it has the approach limit when it gets near them
     for obstacle in region.obstacles:
         if obstacle.kind != "people":
             continue
@@ -186,27 +198,30 @@ def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Ve
         if gap_m <= 0.0:
             limit = min(limit, config.max_approach_mps)
         elif closing > 0.0:
-            limit = min(
-                limit, max(_from(config, gap_m, config.max_approach_mps), config.max_approach_mps) / closing
-            )
+            approach_mps = _speed_before(config, gap_m, config.max_approach_mps)
+            approach_mps = max(approach_mps, config.max_approach_mps)
+            limit = min(limit, approach_mps / closing)
     return max(limit, MIN_MPS)
 
 
 def path_limit_mps(config: RobotConfig, region: Region, points_m: Sequence[Vec3]) -> float:
     """Return the greatest speed along all of a path."""
-    people = Region((each for each in region.obstacles if each.kind == "people"), region.apart_m)
-    is_near = any(
-        people.way(a, b, NEAR_M).blocker or people.blocker(a, NEAR_M) for a, b in pairwise(points_m)
-    )
-    return min(config.max_speed_mps, config.max_approach_mps) if is_near else config.max_speed_mps
+    people = [obstacle for obstacle in region.obstacles if obstacle.kind == "people"]
+    near_people = Region(people, region.apart_m)
+    for start_m, end_m in pairwise(points_m):
+        if near_people.way(start_m, end_m, NEAR_M).blocker or near_people.blocker(start_m, NEAR_M):
+            return min(config.max_speed_mps, config.max_approach_mps)
+    return config.max_speed_mps
 
 
 def _turn(config: RobotConfig, ahead: Vec3, yaw_rad: float) -> Iterator[Vec3]:
     """Yield the directions in which a ground robot drives before it has turned from `yaw_rad` to `ahead`."""
-    if config.kind == "ground":
-        left_rad = wrap(azimuth(ahead) - yaw_rad)
-        count = math.ceil(abs(left_rad) / TURN_STEP_RAD)
-        yield from (direction(yaw_rad + left_rad * index / count, 0.0) for index in range(count))
+    if config.kind != "ground":
+        return
+    remaining_rad = wrap(azimuth(ahead) - yaw_rad)
+    count = math.ceil(abs(remaining_rad) / TURN_STEP_RAD)
+    for index in range(count):
+        yield direction(yaw_rad + remaining_rad * index / count, 0.0)
 
 
 def predicted_places_m(
@@ -219,16 +234,20 @@ def predicted_places_m(
     speed_mps = norm(velocity_mps)
     turned_rad = azimuth(velocity_mps) + turn_radps * (config.reaction_s + TURN_S)
     turned_mps = scale(direction(turned_rad, 0.0), speed_mps)
-    courses_mps = (velocity_mps, turned_mps) if config.kind == "ground" else (velocity_mps,)
-    return tuple(_rest_m(config, place_m, each, speed_mps) for each in courses_mps)
+    courses_mps = [velocity_mps]
+    if config.kind == "ground":
+        courses_mps.append(turned_mps)
+    return tuple(_rest_m(config, place_m, course_mps, speed_mps) for course_mps in courses_mps)
 
 
 def _rest_m(config: RobotConfig, place_m: Vec3, velocity_mps: Vec3, speed_mps: float) -> Vec3:
-    end_m = add(place_m, scale(velocity_mps, stopping_m(config, speed_mps) / speed_mps))
-    return (end_m[0], end_m[1], max(end_m[2], min(place_m[2], 0.0)))
+    stopping_s = stopping_m(config, speed_mps) / speed_mps
+    x, y, z = add(place_m, scale(velocity_mps, stopping_s))
+    floor_m = min(place_m[2], 0.0)
+    return (x, y, max(z, floor_m))
 
 
-def _from(config: RobotConfig, way_m: float, end_mps: float) -> float:
+def _speed_before(config: RobotConfig, way_m: float, end_mps: float) -> float:
     """Return the speed from which `end_mps` is reached within `way_m`."""
     a = SPARE * config.max_acceleration_mps2
     reaction = a * (config.reaction_s + SPARE_S)
@@ -242,7 +261,7 @@ class Safety:
         self._config = config
         self._robot = robot
         self.people = PeopleNearRobot(config, robot)
-        """The people around it, which are told what everybody does."""
+        """The people around it, which learn what everybody does."""
         self._reports = Reports(config, robot)
         self._fences: tuple[Obstacle, ...] | None = None
         """None before the map has come: then it must not move."""
@@ -255,9 +274,13 @@ class Safety:
 
     def on_map(self, environment: Environment) -> None:
         """Update fences and level planes."""
-        self._fences = tuple(
-            KeepIn(fence) if fence.kind == "keep_in" else KeepOut(fence) for fence in environment.fences
-        )
+        fences: list[Obstacle] = []
+        for fence in environment.fences:
+            if fence.kind == "keep_in":
+                fences.append(KeepIn(fence))
+            else:
+                fences.append(KeepOut(fence))
+        self._fences = tuple(fences)
         self.people.on_map(environment)
 
     def on_robot(self, name: str, state: RobotState) -> None:
@@ -282,29 +305,33 @@ class Safety:
         """
         self._now_ns = now_ns
         stop = self._reports.stop_reason(now_ns) or self.people.stop_reason(user, now_ns)
-        if stop is not None or self._fences is None:
-            return NO_MAP if stop is None else stop.text
+        if stop is not None:
+            return stop.text
+        if self._fences is None:
+            return NO_MAP
         report = self._reports.newest
-        if self._config.kind == "ground" or report is None or report.is_flying:
+        if self._config.kind == "ground":
             return ""
+        if report is None or report.is_flying:
+            return ""
+
+        # A quadrotor on the ground needs room to hover
         region = self._region()
         hover_m = add(report.position_m, (0.0, 0.0, self._config.hover_m))
         blocker = region.blocker(hover_m, 0.0)
         if blocker is None:
             return ""
-        short_m = -region.clearance_m(blocker, hover_m)
-        near = f"{round_beyond(short_m)} m too near to {blocker.name}"
-        remedy = self.people.room_remedy(blocker.name) if blocker.kind == "people" else "make room"
-        return f"{self._robot} would hover {near}: carry it away, or {remedy}"
+        short_m = round_beyond(-region.clearance_m(blocker, hover_m))
+        remedy = "make room"
+        if blocker.kind == "people":
+            remedy = self.people.room_remedy(blocker.name)
+        return f"{self._robot} would hover {short_m} m too near to {blocker.name}: carry it away, or {remedy}"
 
     def target_problem(self, user: str, points_m: Sequence[Vec3], now_ns: int, *, sigma_m: float) -> str:
         """Return the reason not to go along points, known to `sigma_m` (1 sigma), or `""`."""
-        stop = (
-            self._reports.stop_reason(now_ns)
-            or self.people.stop_reason(user, now_ns)
-            or self.people.cursor_stop_reason(user, now_ns, follows=False)
-            or self.people.sigma_stop_reason(sigma_m)
-        )
+        stop = self._reports.stop_reason(now_ns) or self.people.stop_reason(user, now_ns)
+        stop = stop or self.people.cursor_stop_reason(user, now_ns, follows=False)
+        stop = stop or self.people.sigma_stop_reason(sigma_m)
         return self.way_problem(points_m) if stop is None else stop.text
 
     def way_problem(self, points_m: Sequence[Vec3]) -> str:
@@ -312,13 +339,17 @@ class Safety:
         if self._fences is None:
             return NO_MAP
         region = self._region()
-        start_m = self._place_m()
-        for index, (leg_start_m, leg_end_m) in enumerate(pairwise((start_m, *points_m)), start=1):
-            which = "the place" if index == len(points_m) else f"way-point {index}"
-            if blocker := region.blocker(leg_end_m):
-                return self._too_near(which, blocker, region.clearance_m(blocker, leg_end_m))
-            if blocker := region.way(leg_start_m, leg_end_m).blocker:
-                return f"the way to {which} comes too near to {blocker.name}: set way-points around it"
+        leg_start_m = self._place_m()
+        for number, point_m in enumerate(points_m, start=1):
+            point_name = "the place" if number == len(points_m) else f"way-point {number}"
+            blocker = region.blocker(point_m)
+            if blocker is not None:
+                clearance_m = region.clearance_m(blocker, point_m)
+                return self._too_near(point_name, blocker, clearance_m)
+            blocker = region.way(leg_start_m, point_m).blocker
+            if blocker is not None:
+                return f"the way to {point_name} comes too near to {blocker.name}: set way-points around it"
+            leg_start_m = point_m
         return ""
 
     def set_point(self, user: str, target_m: Vec3, now_ns: int) -> PermittedSetPoint:
@@ -334,13 +365,17 @@ class Safety:
         reach_m = lead_m(self._config, self._config.max_speed_mps)
         ahead_m, blocker = region.toward(place_m, target_m, reach_m)
         step = subtract(ahead_m, place_m)
+
+        # The speed limit also brings the set-point nearer: some drivers have no other limit
         report = self._reports.newest
         yaw_rad = 0.0 if report is None else report.yaw_rad
         limit_mps = speed_limit_mps(self._config, region, place_m, step, yaw_rad)
         max_m = max(lead_m(self._config, limit_mps), MARGIN_M)
         if norm(step) > max_m:
             ahead_m = add(place_m, scale(step, max_m / norm(step)))
-        problem = "" if blocker is None else f"{blocker.name} is in {self._robot}'s way: point elsewhere"
+        problem = ""
+        if blocker is not None:
+            problem = f"{blocker.name} is in {self._robot}'s way: point elsewhere"
         return PermittedSetPoint(ahead_m, limit_mps, problem)
 
     def stop(self, user: str, mode: str, now_ns: int) -> StopReason | None:
@@ -351,21 +386,37 @@ class Safety:
         """
         self._now_ns = now_ns
         for name in tuple(self._others):
-            if now_ns - self._received_ns.setdefault(name, now_ns) > FORGOTTEN_S * NS_PER_S:
+            received_ns = self._received_ns.setdefault(name, now_ns)
+            if now_ns - received_ns > FORGOTTEN_S * NS_PER_S:
                 del self._others[name]
+
+        # The robot itself, then its user, then what it approaches
         stop = self._reports.stop_reason(now_ns)
-        if stop is None and user and mode == "land":
-            stop = self.people.presence_stop_reason(user)
-        elif stop is None and user:
-            stop = self.people.stop_reason(user, now_ns) or (
-                self.people.cursor_stop_reason(user, now_ns, follows=mode == "follow")
-            )
-        stop = stop or self._stop_before_obstacle() or self._stop_above_person(mode)
+        if stop is None and user:
+            stop = self._user_stop_reason(user, mode, now_ns)
+        if stop is None:
+            stop = self._stop_before_obstacle()
+        if stop is None:
+            stop = self._stop_above_person(mode)
+
+        # The first text of a kind is kept: the numbers in it would change all the time
         if stop is None:
             self._stop = None
-        elif self._stop is None or (self._stop[0], self._stop[1].kind) != (user, stop.kind):
-            self._stop = (user, stop)
-        return None if self._stop is None else self._stop[1]
+            return None
+        if self._stop is not None:
+            last_user, last = self._stop
+            if (last_user, last.kind) == (user, stop.kind):
+                return last
+        self._stop = (user, stop)
+        return stop
+
+    def _user_stop_reason(self, user: str, mode: str, now_ns: int) -> StopReason | None:
+        if mode == "land":
+            return self.people.presence_stop_reason(user)
+        stop = self.people.stop_reason(user, now_ns)
+        if stop is not None:
+            return stop
+        return self.people.cursor_stop_reason(user, now_ns, follows=mode == "follow")
 
     def speed_limit_mps(self, points_m: Sequence[Vec3]) -> float:
         """Return the greatest speed along points, from where it is."""
@@ -379,19 +430,30 @@ class Safety:
             return None
         if self._fences is None:
             return StopReason("fence", NO_MAP, is_freeing=False)
-        last = None if self._stop is None else self._stop[1]
-        if last is not None and last.kind in get_args(ObstacleKind) and last.text != NO_MAP:
-            return last  # until it stands: else it is stopped and goes on in turns
+
+        # An obstacle stops it until it stands: else it is stopped and goes on in turns
+        if self._stop is not None:
+            _, last = self._stop
+            if last.kind in get_args(ObstacleKind) and last.text != NO_MAP:
+                return last
         region = self._region()
-        place_m = report.position_m
+        blocker = self._moving_blocker(region, report.position_m, velocity_mps)
+        if blocker is None:
+            return None
+        return self._stop_for(blocker, region.clearance_m(blocker, report.position_m))
+
+    def _moving_blocker(self, region: Region, place_m: Vec3, velocity_mps: Vec3) -> Obstacle | None:
+        """Return the obstacle for which a robot that moves from `place_m` must brake now, or None."""
         rests_m = predicted_places_m(self._config, place_m, velocity_mps, self._reports.turn_radps)
-        rest_m = rests_m[0]
-        blocker = (
-            next((found for each in rests_m if (found := region.way(place_m, each, 0.0).blocker)), None)
-            or (_not_left(region, place_m, rest_m) if abs(velocity_mps[2]) >= MOVING_MPS else None)
-            or self._too_fast_near(region, place_m, norm(velocity_mps))
-        )
-        return None if blocker is None else self._stop_for(blocker, region.clearance_m(blocker, place_m))
+        for rest_m in rests_m:
+            blocker = region.way(place_m, rest_m, 0.0).blocker
+            if blocker is not None:
+                return blocker
+        if abs(velocity_mps[2]) >= MOVING_MPS:
+            person = _person_not_left(region, place_m, rests_m[0])
+            if person is not None:
+                return person
+        return self._person_passed_too_fast(region, place_m, norm(velocity_mps))
 
     def _stop_above_person(self, mode: str) -> StopReason | None:
         """Return the person in whose space a landing was stopped. It continues when they have left."""
@@ -399,28 +461,33 @@ class Safety:
             return None
         region = self._region()
         place_m = self._place_m()
-        person = _not_left(region, place_m, place_m)
-        return None if person is None else self._stop_for(person, region.clearance_m(person, place_m))
+        person = _person_not_left(region, place_m, place_m)
+        if person is None:
+            return None
+        return self._stop_for(person, region.clearance_m(person, place_m))
 
     def _stop_for(self, blocker: Obstacle, gap_m: float) -> StopReason:
         if gap_m < 0.0:
-            text = f"{self._robot} is {round_beyond(-gap_m)} m too near to {blocker.name}: point away from it"
+            short_m = round_beyond(-gap_m)
+            text = f"{self._robot} is {short_m} m too near to {blocker.name}: point away from it"
         else:
             text = f"{self._robot} stops before {blocker.name}: point elsewhere"
         return StopReason(blocker.kind, text, is_freeing=False)
 
-    def _too_fast_near(self, region: Region, place_m: Vec3, speed_mps: float) -> Obstacle | None:
+    def _person_passed_too_fast(self, region: Region, place_m: Vec3, speed_mps: float) -> Obstacle | None:
         """Return the person near whom it exceeds the limit of speed, or None."""
         if speed_mps <= self._config.max_approach_mps + TOO_FAST_MPS:
             return None
-        people = (each for each in region.obstacles if each.kind == "people")
-        return next((each for each in people if region.clearance_m(each, place_m) < NEAR_M - MARGIN_M), None)
+        for obstacle in region.obstacles:
+            if obstacle.kind == "people" and region.clearance_m(obstacle, place_m) < NEAR_M - MARGIN_M:
+                return obstacle
+        return None
 
-    def _too_near(self, which: str, blocker: Obstacle, clearance_m: float) -> str:
+    def _too_near(self, point_name: str, blocker: Obstacle, clearance_m: float) -> str:
         if clearance_m < 0.0 and blocker.kind == "fence":
-            return f"{which} is beyond {blocker.name}: choose one on the robot's side of it"
-        short_m = MARGIN_M - clearance_m
-        return f"{which} is {round_beyond(short_m)} m too near to {blocker.name}: choose one farther away"
+            return f"{point_name} is beyond {blocker.name}: choose one on the robot's side of it"
+        short_m = round_beyond(MARGIN_M - clearance_m)
+        return f"{point_name} is {short_m} m too near to {blocker.name}: choose one farther away"
 
     def _place_m(self) -> Vec3:
         report = self._reports.newest
@@ -429,9 +496,12 @@ class Safety:
     def _region(self) -> Region:
         config = self._config
         report = self._reports.newest
-        sigma_m = 0.0 if report is None else report.position_sigma_m or 0.0
-        others = (self._cylinder(name, state) for name, state in self._others.items())
-        obstacles = (*(self._fences or ()), *self.people.cylinders(self._now_ns), *others)
+        sigma_m = 0.0
+        if report is not None:
+            sigma_m = report.position_sigma_m or 0.0
+        people = self.people.cylinders(self._now_ns)
+        others = [self._cylinder(name, state) for name, state in self._others.items()]
+        obstacles = (*(self._fences or ()), *people, *others)
         return Region(obstacles, config.radius_m + 2.0 * sigma_m)
 
     def _cylinder(self, name: str, state: RobotState) -> CylinderObstacle:
@@ -441,14 +511,16 @@ class Safety:
         return CylinderObstacle("robots", f"robot {name}", state.position_m, reach_m, half_height_m=reach_m)
 
 
-def _not_left(region: Region, place_m: Vec3, rest_m: Vec3) -> Obstacle | None:
+def _person_not_left(region: Region, place_m: Vec3, rest_m: Vec3) -> Obstacle | None:
     """Return the person in whose space a robot rises or comes down, instead of leaving it, or None.
 
     Their spaces are infinitely high: up and down do not lead away.
     """
     min_m = LEAVING * abs(rest_m[2] - place_m[2])
-    for each in region.obstacles:
-        gap_m = region.clearance_m(each, place_m)
-        if each.kind == "people" and gap_m < 0.0 and region.clearance_m(each, rest_m) - gap_m <= min_m:
-            return each
+    for obstacle in region.obstacles:
+        gap_m = region.clearance_m(obstacle, place_m)
+        if obstacle.kind != "people" or gap_m >= 0.0:
+            continue
+        if region.clearance_m(obstacle, rest_m) - gap_m <= min_m:
+            return obstacle
     return None

@@ -98,15 +98,23 @@ class RobotOwnership:
 
     def is_let_go(self) -> bool:
         """Return True if the person who steers it wants that no longer, or is gone."""
-        return bool(self.user) and (self.user not in self._claims or self.user not in self._present)
+        if not self.user:
+            return False
+        return self.user not in self._claims or self.user not in self._present
 
     def candidate(self, first_ns: int, last_ns: int) -> str:
         """Return the first person who has begun to name it between these times, or `""`."""
-        return next((each for each in self._wanting() if first_ns <= self._claims[each] <= last_ns), "")
+        for user in self._requesting_users():
+            if first_ns <= self._claims[user] <= last_ns:
+                return user
+        return ""
 
     def late(self, first_ns: int, last_ns: int) -> str:
         """Return a person whose request was not granted, and is not between these times, or `""`."""
-        return next((each for each in self._wanting() if not first_ns <= self._claims[each] <= last_ns), "")
+        for user in self._requesting_users():
+            if not first_ns <= self._claims[user] <= last_ns:
+                return user
+        return ""
 
     def free(self) -> None:
         """Release the robot from its user, who must choose it again."""
@@ -119,8 +127,12 @@ class RobotOwnership:
         self._claims = dict.fromkeys(self._claims, 0)
         self.user = ""
 
-    def _wanting(self) -> list[str]:
-        return [user for user, since_ns in self._claims.items() if since_ns and user in self._present]
+    def _requesting_users(self) -> list[str]:
+        users: list[str] = []
+        for user, since_ns in self._claims.items():
+            if since_ns and user in self._present:
+                users.append(user)
+        return users
 
 
 def stage_of(command: Command | None, *, is_down: bool) -> Stage:
@@ -196,11 +208,12 @@ class CommandPlanner:
 
     def on_failure(self, command: Command, state: str, reason: str) -> None:
         """Record that the robot has not executed `command`."""
-        why = f": {reason}" if reason else ""
-        text = f"the robot has {state} its order{why}; point there again, or elsewhere"
+        explanation = f": {reason}" if reason else ""
+        text = f"the robot has {state} its order{explanation}; point there again, or elsewhere"
         self.hindrance = Hindrance("refused", text)
         if not isinstance(command, FollowPath):
-            self._refused = (self._owners.steering.mode, self._owners.steering.target_m)
+            steering = self._owners.steering
+            self._refused = (steering.mode, steering.target_m)
 
     def interrupt(self) -> None:
         """End the order, and forget the goal."""
@@ -219,23 +232,30 @@ class CommandPlanner:
         if silent_s > ANSWER_S:
             text = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
             self.hindrance = Hindrance("unanswered", text)
-        command = self._next(stage, report, cursor, now_ns)
+        command = self._next_command(stage, report, cursor, now_ns)
         if command is not None:
-            goal_ns = self._goal_ns.get(self._owners.user, 0) if isinstance(command, FollowPath) else 0
+            goal_ns = 0
+            if isinstance(command, FollowPath):
+                goal_ns = self._goal_ns.get(self._owners.user, 0)
             self._order.give(command, now_ns, goal_ns)
         return command
 
-    def _next(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
+    def _next_command(
+        self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int
+    ) -> Command | None:
         steering = self._owners.steering
         action = ACTIONS[stage][steering.mode]
-        if self._refused != (steering.mode, steering.target_m):
-            self._refused = None
-        if steering.mode != "goals" and stage != "taking_off":
-            self._goal = None
-        if action == "let go" or (action == "land" and self._config.kind == "ground"):
+        self._forget_outdated(stage, steering)
+
+        # To land a ground robot is to let go of it
+        if action == "land" and self._config.kind == "ground":
+            action = "let go"
+        if action == "let go":
             self._owners.free()
             self.forget()
             action = "stop"
+
+        # It is always told to stop, whatever it has refused
         if action == "stop":
             return Stop(self._order.next())
         if self._refused is not None or action == "wait":
@@ -244,21 +264,30 @@ class CommandPlanner:
             case "take off":
                 return TakeOff(self._order.next(), self._config.hover_m)
             case "follow":
-                return self._following(report, cursor, now_ns)
+                return self._follow_cursor(report, cursor, now_ns)
             case "go":
-                return self._path(report, now_ns)
+                return self._go_to_goal(report, now_ns)
             case "land":
-                return self._landing(steering.target_m, report)
+                return self._land_at(steering.target_m, report)
             case _:
                 return self._stay(Hindrance())
+
+    def _forget_outdated(self, stage: Stage, steering: Steering) -> None:
+        """Forget the refusal of another request, and a goal, which waits for the take-off only."""
+        if self._refused != (steering.mode, steering.target_m):
+            self._refused = None
+        if steering.mode != "goals" and stage != "taking_off":
+            self._goal = None
 
     def _stay(self, reason: Hindrance) -> Command | None:
         """Return the command by which it stays where it is, if it does not already."""
         self.hindrance = reason
         command = self._order.command
-        return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
+        if command is None or isinstance(command, Stop):
+            return None
+        return Stop(self._order.next())
 
-    def _following(self, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
+    def _follow_cursor(self, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
         target = None if cursor is None else self._target(cursor, report.position_m)
         if target is None:
             return self._stay(Hindrance("unreachable", UNREACHABLE))
@@ -266,17 +295,18 @@ class CommandPlanner:
         self.hindrance = hindrance_of("limited", set_point.problem)
         return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
 
-    def _path(self, report: RobotReport, now_ns: int) -> Command | None:
+    def _go_to_goal(self, report: RobotReport, now_ns: int) -> Command | None:
+        """Return the command to the pending goal, if it is permitted. It is tried once."""
         goal = self._goal
         self._goal = None
         if goal is None:
             return None
         here_m = report.position_m
-        wanted_m = (*goal.via_m, goal.position_m)
-        if not all(self._is_reachable(point, here_m) for point in wanted_m):
+        goal_points = (*goal.via_m, goal.position_m)
+        if not all(self._is_reachable(point, here_m) for point in goal_points):
             self.hindrance = Hindrance("unreachable", UNREACHABLE)
             return None
-        points = tuple(self._above(point, here_m) for point in wanted_m)
+        points = tuple(self._above(point, here_m) for point in goal_points)
         user = self._owners.user
         problem = self._safety.target_problem(user, points, now_ns, sigma_m=goal.position_sigma_m)
         self.hindrance = hindrance_of("limited", problem)
@@ -285,17 +315,23 @@ class CommandPlanner:
         speed_mps = self._safety.speed_limit_mps((here_m, *points))
         return FollowPath(self._order.next(), points, goal.yaw_rad, speed_mps)
 
-    def _landing(self, place_m: Vec3 | None, report: RobotReport) -> Command | None:
+    def _land_at(self, place_m: Vec3 | None, report: RobotReport) -> Command | None:
+        """Return the command to land at `place_m`, or where it is, if it does not land there already."""
         command = self._order.command
         if isinstance(command, Land) and command.position_m == place_m:
             return None
-        way = () if place_m is None else (self._above(place_m, report.position_m), place_m)
-        problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
-        if problem:
-            self._refused = ("land", place_m)
-            return self._stay(Hindrance("limited", problem))
+
+        # Only the way is checked, not the arm: one that is lowered ends no landing
+        speed_mps = None
+        if place_m is not None:
+            way = (self._above(place_m, report.position_m), place_m)
+            problem = self._safety.way_problem(way)
+            if problem:
+                self._refused = ("land", place_m)
+                return self._stay(Hindrance("limited", problem))
+            speed_mps = self._safety.speed_limit_mps(way)
         self.hindrance = Hindrance()
-        return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
+        return Land(self._order.next(), place_m, speed_mps)
 
     def _target(self, cursor: Cursor, here_m: Vec3) -> Vec3 | None:
         """Return where the robot, now at `here_m`, is to go, or None if it cannot go where `cursor` is.
@@ -303,13 +339,17 @@ class CommandPlanner:
         A quadrotor hovers above level places, a ground robot goes to no others.
         """
         point = cursor.point_m
-        where = cursor.surface_id
         if point is None or not self._is_reachable(point, here_m):
             return None
+        is_in_workspace = cursor.surface_id.startswith(WORKSPACE)
         if not self._safety.people.is_on_level(cursor):
-            return point if self._is_flying_kind and where.startswith(WORKSPACE) else None
-        is_below = cursor.origin_m is None or point[2] < cursor.origin_m[2]
-        return self._above(point, here_m) if is_below or where.startswith(WORKSPACE) else None
+            return point if self._is_flying_kind and is_in_workspace else None
+
+        # A level place above the eyes is a ceiling
+        is_below_eyes = cursor.origin_m is None or point[2] < cursor.origin_m[2]
+        if not is_below_eyes and not is_in_workspace:
+            return None
+        return self._above(point, here_m)
 
     def _is_reachable(self, point_m: Vec3, here_m: Vec3) -> bool:
         """Return True unless a ground robot at `here_m` cannot get up or down to `point_m`."""
@@ -317,5 +357,7 @@ class CommandPlanner:
 
     def _above(self, point_m: Vec3, here_m: Vec3) -> Vec3:
         """Return where the robot is to be for a place on the ground. A ground robot stays at its height."""
-        height_m = point_m[2] + self._config.hover_m if self._is_flying_kind else here_m[2]
+        height_m = here_m[2]
+        if self._is_flying_kind:
+            height_m = point_m[2] + self._config.hover_m
         return (point_m[0], point_m[1], height_m)

@@ -64,9 +64,10 @@ class CurrentOrder:
 
     def give(self, command: Command, now_ns: int, goal_ns: int = 0) -> None:
         """Record that the driver receives `command`, for the goal with the stamp `goal_ns`."""
-        before = self._given
-        goes_on = isinstance(command, Follow) and before is not None and isinstance(before.command, Follow)
-        first = before.first if goes_on and before is not None else command.order
+        first = command.order
+        previous = self._given
+        if isinstance(command, Follow) and previous is not None and isinstance(previous.command, Follow):
+            first = previous.first
         self._given = _Given(command, first, now_ns, goal_ns)
 
     def drop(self) -> None:
@@ -78,7 +79,11 @@ class CurrentOrder:
         given = self._given
         if given is None:
             return None
-        first = given.first if status.state in ("refused", "failed") else given.command.order
+
+        # In a row of commands to follow, the refusal of an earlier one counts for the present one, too
+        first = given.command.order
+        if status.state in ("refused", "failed"):
+            first = given.first
         if not first <= status.order <= given.command.order:
             return None
         if status.state in ("accepted", "active"):
@@ -90,17 +95,21 @@ class CurrentOrder:
     def unanswered_s(self, now_ns: int) -> float:
         """Return for how long the driver has not answered an order that wants an answer, s."""
         given = self._given
-        if given is None or given.is_answered or isinstance(given.command, Follow | Stop):
+        if given is None or given.is_answered:
+            return 0.0
+        if isinstance(given.command, Follow | Stop):
             return 0.0
         return (now_ns - given.since_ns) / NS_PER_S
 
     def pass_points(self, here_m: Vec3, near_m: float) -> None:
         """Shorten its way by the points that are passed at `here_m`."""
         given = self._given
-        if given is None or not isinstance(command := given.command, FollowPath):
+        if given is None or not isinstance(given.command, FollowPath):
             return
-        if len(command.points_m) > 1 and math.dist(command.points_m[0], here_m) < near_m:
-            self._given = replace(given, command=replace(command, points_m=command.points_m[1:]))
+        points_m = given.command.points_m
+        if len(points_m) > 1 and math.dist(points_m[0], here_m) < near_m:
+            shorter = replace(given.command, points_m=points_m[1:])
+            self._given = replace(given, command=shorter)
 
     def way_m(self, here_m: Vec3) -> tuple[Vec3, ...]:
         """Return the rest of its way from `here_m`, or nothing."""
@@ -136,21 +145,28 @@ class StandstillMonitor:
 
     def is_left(self, report: RobotReport, now_ns: int) -> bool:
         """Return True if it has to be told once more to stop. Call this while it has no order."""
+        # At first it may still brake
         if self._due_ns is None:
             self._due_ns = now_ns + round((self._braking_s + REPEAT_S) * NS_PER_S)
         if now_ns < self._due_ns:
             return False
+        if self._place is None:
+            self._place = (now_ns, report.position_m)
+            return False
+
+        # It is told again at once, and then judged by a new place
+        since_ns, place_m = self._place
         limit_m = MOVED_M + 2.0 * (report.position_sigma_m or 0.0)
-        if self._place is not None and math.dist(self._place[1], report.position_m) > limit_m:
+        if math.dist(place_m, report.position_m) > limit_m:
             self.problem = self._text
             self._place = None
             self._due_ns = now_ns + round(REPEAT_S * NS_PER_S)
             return True
-        if self._place is not None and now_ns - self._place[0] < WINDOW_S * NS_PER_S:
-            return False
-        if self._place is not None:
+
+        # It has stood for the whole window. Later its place may differ by drift
+        if now_ns - since_ns >= WINDOW_S * NS_PER_S:
             self.problem = ""
-        self._place = (now_ns, report.position_m)
+            self._place = (now_ns, report.position_m)
         return False
 
 
@@ -166,8 +182,11 @@ class ProgressMonitor:
         """Return that it has not moved for `STUCK_S` by `command`, its order, as one sentence, or `""`."""
         if report is None or not isinstance(command, TakeOff | Land | FollowPath):
             return ""
+
+        # Time and place count from the last movement, or from a new order
         since_ns, place_m = self._place
-        if command.order != self._order or math.dist(place_m, report.position_m) > MOVED_M:
+        has_moved = math.dist(place_m, report.position_m) > MOVED_M
+        if command.order != self._order or has_moved:
             self._order = command.order
             self._place = (now_ns, report.position_m)
             return ""
@@ -175,5 +194,7 @@ class ProgressMonitor:
             return ""
         if isinstance(command, FollowPath):
             return f"the robot has not moved for {STUCK_S:.0f} s: see what holds it, or send it elsewhere"
-        what = "taken off: see that it is armed" if isinstance(command, TakeOff) else "landed: look at it"
-        return f"the robot has not moved for {STUCK_S:.0f} s and not {what}, and take it again"
+        result = "landed: look at it"
+        if isinstance(command, TakeOff):
+            result = "taken off: see that it is armed"
+        return f"the robot has not moved for {STUCK_S:.0f} s and not {result}, and take it again"

@@ -108,18 +108,26 @@ def figures(
         duration_s: time that it takes for it.
         is_flying: True if the height may change.
     """
-    courses = np.stack(list(_courses(speed_mps * duration_s, is_flying=is_flying))) + start_m
+    length_m = speed_mps * duration_s
+    courses = np.stack(list(_courses(length_m, is_flying=is_flying))) + start_m
+
+    # Courses that keep away from all people and above the ground
     places = np.array([person.place_m for person in people])
-    apart = np.linalg.norm(courses[:, None, :, :2] - places[:, None, :2], axis=3).min(axis=2)
-    is_clear = (apart >= [person.keep_out_m for person in people]).all(axis=1)
+    keep_out_m = [person.keep_out_m for person in people]
+    offsets = courses[:, None, :, :2] - places[:, None, :2]
+    distances_m = np.linalg.norm(offsets, axis=3)
+    is_clear = (distances_m.min(axis=2) >= keep_out_m).all(axis=1)
     if is_flying:
-        is_clear &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
+        lowest_m = courses[:, :, 2].min(axis=1)
+        is_clear &= lowest_m >= min(LOWEST_M, start_m[2])
+
+    # The person may be at any of the places: the mean over them counts
     sigmas = position_sigmas_m(courses[is_clear], places, duration_s).mean(axis=1)
-    found = [
-        FollowedFigure(tuple((x, y, z) for x, y, z in courses[index].tolist()), float(sigma_m))
-        for index, sigma_m in zip(np.flatnonzero(is_clear).tolist(), sigmas, strict=True)
-    ]
-    return sorted(found, key=lambda each: each.sigma_m)
+    candidates: list[FollowedFigure] = []
+    for course, sigma_m in zip(courses[is_clear].tolist(), sigmas, strict=True):
+        points = tuple((x, y, z) for x, y, z in course)
+        candidates.append(FollowedFigure(points, float(sigma_m)))
+    return sorted(candidates, key=lambda figure: figure.sigma_m)
 
 
 def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float) -> Array:
@@ -130,44 +138,63 @@ def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float) -> A
         places_m: where the person may stand, k x 3.
         duration_s: from the first to the last place of a course.
     """
+    # From the eyes at each place to the robot at each point of each course
     count = courses_m.shape[1]
     eyes = places_m + np.array([0.0, 0.0, EYES_M])
-    away = courses_m[:, None] - eyes[:, None]
-    level = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
-    reach = np.hypot(level, away[..., 2])
-    slope = np.zeros((2, *level.shape, 5))  # sideways, upwards; by x, y, yaw, bias, latency
-    slope[0, ..., 0] = away[..., 1] / (level * reach)
-    slope[0, ..., 1] = -away[..., 0] / (level * reach)
-    slope[0, ..., 2] = -level / reach
-    slope[1, ..., :2] = away[..., 2:] * away[..., :2] / (level * reach**2)[..., None]
-    slope[1, ..., 3] = 1.0
-    moved = np.gradient(courses_m, duration_s / (count - 1), axis=1)[:, None]
-    slope[..., 4] = -(slope[..., :2] * moved[..., :2]).sum(axis=-1)
-    slope[1, ..., 4] += level / reach**2 * moved[..., 2]
-    slope /= np.reshape(SIGMA_RAD, (2, 1, 1, 1, 1))
+    offset = courses_m[:, None] - eyes[:, None]
+    level = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-3)
+    reach = np.hypot(level, offset[..., 2])
+
+    # Jacobian of the direction, sideways and upwards, by x, y, yaw and elevation bias
+    jacobian = np.zeros((2, *level.shape, 5))
+    jacobian[0, ..., 0] = offset[..., 1] / (level * reach)
+    jacobian[0, ..., 1] = -offset[..., 0] / (level * reach)
+    jacobian[0, ..., 2] = -level / reach
+    level_reach_2 = (level * reach**2)[..., None]
+    jacobian[1, ..., :2] = offset[..., 2:] * offset[..., :2] / level_reach_2
+    jacobian[1, ..., 3] = 1.0
+
+    # By latency: the robot moves on meanwhile
+    interval_s = duration_s / (count - 1)
+    velocity = np.gradient(courses_m, interval_s, axis=1)[:, None]
+    level_changes = jacobian[..., :2] * velocity[..., :2]
+    jacobian[..., 4] = -level_changes.sum(axis=-1)
+    jacobian[1, ..., 4] += level / reach**2 * velocity[..., 2]
+
+    # Fisher information of all independent pointings, and the bound on the position from its inverse
+    jacobian /= np.reshape(SIGMA_RAD, (2, 1, 1, 1, 1))
     share = INDEPENDENT_HZ * duration_s / count
-    squares: Array = np.einsum("afkni,afknj->fkij", slope, slope)
+    squares: Array = np.einsum("afkni,afknj->fkij", jacobian, jacobian)
     information = np.asarray(share * squares + np.diag(PRIOR), dtype=np.float64)
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     variances = np.linalg.eigvalsh(covariance[..., :2, :2])[..., -1]
-    return np.asarray(np.minimum(UNKNOWN_M, np.sqrt(variances)), dtype=np.float64)
+    sigmas_m = np.minimum(UNKNOWN_M, np.sqrt(variances))
+    return np.asarray(sigmas_m, dtype=np.float64)
 
 
 def _courses(length_m: float, *, is_flying: bool) -> Iterator[Array]:
     """Yield courses (n x 3) from the origin and back, each of `length_m`: ellipses, then figures of eight."""
-    share = np.linspace(0.0, math.tau, POINTS)
-    shapes = [np.stack([1.0 - np.cos(share), aspect * np.sin(share)]) for aspect in ASPECTS]
-    shapes.append(np.stack([np.sin(share), 0.5 * np.sin(2.0 * share)]))
+    phase = np.linspace(0.0, math.tau, POINTS)
+    shapes: list[Array] = []
+    for aspect in ASPECTS:
+        shapes.append(np.stack([1.0 - np.cos(phase), aspect * np.sin(phase)]))
+    shapes.append(np.stack([np.sin(phase), 0.5 * np.sin(2.0 * phase)]))
+    rises_m = RISES_M if is_flying else RISES_M[:1]
+    turns_rad = np.arange(TURNS) * math.tau / TURNS
     for along, aside in shapes:
-        for rise_m in RISES_M if is_flying else RISES_M[:1]:
-            for rate in (1.0, 2.0) if rise_m else (1.0,):
+        for rise_m in rises_m:
+            # A flying robot rises once or twice in each course
+            rates = (1.0, 2.0) if rise_m else (1.0,)
+            for rate in rates:
                 if 2.0 * rate * rise_m > MAX_VERTICAL * length_m:
                     continue
-                up = rise_m * 0.5 * (1.0 - np.cos(rate * share))
+                up = rise_m * 0.5 * (1.0 - np.cos(rate * phase))
                 level_m = _level_length(along, aside, up, length_m)
-                for turn in np.arange(TURNS) * math.tau / TURNS:
-                    x = level_m * (along * math.cos(turn) - aside * math.sin(turn))
-                    y = level_m * (along * math.sin(turn) + aside * math.cos(turn))
+                for turn_rad in turns_rad:
+                    cos = math.cos(turn_rad)
+                    sin = math.sin(turn_rad)
+                    x = level_m * (along * cos - aside * sin)
+                    y = level_m * (along * sin + aside * cos)
                     yield np.stack([x, y, up], axis=1)
 
 
@@ -177,9 +204,12 @@ def _level_length(along: Array, aside: Array, up: Array, length_m: float) -> flo
     high = length_m
     for _ in range(30):
         middle = 0.5 * (low + high)
-        steps = np.diff(np.stack([middle * along, middle * aside, up]), axis=1)
-        is_longer = float(np.linalg.norm(steps, axis=0).sum()) > length_m
-        low, high = (low, middle) if is_longer else (middle, high)
+        course = np.stack([middle * along, middle * aside, up])
+        steps = np.diff(course, axis=1)
+        if float(np.linalg.norm(steps, axis=0).sum()) > length_m:
+            high = middle
+        else:
+            low = middle
     return low
 
 
@@ -199,16 +229,19 @@ class FigureFlight:
         """Reason for which there is no figure, or `""`."""
 
     def _waiting(self, now_ns: int) -> list[str]:
+        """Return the people who are localized by this robot."""
         longest_ns = LONGEST_S * NS_PER_S
         return [user for user, since_ns in self.followers.items() if abs(now_ns - since_ns) < longest_ns]
 
     def take_problem(self, user: str, now_ns: int) -> str:
         """Return the reason not to let `user` end the figure that others follow, or `""`."""
-        others = [each for each in self._waiting(now_ns) if each != user]
-        if not others or self.problem or not self._is_begun:  # one that stands still delays nobody
+        if self.problem or not self._is_begun:  # a robot that stands still delays nobody
             return ""
-        are = "is" if len(others) == 1 else "are"
-        return f"{self._name} moves until {all_of(others)} {are} found: take it then"
+        others = [follower for follower in self._waiting(now_ns) if follower != user]
+        if not others:
+            return ""
+        verb = "is" if len(others) == 1 else "are"
+        return f"{self._name} moves until {all_of(others)} {verb} found: take it then"
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update a person's pose: who is found needs no figure."""
@@ -216,13 +249,10 @@ class FigureFlight:
 
     def on_localization(self, user: str, localization: Localization) -> None:
         """Update whether `user` is localized by this robot."""
-        is_ours = (
-            localization.phase == "sampling"
-            and localization.purpose == "pose"
-            and localization.target_id == self._name
-        )
         self.followers.pop(user, None)
-        if is_ours and not localization.ahead:
+        if localization.phase != "sampling" or localization.purpose != "pose":
+            return
+        if localization.target_id == self._name and not localization.ahead:
             self.followers[user] = localization.since_ns
 
     def on_gone(self, user: str) -> None:
@@ -239,14 +269,18 @@ class FigureFlight:
         self, report: RobotReport, order: CurrentOrder, safety: Safety, now_ns: int
     ) -> Command | None:
         """Return the command to a robot that nobody steers, by its last report and its order, or None."""
-        is_wanted = bool(self._waiting(now_ns))
-        if not is_wanted and isinstance(order.command, FollowPath | TakeOff):
+        # The end of the last localization interrupts a figure, and begins the landing after it
+        is_requested = bool(self._waiting(now_ns))
+        if not is_requested and isinstance(order.command, FollowPath | TakeOff):
             return self._interrupt(order)
-        is_early = self._tried_ns is not None and abs(now_ns - self._tried_ns) < PAUSE_S * NS_PER_S
-        if order.command is not None or is_early:
+        if order.command is not None:
             return None
-        if not is_wanted:
+        if self._tried_ns is not None and abs(now_ns - self._tried_ns) < PAUSE_S * NS_PER_S:
+            return None
+        if not is_requested:
             return self._end(report, order, now_ns)
+
+        # A quadrotor takes off first
         self._tried_ns = now_ns
         if self._config.kind == "quadrotor" and not report.is_flying:
             x, y, z = report.position_m
@@ -256,20 +290,24 @@ class FigureFlight:
                 return None
             self._is_begun = True
             return TakeOff(order.next(), height_m)
+
+        # The most informative figure that keeps clear of everything; a course begins where the robot is
         people = self.people(report.position_m, is_flying=report.is_flying)
         ranked = figures(
-            report.position_m, people,
+            report.position_m,
+            people,
             speed_mps=self._config.max_speed_mps,
             duration_s=self._config.figure.duration_s,
             is_flying=self._config.kind == "quadrotor",
-        )  # fmt: skip
-        chosen = next((each for each in ranked if not safety.way_problem(each.points_m)), None)
+        )
+        chosen = next((figure for figure in ranked if not safety.way_problem(figure.points_m)), None)
         if chosen is None:
             self.problem = NO_FIGURE
             return None
         self._is_begun = True
         self.problem = ""
-        return FollowPath(order.next(), chosen.points_m[1:], None, safety.speed_limit_mps(chosen.points_m))
+        speed_mps = safety.speed_limit_mps(chosen.points_m)
+        return FollowPath(order.next(), chosen.points_m[1:], None, speed_mps)
 
     def _interrupt(self, order: CurrentOrder) -> Command | None:
         self.problem = ""
@@ -290,16 +328,27 @@ class FigureFlight:
         config = self._config
         apart_m = config.keep_out_m + PERSON_SIGMA_M + config.radius_m
         if config.figure.people_m:
-            found = [pose.position_m[:2] for user, pose in self._poses.items() if user not in self.followers]
-            places = config.figure.people_m
-            open_m = [each for each in places if all(math.dist(each[:2], at) > FOUND_M for at in found)]
-            return [AssumedPerson(place_m, apart_m) for place_m in open_m or places]
-        turns = [math.tau * number / DIRECTIONS for number in range(DIRECTIONS)]
-        floor_m = here_m[2] - (config.figure.height_m if is_flying else 0.0)
-        return [
-            AssumedPerson(
-                (here_m[0] + AROUND_M * math.cos(turn), here_m[1] + AROUND_M * math.sin(turn), floor_m),
-                apart_m,
-            )
-            for turn in turns
-        ]
+            places = self._free_places() or config.figure.people_m
+            return [AssumedPerson(place_m, apart_m) for place_m in places]
+        floor_m = here_m[2]
+        if is_flying:
+            floor_m -= config.figure.height_m
+        people: list[AssumedPerson] = []
+        for number in range(DIRECTIONS):
+            turn_rad = math.tau * number / DIRECTIONS
+            x = here_m[0] + AROUND_M * math.cos(turn_rad)
+            y = here_m[1] + AROUND_M * math.sin(turn_rad)
+            people.append(AssumedPerson((x, y, floor_m), apart_m))
+        return people
+
+    def _free_places(self) -> list[Vec3]:
+        """Return the configured places at which nobody stands who was found."""
+        taken: list[tuple[float, float]] = []
+        for user, pose in self._poses.items():
+            if user not in self.followers:
+                taken.append(pose.position_m[:2])
+        places: list[Vec3] = []
+        for place_m in self._config.figure.people_m:
+            if all(math.dist(place_m[:2], position_m) > FOUND_M for position_m in taken):
+                places.append(place_m)
+        return places

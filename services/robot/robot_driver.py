@@ -190,8 +190,9 @@ def in_frame(command: Command, frame: Frame) -> Command:
             yaw_rad = _yaw(command.yaw_rad, frame)
             return replace(command, position_m=place, yaw_rad=yaw_rad)
         case FollowPath():
-            points = tuple(_point(each, frame) for each in command.points_m)
-            return replace(command, points_m=points, yaw_rad=_yaw(command.yaw_rad, frame))
+            points = tuple(_point(point_m, frame) for point_m in command.points_m)
+            yaw_rad = _yaw(command.yaw_rad, frame)
+            return replace(command, points_m=points, yaw_rad=yaw_rad)
         case Land(position_m=place) if place is not None:
             return replace(command, position_m=_point(place, frame))
         case _:
@@ -199,19 +200,27 @@ def in_frame(command: Command, frame: Frame) -> Command:
 
 
 def _point(point_m: Vec3, frame: Frame) -> Vec3:
-    return rotate(inverse(frame.orientation_xyzw), vector.subtract(point_m, frame.position_m))
+    frame_from_world = inverse(frame.orientation_xyzw)
+    offset = vector.subtract(point_m, frame.position_m)
+    return rotate(frame_from_world, offset)
 
 
 def _yaw(yaw_rad: float | None, frame: Frame) -> float | None:
     if yaw_rad is None:
         return None
-    return vector.azimuth(rotate(inverse(frame.orientation_xyzw), vector.direction(yaw_rad, 0.0)))
+    frame_from_world = inverse(frame.orientation_xyzw)
+    front = vector.direction(yaw_rad, 0.0)
+    return vector.azimuth(rotate(frame_from_world, front))
+
+
+def _is_usable(number: float) -> bool:
+    return math.isfinite(number) and abs(number) <= FARTHEST
 
 
 def report_fault(report: RobotReport) -> str:
     """Return the reason not to use `report`, or `""`."""
     numbers = (*report.position_m, *report.velocity_mps, report.yaw_rad)
-    if len(numbers) != 7 or not all(math.isfinite(each) and abs(each) <= FARTHEST for each in numbers):
+    if len(numbers) != 7 or not all(map(_is_usable, numbers)):
         return (
             "the robot reports a pose or velocity that is no number or too large; it is not used: look at "
             "its localization"

@@ -43,17 +43,22 @@ class RobotMessages:
         config = self._config
         hindrance = pilot.hindrance
         current = (pilot.phase, pilot.user, hindrance.text)
-        if current == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
+        is_early = 0 <= now_ns - self._state_ns < STATE_NS
+        if is_early and current == self._reported:
             return None
         self._reported = current
         self._state_ns = now_ns
         self._states += 1
-        yaw_rad = math.radians(config.start_yaw_deg)
+
+        # Before the first report it is where it starts by its configuration
         report = pilot.report
         if report is None:
+            yaw_rad = math.radians(config.start_yaw_deg)
             report = RobotReport(now_ns, config.start_m, yaw_rad)
-            report = report if self.frame is None else report_in_world(report, self.frame)
+            if self.frame is not None:
+                report = report_in_world(report, self.frame)
         way = pilot.way_m
+        target_m = way[-1] if way else None
         return RobotState(
             stamp_ns=report.stamp_ns,
             seq=self._states,
@@ -65,7 +70,7 @@ class RobotMessages:
             position_sigma_m=report.position_sigma_m,
             radius_m=config.radius_m,
             user=pilot.user,
-            target_m=way[-1] if way else None,
+            target_m=target_m,
             reason=hindrance.text,
             reason_code=hindrance.code,
             goal_ns=pilot.goal_ns,
@@ -76,10 +81,10 @@ class RobotMessages:
         """Return its plan if that has changed."""
         line = self._pilot.way_m
         user = self._pilot.user
-        before = self._plan
-        if before is not None and before.user == user and len(before.line_m) == len(line):
+        previous = self._plan
+        if previous is not None and previous.user == user and len(previous.line_m) == len(line):
             is_early = 0 <= now_ns - self._plan_ns < PLAN_NS
-            if is_early or _distance_m(before.line_m, line) < PLAN_CHANGE_M:
+            if is_early or _distance_m(previous.line_m, line) < PLAN_CHANGE_M:
                 return None
         self._plans += 1
         self._plan_ns = now_ns
@@ -88,15 +93,21 @@ class RobotMessages:
 
     def objects(self, now_ns: int) -> TrackedObjects | None:
         """Return it as a tracked object if its pose is new, and nothing once if it is lost."""
-        report = None if self._pilot.phase == "lost" else self._pilot.report
-        is_early = report is not None and 0 <= now_ns - self._objects_ns < OBJECTS_NS
-        if is_early or report is self._report:
+        report = None
+        if self._pilot.phase != "lost":
+            report = self._pilot.report
+        if report is self._report:
+            return None
+        is_early = 0 <= now_ns - self._objects_ns < OBJECTS_NS
+        if is_early and report is not None:  # a loss is reported at once
             return None
         self._report = report
         self._objects_ns = now_ns
         self._counted += 1
         if report is None:
             return TrackedObjects(stamp_ns=now_ns, seq=self._counted)
+
+        # Its place is in the middle of the circle that it fills
         robot = TrackedObject(
             id=self._name,
             kind=KIND,
@@ -115,4 +126,5 @@ class RobotMessages:
 
 
 def _distance_m(first: tuple[Vec3, ...], second: tuple[Vec3, ...]) -> float:
-    return max((math.dist(a, b) for a, b in zip(first, second, strict=True)), default=0.0)
+    pairs = zip(first, second, strict=True)
+    return max((math.dist(a, b) for a, b in pairs), default=0.0)

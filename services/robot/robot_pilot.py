@@ -46,6 +46,7 @@ class RobotPilot:
 
     def __init__(self, config: RobotConfig, name: str, safety: Safety) -> None:
         """Start without any report. The robot gets an order to stop when it reports first."""
+        # People's requests, and the commands that they become
         self._config = config
         self._name = name
         self._safety = safety
@@ -55,6 +56,8 @@ class RobotPilot:
         self._figure = FigureFlight(config, name)
         self._standstill = StandstillMonitor(config, name)
         self._progress = ProgressMonitor()
+
+        # What the robot has reported
         self.report: RobotReport | None = None
         """Last report that was used, in {W}."""
         self._lost = "nothing has been heard of the robot yet: look whether its driver is connected"
@@ -63,12 +66,14 @@ class RobotPilot:
         self._started_ns: int | None = None
         self._since_ns = 0
         """Time of the first report after the last loss. Earlier requests of users are ignored."""
+
+        # What keeps it from moving
         self._cursors: dict[str, Cursor] = {}
         self._stop: StopReason | None = None
         """Reason to stand still; a stop that freed it counts until somebody takes it."""
         self._kind = ""
         self._halts = False
-        """True if the driver has to be told to stop."""
+        """True if the driver has to get an order to stop."""
         self._wait = ""
         """That it does not go on along its path, which it has not given up, or `""`."""
 
@@ -89,13 +94,13 @@ class RobotPilot:
             return Hindrance() if self._is_expected else Hindrance("lost", self._lost)
         if self._standstill.problem:
             return Hindrance("moved_away", self._standstill.problem)
-        asked = self._planner.hindrance
-        if asked.text and not self.user:  # who asks hears why not, not why others lost it
-            return asked
+        request_problem = self._planner.hindrance
+        if request_problem.text and not self.user:  # who asks hears why not, not why others lost it
+            return request_problem
         if self._stop is not None:
             return Hindrance(self._stop.kind, self._stop.text)
-        if asked.text:
-            return asked
+        if request_problem.text:
+            return request_problem
         if self._wait:
             return Hindrance("waiting", self._wait)
         return hindrance_of("no_figure", self._figure.problem)
@@ -103,7 +108,9 @@ class RobotPilot:
     @property
     def has_other_master(self) -> bool:
         """Return True while somebody else than PointIt steers it."""
-        return not self._lost and self._stop is not None and self._stop.kind == "other_master"
+        if self._lost or self._stop is None:
+            return False
+        return self._stop.kind == "other_master"
 
     @property
     def goal_ns(self) -> int:
@@ -127,13 +134,20 @@ class RobotPilot:
             return "landed" if stage == "landed" else "stopped"
         if stage in ("landing", "taking_off", "landed"):
             return stage
-        is_away = isinstance(command, Follow) and math.dist(command.position_m, report.position_m) > NEAR_M
-        is_on_way = stage == "on_path" or is_away
-        return "moving" if is_on_way or math.hypot(*report.velocity_mps) > MOVING_MPS else "idle"
+
+        # Otherwise it moves on a path, until it is where it follows to, and while others push it
+        if stage == "on_path":
+            return "moving"
+        if isinstance(command, Follow) and math.dist(command.position_m, report.position_m) > NEAR_M:
+            return "moving"
+        speed_mps = math.hypot(*report.velocity_mps)
+        return "moving" if speed_mps > MOVING_MPS else "idle"
 
     @property
     def _stage(self) -> Stage:
-        is_down = self._config.kind == "quadrotor" and self.report is not None and not self.report.is_flying
+        is_down = False
+        if self._config.kind == "quadrotor" and self.report is not None:
+            is_down = not self.report.is_flying
         return stage_of(self._order.command, is_down=is_down)
 
     def on_map(self, environment: Environment) -> None:
@@ -179,18 +193,7 @@ class RobotPilot:
         """Store a report of the driver. Return the reason if it is unusable, else `""`."""
         match item:
             case RobotReport():
-                if fault := report_fault(item):
-                    self._safety.on_link_lost(fault)
-                    return fault
-                if problem := self._safety.on_report(item, now_ns):
-                    return problem
-                if self._lost:
-                    self._since_ns = now_ns
-                    self._halts = True  # it may still execute an earlier order
-                self.report = item
-                self._lost = ""
-                self._is_expected = False
-                self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
+                return self._on_report(item, now_ns)
             case LinkLost(reason=reason):
                 self._lost = reason
                 self._is_expected = False
@@ -207,34 +210,48 @@ class RobotPilot:
     def step(self, now_ns: int) -> Command | None:
         """Return the next command to the driver, or None."""
         if self._is_expected:
-            self._started_ns = now_ns if self._started_ns is None else self._started_ns
+            if self._started_ns is None:
+                self._started_ns = now_ns
             self._is_expected = now_ns - self._started_ns <= self._config.report_timeout_s * NS_PER_S
+
+        # Reasons to halt: a user who lets go, an unsafe place, a robot that moves on, one that does not move
         self._change_owner(now_ns)
         self._apply_safety(now_ns)
         self._halts |= self._moves_without_order(now_ns)
-        stuck = self._progress.problem(self._order.command, self.report, now_ns)
-        self._wait = stuck if isinstance(self._order.command, FollowPath) else ""
-        if stuck and not self._wait:
-            self._release(StopReason("stuck", stuck, is_freeing=True))
+        self._check_progress(now_ns)
         if self._halts:
             self._halts = False
             self._order.drop()
             return Stop(self._order.next())
+
+        # While it is stopped it gets no command
         report = self.report
+        is_freed = self._stop is not None and self._stop.is_freeing
+        if self._lost or is_freed:
+            self._figure.forget()  # of a stop that passes by itself, a quadrotor still has to land
         if self._stop is not None or self._lost or report is None:
-            if self._lost or (self._stop is not None and self._stop.is_freeing):
-                self._figure.forget()  # of a stop that passes by itself, a quadrotor still has to land
             return None
+
+        # A figure if nobody has it, else what its user wants
         if not self.user:
             return self._figure_command(report, now_ns)
         self._figure.forget()
         return self._planner.step(self._stage, report, self._cursors.get(self.user), now_ns)
 
+    def _check_progress(self, now_ns: int) -> None:
+        """Release a robot that does not take off or land. One that is held up on a path only waits."""
+        command = self._order.command
+        problem = self._progress.problem(command, self.report, now_ns)
+        is_on_path = isinstance(command, FollowPath)
+        self._wait = problem if is_on_path else ""
+        if problem and not is_on_path:
+            self._release(StopReason("stuck", problem, is_freeing=True))
+
     def _moves_without_order(self, now_ns: int) -> bool:
-        """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
+        """Return True if it needs another order to stop. A landed quadrotor may be carried."""
         report = self.report
-        is_known = not (self._lost or self._kind in ("report", "jump", "other_master"))
-        if report is None or not is_known or self._stage != "resting":
+        is_unknown = bool(self._lost) or self._kind in ("report", "jump", "other_master")
+        if report is None or is_unknown or self._stage != "resting":
             self._standstill.forget()
             return False
         return self._standstill.is_left(report, now_ns)
@@ -251,7 +268,8 @@ class RobotPilot:
     def _apply_safety(self, now_ns: int) -> None:
         stop = self._safety.stop(self.user, self._owners.steering.mode, now_ns)
         self._kind = "" if stop is None else stop.kind
-        change = HOLDS[hold_of(self._stop, self.user)][verdict_of(stop)]
+        hold = hold_of(self._stop, self.user)
+        change = HOLDS[hold][verdict_of(stop)]
         if change == "release" and stop is not None:
             self._release(stop)
         if change in ("resume", "note", "halt"):
@@ -262,23 +280,29 @@ class RobotPilot:
 
     def _change_owner(self, now_ns: int) -> None:
         """Release the robot if its user does not want it. Assign it to the first user that may have it."""
+        # A user who is localized by it cannot steer it meanwhile
         is_followed = self._kind == "not_pointing" and self.user in self._figure.followers
         if is_followed or self._owners.is_let_go():
             self._free()
         if self.user:
             return
+
+        # Requests count for a short time, and none from before the robot was lost
         age_ns = round(MAX_CLAIM_AGE_S * NS_PER_S)
-        span_ns = (max(self._since_ns, now_ns - age_ns), now_ns + age_ns)
-        wanted = self._owners.candidate(*span_ns)
+        first_ns = max(self._since_ns, now_ns - age_ns)
+        last_ns = now_ns + age_ns
+        candidate = self._owners.candidate(first_ns, last_ns)
         problem = ""
-        if wanted:
-            barred = self._lost or self._figure.take_problem(wanted, now_ns)
-            problem = barred or self._safety.take_problem(wanted, now_ns)
-        elif late := self._owners.late(*span_ns):
-            problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
+        if candidate:
+            problem = self._lost or self._figure.take_problem(candidate, now_ns)
+            problem = problem or self._safety.take_problem(candidate, now_ns)
+        else:
+            late = self._owners.late(first_ns, last_ns)
+            if late:
+                problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
         self._planner.hindrance = hindrance_of("not_free", problem)
-        if wanted and not problem:
-            self._owners.user = wanted
+        if candidate and not problem:
+            self._owners.user = candidate
             self._stop = None
 
     def _free(self) -> None:
@@ -294,6 +318,24 @@ class RobotPilot:
     def _end_steering(self) -> None:
         self._halts = True
         self._planner.forget()
+
+    def _on_report(self, report: RobotReport, now_ns: int) -> str:
+        fault = report_fault(report)
+        if fault:
+            self._safety.on_link_lost(fault)
+            return fault
+        problem = self._safety.on_report(report, now_ns)
+        if problem:
+            return problem
+        if self._lost:
+            self._since_ns = now_ns
+            self._halts = True  # it may still execute an earlier order
+        self.report = report
+        self._lost = ""
+        self._is_expected = False
+        passing_m = max(NEAR_M, self._config.radius_m)
+        self._order.pass_points(report.position_m, passing_m)
+        return ""
 
     def _on_status(self, status: OrderStatus) -> None:
         """Update the status of the present order. Reports about earlier orders are ignored."""

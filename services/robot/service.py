@@ -61,6 +61,8 @@ class Robot(Service[RobotConfig]):
             ConfigError: If the driver is not installed, or its parameters cannot work.
         """
         super().__init__(config, context)
+
+        # The driver is made here, so that its errors are those of the configuration, and runs in `run`
         self._robot = self.name or self.NAME
         self._safety = Safety(config, self._robot)
         self._pilot = RobotPilot(config, self._robot, self._safety)
@@ -71,6 +73,8 @@ class Robot(Service[RobotConfig]):
         """False once the driver has run: then a new one is made for the next run."""
         self._frame: Frame | None = None
         """Frame of the driver's places, or None if that is {W} or not known yet."""
+
+        # Requests and messages: from here on the methods below may be called
         self._states = self.bus.publisher(topics.ROBOT_STATE, self._robot)
         self._plans = self.bus.publisher(topics.ROBOT_PLAN, self._robot)
         self._objects = self.bus.publisher(topics.OBJECTS, f"{self.NAME}.{self._robot}")
@@ -129,8 +133,9 @@ class Robot(Service[RobotConfig]):
             max_speed_mps=config.max_speed_mps,
             max_acceleration_mps2=config.max_acceleration_mps2,
         )
-        around = self.surroundings(ROBOTS.kind, config.driver, which=self._robot)
-        return ROBOTS.get(config.driver).make(config.section(config.driver), spec, around)
+        surroundings = self.surroundings(ROBOTS.kind, config.driver, which=self._robot)
+        plugin = ROBOTS.get(config.driver)
+        return plugin.make(config.section(config.driver), spec, surroundings)
 
     def _report(self, item: ReportItem) -> None:
         now_ns = self.clock.now_ns()
@@ -141,26 +146,35 @@ class Robot(Service[RobotConfig]):
             item = LinkLost(
                 f"the map has no frame {self.config.frame!r} yet, in which the robot tells its place"
             )
-        self.bus.warn("report", self._pilot.on_item(item, now_ns))
-        self.bus.warn("link", item.reason if isinstance(item, LinkLost) else "")
-        self._put_objects(now_ns)
+        fault = self._pilot.on_item(item, now_ns)
+        self.bus.warn("report", fault)
+        link_problem = item.reason if isinstance(item, LinkLost) else ""
+        self.bus.warn("link", link_problem)
+        self._publish_objects(now_ns)
 
     def _step(self, now_ns: int) -> None:
         command = self._pilot.step(now_ns)
         if command is not None:
             self._send_command(command)
-        if (state := self._messages.state(now_ns)) is not None:
-            self._states.put(state)
-        if (plan := self._messages.plan(now_ns)) is not None:
-            self._plans.put(plan)
-        self._put_objects(now_ns)
 
-    def _put_objects(self, now_ns: int) -> None:
-        if (objects := self._messages.objects(now_ns)) is not None:
+        # After the command, whose effect they report
+        state = self._messages.state(now_ns)
+        if state is not None:
+            self._states.put(state)
+        plan = self._messages.plan(now_ns)
+        if plan is not None:
+            self._plans.put(plan)
+        self._publish_objects(now_ns)
+
+    def _publish_objects(self, now_ns: int) -> None:
+        objects = self._messages.objects(now_ns)
+        if objects is not None:
             self._objects.put(objects)
 
     def _send_command(self, command: Command) -> None:
-        sent_command = command if self._frame is None else in_frame(command, self._frame)
+        sent_command = command
+        if self._frame is not None:
+            sent_command = in_frame(command, self._frame)
         self._guard.call("command", lambda: self._driver.command(sent_command))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
@@ -207,8 +221,10 @@ class Robot(Service[RobotConfig]):
     async def _stop(self, query: StopRobot, _robot: str) -> Done:
         if self._pilot.has_other_master:
             raise RefusedError(self._pilot.reason)
-        why = f" ({query.reason})" if query.reason else ""
-        self._pilot.on_stop_request(f"somebody has stopped the robot{why}: point at it and take it again")
+        explanation = f" ({query.reason})" if query.reason else ""
+        self._pilot.on_stop_request(
+            f"somebody has stopped the robot{explanation}: point at it and take it again"
+        )
         self._step(self.clock.now_ns())
         return Done(message=f"{self._robot} is told to stop; nobody steers it until somebody takes it again")
 

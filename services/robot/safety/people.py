@@ -160,7 +160,7 @@ class PeopleNearRobot:
         return self.sigma_stop_reason(self.sigma_m(user, pointed))
 
     def _cursor_age_problem(self, user: str, age_s: float, timeout_s: float, now_ns: int) -> str:
-        """Return what to do about a cursor that is too old, too new, or has not come, as one sentence."""
+        """Return the problem and the remedy, as one sentence, if the newest cursor has not the right age."""
         pointing_s = (now_ns - self._pointing_since_ns.get(user, 0)) / NS_PER_S
         if age_s >= pointing_s:  # none came while they were localized, so that its age tells nothing
             return f"{self._robot} waits for {user}'s first cursor; if none comes, look at {LINK}"

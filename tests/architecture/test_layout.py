@@ -47,7 +47,7 @@ DEVICES = {
             outputs.py output/adalight.py output/pixel_output.py output/udp_output.py
             output/ddp.py output/artnet.py output/e131.py output/expander.py output/mqtt_output.py
             output/serial_output.py output/spotlight.py""",
-        "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
+        "robot": "drivers/agv.py drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
         "selector": "selection_methods.py roles.py journal.py",
         "web": """
             devices/devices.py devices/run_command.py pages/action.py pages/arm_actions.py

@@ -54,10 +54,12 @@ def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], hos
         address = kind(host)
     except ValueError as error:
         raise _error(text) from error
-    if isinstance(address, ipaddress.IPv6Address) and address.is_link_local and not address.scope_id:
-        raise ValueError(
-            f"{host} is in more than one network: add this machine's interface, as in {host}%eth0"
-        )
+    if isinstance(address, ipaddress.IPv6Address):
+        needs_interface = address.is_link_local and not address.scope_id
+        if needs_interface:
+            raise ValueError(
+                f"{host} is in more than one network: add this machine's interface, as in {host}%eth0"
+            )
     return str(address)
 
 
@@ -74,7 +76,8 @@ class AddressConfig(Config):
         if not isinstance(values, Mapping):
             return values
         fields = cast("Mapping[str, Any]", values)
-        if not isinstance(text := fields.get("host"), str) or not text:
+        text = fields.get("host")
+        if not isinstance(text, str) or not text:
             return fields
         try:
             host, port = parse_address(text)
@@ -82,14 +85,17 @@ class AddressConfig(Config):
             raise described_error(f"host: {error}") from error
         if port is None:
             return {**fields, "host": host}
-        if str(fields.get("port") or port).strip() != str(port):
+        other_port = str(fields.get("port") or port)
+        if other_port.strip() != str(port):
             raise described_error(f"host: {text} and port {fields['port']} differ: remove one of the ports")
         return {**fields, "host": host, "port": port}
 
 
 def format_address(host: str, port: int) -> str:
     """Return `HOST:PORT`, with brackets around an IPv6 address."""
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    if ":" in host:
+        return f"[{host}]:{port}"
+    return f"{host}:{port}"
 
 
 def described_error(text: str) -> PydanticCustomError:

@@ -58,7 +58,8 @@ class SimulatedClock:
 
     def now_ns(self) -> int:
         """Return the simulated time, ns."""
-        return self._start_ns + int((time.monotonic_ns() - self._origin_ns) * self.speed)
+        passed_ns = time.monotonic_ns() - self._origin_ns
+        return self._start_ns + int(passed_ns * self.speed)
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes follow."""
@@ -109,7 +110,8 @@ class SteadyClock:
     def needs_restart(self) -> bool:
         """Return True if the other clock was set back too far to be slewed."""
         now_ns = self.now_ns()
-        return self._follows_ns == math.inf and now_ns - self._read_ns > MAX_SLEW_S * NS_PER_S
+        is_far_behind = now_ns - self._read_ns > MAX_SLEW_S * NS_PER_S
+        return self._follows_ns == math.inf and is_far_behind
 
 
 async def sleep(clock: Clock, duration_s: float) -> None:
@@ -131,8 +133,11 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
 
 async def wait_until(clock: Clock, deadline_ns: int | None, changed: asyncio.Event) -> None:
     """Wait until `changed` is set, `clock` shows `deadline_ns` (None: never), or `LOOK_AGAIN_S` are over."""
-    left_s = None if deadline_ns is None else (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
-    await wait_up_to(changed, None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S))
+    timeout_s: float | None = None
+    if deadline_ns is not None:
+        remaining_s = (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
+        timeout_s = min(max(0.0, remaining_s), LOOK_AGAIN_S)
+    await wait_up_to(changed, timeout_s)
 
 
 async def wait_up_to(event: asyncio.Event, limit_s: float | None) -> bool:

@@ -57,13 +57,16 @@ async def search_by_datagrams(
             await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
             data, sender = await loop.sock_recvfrom(sock, 65536)
             device = read(data, str(sender[0]))
-            if device is not None and (device.address in results or len(results) < MAX_FOUND):
+            has_room = len(results) < MAX_FOUND
+            if device is not None and (has_room or device.address in results):
                 results[device.address] = device
 
+    # A broadcast leaves by one interface only, so each has a socket of its own. Answers may come to any.
     try:
         with contextlib.ExitStack() as opened:
-            interfaces = [] if port else found_addresses()
-            sockets = [opened.enter_context(open_datagram_socket(own, port)) for own in (interfaces or [""])]
+            addresses = [] if port else found_addresses()
+            opening = (open_datagram_socket(interface, port) for interface in addresses or [""])
+            sockets = [opened.enter_context(sock) for sock in opening]
             for sock in sockets:
                 for target in targets:
                     with contextlib.suppress(OSError):  # an interface without a cable
@@ -73,8 +76,8 @@ async def search_by_datagrams(
                     for sock in sockets:
                         group.create_task(collect(sock))
     except OSError as error:
-        raise ConfigError(
-            f"{name} cannot be searched ({error}); "
-            + (f"end other programs on UDP port {port}" if port else "check this machine's network")
-        ) from error
+        remedy = "check this machine's network"
+        if port:
+            remedy = f"end other programs on UDP port {port}"
+        raise ConfigError(f"{name} cannot be searched ({error}); {remedy}") from error
     return [results[address] for address in sorted(results)]

@@ -81,7 +81,9 @@ class RefusedError(RequestError):
 
 def describe(error: BaseException) -> str:
     """Return the class and the message of `error`, in one line."""
-    return f"{type(error).__name__}: {error}".partition("\n")[0][:200].rstrip(": ")
+    text = f"{type(error).__name__}: {error}"
+    first_line = text.partition("\n")[0]
+    return first_line[:200].rstrip(": ")
 
 
 def first_cause(error: BaseException) -> BaseException:

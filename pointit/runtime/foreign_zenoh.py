@@ -67,9 +67,9 @@ def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
 
 def is_oversized(payload: zenoh.ZBytes | None, attached_bytes: zenoh.ZBytes | None, max_bytes: int) -> bool:
     """Return True if a message exceeds the size limit. Its bytes are not copied."""
-    return (payload is not None and len(payload) > max_bytes) or (
-        attached_bytes is not None and len(attached_bytes) > MAX_ATTACHMENT_BYTES
-    )
+    if payload is not None and len(payload) > max_bytes:
+        return True
+    return attached_bytes is not None and len(attached_bytes) > MAX_ATTACHMENT_BYTES
 
 
 class RawSample:
@@ -247,17 +247,18 @@ class RawQuerier(Declaration):
         """Return when a queryable exists at this key."""
         if self._has_server():
             return
-        found = asyncio.Event()
+        is_matched = asyncio.Event()
 
         def on_matching(status: zenoh.MatchingStatus) -> None:  # on Zenoh's threads
             if status.matching:
                 with contextlib.suppress(RuntimeError):  # the loop is gone
-                    self._loop.call_soon_threadsafe(found.set)
+                    self._loop.call_soon_threadsafe(is_matched.set)
 
         listener = self._querier.declare_matching_listener(Callback(on_matching, indirect=False))
         try:
+            # it may have come between the first look and the listener
             if not self._has_server():
-                await found.wait()
+                await is_matched.wait()
         finally:
             if not self._is_over():
                 listener.undeclare()
@@ -270,25 +271,22 @@ class RawQuerier(Declaration):
         waiting: asyncio.Queue[QueryReply | None] = asyncio.Queue()
         token = zenoh.CancellationToken()
 
-        def take(reply: zenoh.Reply) -> None:  # on Zenoh's threads
+        def on_reply(reply: zenoh.Reply) -> None:  # on Zenoh's threads
             if waiting.qsize() < MAX_ANSWERS:
-                tell(self._read(reply))
+                post(self._read(reply))
 
-        def tell(answer: QueryReply | None) -> None:
+        def post(answer: QueryReply | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop is gone
                 self._loop.call_soon_threadsafe(waiting.put_nowait, answer)
 
-        def get() -> None:
-            self._querier.get(
-                Callback(take, lambda: tell(None), indirect=False),
-                payload=payload,
-                attachment=attachment,
-                cancellation_token=token,
-            )
+        def send() -> None:
+            callback = Callback(on_reply, lambda: post(None), indirect=False)
+            self._querier.get(callback, payload=payload, attachment=attachment, cancellation_token=token)
 
+        # A query that nobody awaits any more must not go on until all queryables have answered
         done = False
         try:
-            await in_daemon_thread(get, "zenoh-ask")
+            await in_daemon_thread(send, "zenoh-ask")
             while (answer := await waiting.get()) is not None:
                 yield answer
             done = True
@@ -306,7 +304,9 @@ class RawQuerier(Declaration):
     def _read(self, reply: zenoh.Reply) -> QueryReply:
         sample = reply.ok
         if sample is None:
-            reason = b"" if reply.err is None else reply.err.payload.to_bytes()[:MAX_REASON_CHARACTERS]
+            if reply.err is None:
+                return QueryReply(b"", None, "refused")
+            reason = reply.err.payload.to_bytes()[:MAX_REASON_CHARACTERS]
             return QueryReply(b"", None, reason.decode(errors="replace") or "refused")
         if is_oversized(sample.payload, sample.attachment, self._max_bytes):
             return QueryReply(b"", None, f"its answer is longer than {self._max_bytes} bytes")
@@ -333,16 +333,18 @@ def plain_configuration(link: RawLink) -> zenoh.Config:
     if not ENDPOINT.fullmatch(link.endpoint):
         raise ConfigError(f"{link.endpoint!r} is no address; write one like tcp/127.0.0.1:7447")
     is_router = link.mode == "router"
+    retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
+    peer_strategy = {"to_router": "always", "to_peer": "greater-zid"}
     settings: dict[str, Any] = {
         "mode": link.mode,
         "connect/endpoints": [] if is_router else [link.endpoint],
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "connect/retry": retry,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
         # Peers announce themselves only to the router. Of two peers one connects to the other.
         "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
         "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
-        "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+        "scouting/gossip/autoconnect_strategy": {"peer": peer_strategy},
         "timestamping/enabled": True,  # otherwise no messages are cached for late readers
         "queries_default_timeout": QUERY_TIMEOUT_MS,
         "transport/shared_memory/enabled": False,
@@ -383,20 +385,25 @@ async def open_raw_session(
         ListenError: If the router's address is in use.
         ConnectError: If nothing answered the client within `patience_s`.
     """
-    sentence = f"nobody answers at {link.endpoint}{link.remedy and f': {link.remedy}'}"
+    sentence = f"nobody answers at {link.endpoint}"
+    if link.remedy:
+        sentence += f": {link.remedy}"
 
     async def problem_of(error: zenoh.ZError) -> BusError:
         if link.mode == "client":
             return ConnectError(sentence)
-        taken = "a router is running there already: join it as a peer, or " if is_in_use(error) else ""
-        return ListenError(f"cannot listen on {link.endpoint}; {taken}choose another address")
+        hint = "a router is running there already: join it as a peer, or " if is_in_use(error) else ""
+        return ListenError(f"cannot listen on {link.endpoint}; {hint}choose another address")
+
+    def report_wait() -> None:
+        on_wait(f"{sentence}; trying again until somebody does")
 
     session = await open_session(
         [plain_configuration(link)],
         (link.endpoint,),
         problem_of,
         patience_s=patience_s,
-        on_wait=lambda: on_wait(f"{sentence}; trying again until somebody does"),
+        on_wait=report_wait,
     )
     return RawSession(session, link)
 
@@ -500,7 +507,7 @@ class RawSession:
         if self.dispatcher.is_closed:
             return
         self._had_router |= any(self._connections.routers.values())
-        before = self._problem
+        previous = self._problem
         self._problem = self.problem
-        if self._problem != before and self.on_change is not None:
+        if self._problem != previous and self.on_change is not None:
             self.on_change()

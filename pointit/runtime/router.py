@@ -75,12 +75,14 @@ def parse_config(text: str, folder: Path) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(text)
         for key in ("listen/endpoints", "connect/endpoints"):
-            absolute = [RELATIVE.sub(f"{folder.absolute()}/", each) for each in _endpoints(config, key)]
+            prefix = f"{folder.absolute()}/"
+            absolute = [RELATIVE.sub(prefix, endpoint) for endpoint in _endpoints(config, key)]
             config.insert_json5(key, json.dumps(absolute))
         key = "transport/auth/usrpwd/dictionary_file"
         users: Any = json.loads(config.get_json(key))
         if isinstance(users, str):
-            config.insert_json5(key, json.dumps(str(folder.absolute() / users)))
+            users_file = str(folder.absolute() / users)
+            config.insert_json5(key, json.dumps(users_file))
     except (zenoh.ZError, ValueError) as error:
         raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
     return config
@@ -146,7 +148,10 @@ class Router:
         if self._session is None:
             return []
         links = self._session.info.links()
-        return [(str(link.zid), link.auth_identifier or "", link.dst) for link in links]
+        connections: list[tuple[str, str, str]] = []
+        for link in links:
+            connections.append((str(link.zid), link.auth_identifier or "", link.dst))
+        return connections
 
     def pop_new_connections(self) -> Counter[str]:
         """Return and reset the number of new connections by common name, empty where none is known."""
@@ -169,13 +174,13 @@ class Router:
 
     async def reload_on_change(self) -> None:
         """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
-        before = self._stamp
+        previous = self._stamp
         while True:
             await asyncio.sleep(LOOK_S)
             set_tcp_timeouts(ports_of(self._listens), LEASE_MS)  # each that was accepted lingers before this
             stamp = self._look()
-            is_written = stamp != before
-            before = stamp
+            is_written = stamp != previous
+            previous = stamp
             if is_written or stamp == self._stamp:  # a change replaces several files, and is one
                 continue
             self._stamp = stamp
@@ -217,13 +222,12 @@ class Router:
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
         self.times_opened += 1
-        self._link_listener = session.info.declare_link_events_listener(
-            Callback(self._on_link, indirect=False), history=True
-        )
-        self._health_publishers = {
-            site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
-            for site in self._sites
-        }
+        on_link = Callback(self._on_link, indirect=False)
+        self._link_listener = session.info.declare_link_events_listener(on_link, history=True)
+        publishers: dict[str, RouterHealthPublisher] = {}
+        for site in self._sites:
+            publishers[site] = RouterHealthPublisher(session, site, joins_another=self._joins_another)
+        self._health_publishers = publishers
 
     def _on_link(self, event: zenoh.LinkEvent) -> None:
         """Count a new connection, and hold that of a held identity.
@@ -241,37 +245,76 @@ class Router:
     def _read(self) -> zenoh.Config:
         config = parse_config(self._make(), self._folder)
         endpoints = _endpoints(config, "listen/endpoints")
-        self._listens = tuple(re.split("[?#]", each)[0] for each in endpoints)
+        self._listens = tuple(re.split("[?#]", endpoint)[0] for endpoint in endpoints)
         self._joins_another = bool(_endpoints(config, "connect/endpoints"))
-        subjects: list[dict[str, Any]] = json.loads(config.get_json("access_control/subjects")) or []
-        sites = (str(subject["id"]).partition("/") for subject in subjects)  # as `pointit site` names them
-        self._sites = tuple(dict.fromkeys(site for site, slash, _ in sites if slash and NAME.match(site)))
-        policies: list[dict[str, Any]] = json.loads(config.get_json("access_control/policies")) or []
-        named = (str(policy.get("id") or "").rpartition("/") for policy in policies)
-        self.roles = {identity: role for identity, _, role in named if identity}
-        former = (each for each in subjects if str(each["id"]).endswith("/former ones"))
-        names = (each.get("cert_common_names") or each.get("usernames") or () for each in former)
-        self.former = frozenset(name for each in names for name in each)
+
+        # Sites, roles and former certificates are in the names that `pointit site` gives to its rules
+        subjects = _access_control(config, "subjects")
+        self._sites = _site_names(subjects)
+        self.roles = _roles(_access_control(config, "policies"))
+        self.former = _former_names(subjects)
         return config
 
     def _look(self) -> Stamp:
-        found: list[tuple[int, int, int]] = []
+        stamps: list[tuple[int, int, int]] = []
         for file in self._files:
             with contextlib.suppress(OSError):
                 status = file.stat()
-                found.append((status.st_mtime_ns, status.st_size, status.st_ino))
-        return tuple(found)
+                stamps.append((status.st_mtime_ns, status.st_size, status.st_ino))
+        return tuple(stamps)
 
 
 def _peers(addresses: Iterable[str]) -> set[Peer]:
     """Return the peers of connections by TLS."""
     matches = [PEER.match(address) for address in addresses]
-    return {peer(match[1], int(match[2])) for match in matches if match is not None}
+    peers = set[Peer]()
+    for match in matches:
+        if match is not None:
+            peers.add(peer(match[1], int(match[2])))
+    return peers
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:
-    found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
-    return found.get("router", []) if isinstance(found, dict) else found
+    text = config.get_json(key)
+    endpoints: list[str] | dict[str, list[str]] = json.loads(text)
+    if isinstance(endpoints, dict):
+        return endpoints.get("router", [])
+    return endpoints
+
+
+def _access_control(config: zenoh.Config, section: str) -> list[dict[str, Any]]:
+    """Return the entries of a section of the access rules."""
+    entries: list[dict[str, Any]] | None = json.loads(config.get_json(f"access_control/{section}"))
+    return entries or []
+
+
+def _site_names(subjects: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the sites of `subjects`, each once."""
+    names: dict[str, None] = {}
+    for subject in subjects:
+        site, slash, _ = str(subject["id"]).partition("/")
+        if slash and NAME.match(site):
+            names[site] = None
+    return tuple(names)
+
+
+def _roles(policies: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the role of each identity that has one."""
+    roles: dict[str, str] = {}
+    for policy in policies:
+        identity, _, role = str(policy.get("id") or "").rpartition("/")
+        if identity:
+            roles[identity] = role
+    return roles
+
+
+def _former_names(subjects: Iterable[Mapping[str, Any]]) -> frozenset[str]:
+    """Return the common names, or users, of revoked and replaced credentials."""
+    names = set[str]()
+    for subject in subjects:
+        if str(subject["id"]).endswith("/former ones"):
+            names.update(subject.get("cert_common_names") or subject.get("usernames") or ())
+    return frozenset(names)
 
 
 async def _open(config: zenoh.Config) -> zenoh.Session:

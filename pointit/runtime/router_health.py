@@ -32,11 +32,18 @@ class RouterHealthPublisher:
         self._root = f"pointit/{site}"
         self._began_s = time.monotonic()
         self._seq = 0
-        self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
+        key = f"{self._root}/{SERVICE_ALIVE.at(self._instance)}"
+        self._token = session.liveliness().declare_token(key)
 
     def report(self, problems: Sequence[Problem], refused: int, sessions: int) -> None:
         """Publish the problems, the number of refused attempts, and the number of connections."""
         self._seq += 1
+        shown_problems = tuple(problem.without_secrets() for problem in problems)
+        status = "degraded" if problems else "ok"
+        figures = (
+            Figure(name="refused", value=float(refused)),
+            Figure(name="sessions", value=float(sessions)),
+        )
         health = Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,
@@ -45,13 +52,10 @@ class RouterHealthPublisher:
             pid=os.getpid(),
             host=socket.gethostname(),
             uptime_s=time.monotonic() - self._began_s,
-            status="degraded" if problems else "ok",
-            warnings=tuple(each.without_secrets().sentence for each in problems),
-            problems=tuple(each.without_secrets() for each in problems),
-            figures=(
-                Figure(name="refused", value=float(refused)),
-                Figure(name="sessions", value=float(sessions)),
-            ),
+            status=status,
+            warnings=tuple(problem.sentence for problem in shown_problems),
+            problems=shown_problems,
+            figures=figures,
         )
         self._session.put(
             f"{self._root}/{HEALTH.at(self._instance)}",

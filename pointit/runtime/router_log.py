@@ -47,14 +47,16 @@ def captured_log(
         zenoh.try_init_log_from_env()
         yield
         return
+    # Zenoh writes to the descriptor, and other code to `sys.stdout`, which goes to a copy of the descriptor
     sys.stdout.flush()
-    before = os.dup(STDOUT)
+    original = os.dup(STDOUT)
     source, sink = os.pipe()
     _enlarge_pipe(sink)
     os.dup2(sink, STDOUT)
     os.close(sink)
     shown = sys.stdout
-    sys.stdout = os.fdopen(os.dup(before), "w", 1, encoding=shown.encoding, errors=shown.errors)
+    copy = os.dup(original)
+    sys.stdout = os.fdopen(copy, "w", 1, encoding=shown.encoding, errors=shown.errors)
     threading.Thread(
         target=_read, args=(source, take, marks, is_ignored), name="zenoh-log", daemon=True
     ).start()
@@ -63,8 +65,8 @@ def captured_log(
     try:
         yield
     finally:
-        os.dup2(before, STDOUT)  # the pipe's last writer is gone with this, and so is its reader
-        os.close(before)
+        os.dup2(original, STDOUT)  # the pipe's last writer is gone with this, and so is its reader
+        os.close(original)
         sys.stdout.close()
         sys.stdout = shown
 
@@ -90,17 +92,22 @@ def _read(
             *lines, rest = (rest + chunk).split(b"\n")
             if is_ignored is not None:
                 lines = [line for line in lines if not is_ignored(line)]
+            # A flood must not be handed on: in each second, `MAX_LINES` lines are passed as they are
             if time.monotonic() - began_s >= 1.0:
                 began_s = time.monotonic()
                 count = 0
                 distinct = {True: 0, False: 0}
-            taken = lines[: max(MAX_LINES - count, 0)]
+            full_lines = lines[: max(MAX_LINES - count, 0)]
             count += len(lines)
-            for line in taken:
+            for line in full_lines:
                 take(line.decode(errors="replace"), 0)
-            further = [line for line in lines[len(taken) :] if line.startswith(OWN)]
-            for text, times in Counter(line[TIME_BYTES:] for line in further).items():
+
+            # Of the rest, equal ones are counted. Those that matter have a limit of their own.
+            further = [line for line in lines[len(full_lines) :] if line.startswith(OWN)]
+            texts = Counter(line[TIME_BYTES:] for line in further)
+            for text, times in texts.items():
                 is_marked = any(mark in text for mark in marks)
                 if distinct[is_marked] < MAX_LINES:
                     distinct[is_marked] += 1
-                    take((further[0][:TIME_BYTES] + text).decode(errors="replace"), times)
+                    line = further[0][:TIME_BYTES] + text
+                    take(line.decode(errors="replace"), times)

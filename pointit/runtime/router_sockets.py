@@ -82,10 +82,10 @@ def release_udp_ports(ports: Collection[int]) -> int:
         Number of sockets that had one of `ports`, 0 where they cannot be found.
     """
     count = 0
-    for found in own_sockets(socket.SOCK_DGRAM):
-        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
+    for listener in own_sockets(socket.SOCK_DGRAM):
+        with contextlib.suppress(OSError), socket.socket(listener.family, socket.SOCK_DGRAM) as empty:
             empty.setblocking(False)
-            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
-                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
+            if listener.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
+                os.dup2(empty.fileno(), listener.fileno(), inheritable=False)
                 count += 1
     return count

@@ -23,7 +23,8 @@ class _NoWaiting(selectors.DefaultSelector):
     is_paused = False
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        if self.is_paused and (timeout is None or timeout > 0):
+        may_wait = timeout is None or timeout > 0
+        if self.is_paused and may_wait:
             return super().select(None)
         events = super().select(0)
         if not events:

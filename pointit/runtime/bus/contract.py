@@ -254,13 +254,13 @@ async def list_present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
     """
     names: set[str] = set()
 
-    def tell(name: str, *, present: bool) -> None:
+    def on_presence(name: str, *, present: bool) -> None:
         if present:
             names.add(name)
         else:
             names.discard(name)
 
-    watching = bus.watch(presence, tell)
+    watching = bus.watch(presence, on_presence)
     try:
         await asyncio.sleep(wait_s)
     finally:

@@ -69,10 +69,12 @@ class DurationWindow:
         self.values.clear()
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
-            return ordered[math.ceil(share * len(ordered)) - 1] / self.per_s
+            rank = math.ceil(share * len(ordered))
+            return ordered[rank - 1] / self.per_s
 
         up_to = [bisect.bisect_right(ordered, bound_s * self.per_s) for bound_s in DURATION_BOUNDS_S]
-        counts = tuple(end - start for start, end in itertools.pairwise([0, *up_to, len(ordered)]))
+        limits = [0, *up_to, len(ordered)]
+        counts = tuple(end - start for start, end in itertools.pairwise(limits))
         sum_s = math.fsum(ordered) / self.per_s
         return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99), counts=counts, sum_s=sum_s)
 
@@ -153,6 +155,7 @@ class TopicMeter:
         """
         key = self.topic.key
         shown = fill_key(self.topic.key, user)
+        # Each counter is asked in every report: that is how it sees new ones, and when the last of them came
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             sentence = (
@@ -162,15 +165,17 @@ class TopicMeter:
             yield Problem(code=LATE, sentence=sentence, topic=key)
         invalid = self.total("invalid")
         if self._invalid.holds(invalid, now_s):
-            bad = next((each.traffic for each in self._readers if each.traffic.last_error_name), None)
-            if bad is not None:
+            # only the senders of readable keys are known
+            traffic = next(
+                (reader.traffic for reader in self._readers if reader.traffic.last_error_name), None
+            )
+            if traffic is not None:
+                sender = traffic.last_error_name
                 sentence = (
                     f"{invalid} messages on {shown} were invalid and were dropped, the last of "
-                    f"{bad.last_error_name} ({bad.last_error}): look at what writes them there"
+                    f"{sender} ({traffic.last_error}): look at what writes them there"
                 )
-                yield Problem(
-                    code=INVALID, sentence=sentence, topic=key, subject=bad.last_error_name[:MAX_SUBJECT]
-                )
+                yield Problem(code=INVALID, sentence=sentence, topic=key, subject=sender[:MAX_SUBJECT])
         failed = self.total("errors")
         if self._failed.holds(failed, now_s):
             yield self._failure(failed, user)
@@ -189,8 +194,9 @@ class TopicMeter:
         last = next(reader.traffic for reader in self._readers if reader.traffic.errors)
         sender = last.last_failure_name
         origin = f", the last of {sender}" if sender else ""
+        key = fill_key(self.topic.key, user)
         sentence = (
-            f"{count} messages on {fill_key(self.topic.key, user)} could not be handled{origin} "
+            f"{count} messages on {key} could not be handled{origin} "
             f"({last.last_failure}): end what writes them there, and report this with the log"
         )
         return Problem(code=HANDLER, sentence=sentence, topic=self.topic.key, subject=sender[:MAX_SUBJECT])
@@ -240,7 +246,8 @@ def instrument_handler(
     `drops_late` returns True for a message that is dropped if it is late. None accepts all. `in_order` drops
     messages of a stream that are older than its newest one.
     """
-    order = counts.order if in_order and meter.topic in STREAMS else None
+    is_ordered = in_order and meter.topic in STREAMS
+    order = counts.order if is_ordered else None
     newest_by_name = counts.order.newest
     is_in_time = counts.lateness.accepts
     time_s = steady_time()
@@ -316,21 +323,20 @@ class ServedPublisher:
         """Return `server` with a wrapper that publishes queries, replies and refusals."""
 
         async def answer(query: Q, name: str) -> R:
-            asked_ns = self._clock.now_ns()
+            received_ns = self._clock.now_ns()
             try:
                 reply = await server(query, name)
             except Exception as error:
-                self._publish_request(
-                    asked_ns, request.at(name), query, None, hide_secrets(str(error)) or type(error).__name__
-                )
+                refusal = hide_secrets(str(error)) or type(error).__name__
+                self._publish_request(received_ns, request.at(name), query, None, refusal)
                 raise
-            self._publish_request(asked_ns, request.at(name), query, reply, "")
+            self._publish_request(received_ns, request.at(name), query, reply, "")
             return reply
 
         return answer
 
     def _publish_request(
-        self, asked_ns: int, key: str, query: Query, reply: Reply | None, refusal: str
+        self, received_ns: int, key: str, query: Query, reply: Reply | None, refusal: str
     ) -> None:
         """Publish the request. Errors are only logged, since the request itself was answered."""
         self._seq += 1
@@ -339,19 +345,19 @@ class ServedPublisher:
             if len(text) > MAX_REPLY:
                 log.warning("the reply to %s is too large to be recorded: %d characters", key, len(text))
                 text = ""
-            self._publisher.put(
-                ServedRequest(
-                    stamp_ns=asked_ns,
-                    seq=self._seq,
-                    service=self._service,
-                    instance=self._instance,
-                    request=key,
-                    query=query.model_dump_json(),
-                    reply=text,
-                    refusal=refusal[:MAX_REFUSAL],
-                )
+            served = ServedRequest(
+                stamp_ns=received_ns,
+                seq=self._seq,
+                service=self._service,
+                instance=self._instance,
+                request=key,
+                query=query.model_dump_json(),
+                reply=text,
+                refusal=refusal[:MAX_REFUSAL],
             )
+            self._publisher.put(served)
         except BusClosedError:
+            # the caller is answered all the same; a closed service has no recorder either
             pass
         except Exception:
             log.exception("a request to %s is answered, but not published for recordings", key)

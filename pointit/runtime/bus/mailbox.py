@@ -52,7 +52,8 @@ class Dispatcher:
         """Return True if a log line on `problem` about the topic `key` is due. Any thread."""
         now_s = time.monotonic()
         with self._log_lock:
-            if now_s - self._logged_s.get((key, problem), -math.inf) < LOG_PERIOD_S:
+            logged_s = self._logged_s.get((key, problem), -math.inf)
+            if now_s - logged_s < LOG_PERIOD_S:
                 return False
             self._logged_s[key, problem] = now_s
             return True
@@ -66,9 +67,12 @@ class Dispatcher:
     def wake(self) -> None:
         """Wake the loop to check `ready`. Any thread."""
         self.is_awake = True
-        is_here = threading.get_ident() == self.thread
+        is_loop_thread = threading.get_ident() == self.thread
         try:
-            (self._loop.call_soon if is_here else self._loop.call_soon_threadsafe)(self._drain_all)
+            if is_loop_thread:
+                self._loop.call_soon(self._drain_all)
+            else:
+                self._loop.call_soon_threadsafe(self._drain_all)
         except RuntimeError:  # the loop is closed: this is a late callback of another thread
             self.is_closed = True
 
@@ -80,13 +84,16 @@ class Dispatcher:
     def _drain_all(self) -> None:
         ready = self.ready
         try:
-            rounds, left = MAX_ROUNDS, len(ready)  # cheaper than a `range` for each round
+            # Rounds are counted down: that is cheaper than a `range` for each
+            rounds = MAX_ROUNDS
+            remaining = len(ready)
             while ready and not self.is_closed:
-                if not left:
-                    rounds, left = rounds - 1, len(ready)
+                if not remaining:
+                    rounds -= 1
+                    remaining = len(ready)
                     if not rounds:
                         break
-                left -= 1
+                remaining -= 1
                 ready.popleft().drain()
         finally:
             # A thread that added a buffer since the last check saw `is_awake`: check again.
@@ -125,6 +132,7 @@ class Mailbox:
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
+        # Bound methods and ids are stored, since `put` runs for each sample
         self._handler: Callable[[Any, str], None] = handler
         self._dispatcher = dispatcher
         self._make_ready = dispatcher.ready.append
@@ -200,9 +208,11 @@ class Mailbox:
         """
         if not self.accepts_retained or name in self._live:
             return
-        known = self._retained.get(name) or self._recalled.get(name)
-        if known is not None and (message.stamp_ns, message.seq) <= (known.stamp_ns, known.seq):
-            return
+        current = self._retained.get(name) or self._recalled.get(name)
+        if current is not None:
+            is_newer = (message.stamp_ns, message.seq) > (current.stamp_ns, current.seq)
+            if not is_newer:
+                return
         with self._lock:
             self.traffic.received += 1
         if not self._retained:
@@ -213,7 +223,7 @@ class Mailbox:
         """Handle all queued items. Called in the loop."""
         batch: Iterable[tuple[str, Any]]
         if self._arrived or self._looks:
-            batch = self._look_through(self._fetch())
+            batch = self._decode_batch(self._fetch())
         else:
             newest = self._newest_here
             self._newest_here = {}
@@ -238,7 +248,8 @@ class Mailbox:
             self._newest.clear()
             queue.extend(self._queue)
             self._queue.clear()
-        self._newest_here, self._queue_here = {}, collections.deque(maxlen=EVENT_CAPACITY)
+        self._newest_here = {}
+        self._queue_here = collections.deque(maxlen=EVENT_CAPACITY)
         batch = newest.items() if self._keeps_newest else queue
         self.traffic.received += len(batch)
         self._count_dropped(waiting - len(batch))
@@ -249,17 +260,21 @@ class Mailbox:
         self.traffic.received += count
         self.traffic.dropped += count
 
-    def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
+    def _decode_batch(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
         """Return the decoded messages of `batch` that must be handled."""
         dropped = self.traffic.dropped
-        if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
+        has_lost_events = not self._keeps_newest and dropped > self._overflowed
+        if has_lost_events and self._may_log("overflow"):
             self._overflowed = dropped
             log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)
         messages: list[tuple[str, Message]] = []
         for name, item in batch:
             message = item if isinstance(item, Message) else self._open(item, name)
-            if message is not None and not (self._accepts_retained and self._is_known(name, message)):
-                messages.append((name, message))
+            if message is None:
+                continue
+            if self._accepts_retained and self._is_known(name, message):
+                continue
+            messages.append((name, message))
         return messages
 
     def _is_known(self, name: str, message: Message) -> bool:
@@ -325,8 +340,8 @@ class Mailbox:
             self.count_invalid(f"{type(error).__name__}: {error}", name)
         return None
 
-    def _may_log(self, what: str) -> bool:
-        return self._dispatcher.should_log(self.topic.key, what)
+    def _may_log(self, problem: str) -> bool:
+        return self._dispatcher.should_log(self.topic.key, problem)
 
 
 class TapMailbox(Mailbox):

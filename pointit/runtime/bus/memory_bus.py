@@ -66,22 +66,25 @@ class TopicReaders:
         """Return the list of mailboxes for messages of `name`. It is updated, so publishers keep it."""
         mailboxes = self._by_name.get(name)
         if mailboxes is None:
-            mailboxes = _Mailboxes(mailbox for wanted, mailbox in self._entries if wanted in (ANY, name))
+            mailboxes = _Mailboxes()
+            for reader_name, mailbox in self._entries:
+                if reader_name in (ANY, name):
+                    mailboxes.append(mailbox)
             self._by_name[name] = mailboxes
         return mailboxes
 
-    def add(self, wanted: str, mailbox: Mailbox) -> None:
-        """Add the reader of the name `wanted`, or of all."""
-        self._entries.append((wanted, mailbox))
+    def add(self, reader_name: str, mailbox: Mailbox) -> None:
+        """Add the reader of the name `reader_name`, or of all."""
+        self._entries.append((reader_name, mailbox))
         for name, mailboxes in self._by_name.items():
-            if wanted in (ANY, name):
+            if reader_name in (ANY, name):
                 mailboxes.append(mailbox)
 
-    def remove(self, wanted: str, mailbox: Mailbox) -> None:
+    def remove(self, reader_name: str, mailbox: Mailbox) -> None:
         """Remove an added reader."""
-        self._entries.remove((wanted, mailbox))
+        self._entries.remove((reader_name, mailbox))
         for name, mailboxes in self._by_name.items():
-            if wanted in (ANY, name):
+            if reader_name in (ANY, name):
                 mailboxes.remove(mailbox)
 
 
@@ -180,8 +183,10 @@ class MemoryPublisher(Declaration, Generic[M]):
 
     def _undeclare(self) -> None:
         self._open = False
-        # a state's last value is removed with its writer
-        if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
+        # A state's last value is removed with its writer, unless another one has put since
+        if not self._is_state or self._last is None:
+            return
+        if self._states.get(self._name) is self._last:
             del self._states[self._name]
 
 
@@ -223,14 +228,14 @@ class RetainedStateServer(Declaration):
         self._retained_servers.append(self)
         super().__init__(self._undeclare, bus.declarations)
         for topic in topics:
-            for wanted, mailbox in bus.exchange.readers_of(topic):
-                self.deliver(topic, wanted, mailbox)
+            for reader_name, mailbox in bus.exchange.readers_of(topic):
+                self.deliver(topic, reader_name, mailbox)
 
-    def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
-        """Deliver the retained states of `topic` under the name `wanted`, or under all."""
+    def deliver(self, topic: AnyTopic, reader_name: str, mailbox: Mailbox) -> None:
+        """Deliver the retained states of `topic` under the name `reader_name`, or under all."""
         if topic.key in self._keys and mailbox.accepts_retained:
             for name, message in self.recall(topic):
-                if wanted in (ANY, name):
+                if reader_name in (ANY, name):
                     mailbox.offer_retained(name, message)
 
     def _undeclare(self) -> None:
@@ -283,7 +288,8 @@ class RequestHandler(Declaration, Generic[Q, R]):
     def handle(self, query: Q, name: str) -> asyncio.Task[R]:
         """Start a task that answers `query`. It raises no error except `RefusedError`."""
         is_busy = len(self._answers) >= MAX_IN_FLIGHT
-        task = self._bus.spawn(self._answer(query, name, is_busy=is_busy), f"serve {self.request.key}")
+        answering = self._answer(query, name, is_busy=is_busy)
+        task = self._bus.spawn(answering, f"serve {self.request.key}")
         self._answers.add(task)
         task.add_done_callback(self._answers.discard)
         return task
@@ -300,8 +306,9 @@ class RequestHandler(Declaration, Generic[Q, R]):
             raise RefusedError(f"{server} is busy with {MAX_IN_FLIGHT} other requests for {key}; ask later")
         try:
             reply = await self._server(query, name)
-            if not isinstance(reply, self.request.reply):
-                raise TypeError(f"the reply is a {type(reply).__name__}, not a {self.request.reply.__name__}")  # noqa: TRY301
+            required = self.request.reply
+            if not isinstance(reply, required):
+                raise TypeError(f"the reply is a {type(reply).__name__}, not a {required.__name__}")  # noqa: TRY301
         except PointItError as error:  # its text is already written for users
             raise RefusedError(hide_secrets(str(error))) from error
         except Exception as error:
@@ -335,7 +342,7 @@ class MemoryBus(Participant):
     @property
     def problem(self) -> str:
         """Return one message of all problems, or `""`."""
-        return "; ".join(each.sentence for each in self.problems)
+        return "; ".join(problem.sentence for problem in self.problems)
 
     @property
     def problems(self) -> tuple[Problem, ...]:
@@ -439,12 +446,13 @@ class MemoryBus(Participant):
         self.dispatcher.close()
         for declaration in list(self.declarations):
             declaration.close()
+        # The task that closes the bus must not cancel itself
         tasks = self._tasks - {asyncio.current_task()}
         for task in tasks:
             task.cancel()
         if tasks:
-            _, left = await asyncio.wait(tasks, timeout=CLOSE_TIMEOUT_S)
-            for task in left:
+            _, pending = await asyncio.wait(tasks, timeout=CLOSE_TIMEOUT_S)
+            for task in pending:
                 log.error("%s goes on although the bus is closed", task.get_name())
 
     async def _wait_for(

@@ -139,7 +139,8 @@ class ServiceBus:
             meter.newest_s = self._time_s()
             handler(arrived, key_name)
 
-        return MeteredSubscription(self._bus.tap(topic, counted, name), self._declared, meter, ReaderCounts())
+        subscription = self._bus.tap(topic, counted, name)
+        return MeteredSubscription(subscription, self._declared, meter, ReaderCounts())
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics`, which are states, that are gone."""
@@ -149,8 +150,9 @@ class ServiceBus:
         """Answer `request`."""
         self.served.add(request.key)
         if self._served is None:
+            publisher = self.account(SERVED)
             self._served = ServedPublisher(
-                self.account(SERVED), self._clock, service=self._service, instance=self._instance
+                publisher, self._clock, service=self._service, instance=self._instance
             )
         served = self._bus.serve(request, self._served.reporting(request, server), name)
         return Declaration(served.close, self._declared)
@@ -259,18 +261,21 @@ class ServiceBus:
     def _shown_metrics(self) -> tuple[Figure, ...]:
         """Return the metrics. If several have one name, those of parts get the part's name as well."""
         uses = Counter(name for name, _ in self._figures)
-        return tuple(
-            figure.model_copy(update={"name": f"{name} of {part}"[:64]})
-            if part and uses[name] > 1
-            else figure
-            for (name, part), figure in list(self._figures.items())
-        )
+        metrics: list[Figure] = []
+        for (name, part), figure in list(self._figures.items()):
+            shown = figure
+            if part and uses[name] > 1:
+                label = f"{name} of {part}"
+                shown = figure.model_copy(update={"name": label[:64]})
+            metrics.append(shown)
+        return tuple(metrics)
 
     def report(self) -> Health:
         """Return the health report of the time since the last one."""
         now_s = self._time_s()
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s
+        # Rates are those of the time since the last report
         keys: list[KeyHealth] = []
         errors = self._errors
         for (key, direction), meter in self._meters.items():
@@ -288,11 +293,15 @@ class ServiceBus:
             )
             meter.count = 0
         self._seq += 1
-        self._latency.per_s = NS_PER_S * self._clock.speed
-        dropped = (each for meter in self._meters.values() for each in meter.problems(now_s, self._user))
-        unmasked = (*self._bus.problems, *dropped, *self._problems.values())
-        problems = tuple(each.without_secrets() for each in unmasked)
-        warnings = tuple(each.sentence for each in problems if each.severity == "warning")
+        self._latency.per_s = NS_PER_S * self._clock.speed  # a site may change its speed
+
+        # Problems of the bus first, then those of topics, then those that the service itself reports
+        unmasked = list(self._bus.problems)
+        for meter in self._meters.values():
+            unmasked += meter.problems(now_s, self._user)
+        unmasked += self._problems.values()
+        problems = tuple(problem.without_secrets() for problem in unmasked)
+        warnings = tuple(problem.sentence for problem in problems if problem.severity == "warning")
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,

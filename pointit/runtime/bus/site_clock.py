@@ -84,16 +84,23 @@ class SiteClock:
 
     def _at(self, tick: ClockTick, here_ns: int) -> int:
         passed_ns = int((here_ns - self._arrived_ns) * tick.speed)
-        return self._base_ns + passed_ns + max(0, self._ahead_ns - passed_ns // 2)
+        # a lead is slewed away: half of the time that passes
+        lead_ns = max(0, self._ahead_ns - passed_ns // 2)
+        return self._base_ns + passed_ns + lead_ns
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         here_ns = time.monotonic_ns()
-        before = self._source(here_ns)
+        previous = self._source(here_ns)
+
         # A first tick that is older than this is not old: its machine's clock is skewed.
-        age_ns = 0 if before else min(max(0, time.time_ns() - tick.stamp_ns), SILENT_NS)
+        age_ns = 0
+        if not previous:
+            age_ns = min(max(0, time.time_ns() - tick.stamp_ns), SILENT_NS)
         base_ns = tick.sim_ns + int(age_ns * tick.speed)
-        ahead_ns = 0 if before is None else self._at(before, here_ns) - base_ns
-        goes_on = before is not None and ahead_ns <= MAX_AHEAD_S * tick.speed * NS_PER_S
+
+        # Time never goes back by a tick that came late. It jumps if the site's time was set back.
+        ahead_ns = 0 if previous is None else self._at(previous, here_ns) - base_ns
+        goes_on = previous is not None and ahead_ns <= MAX_AHEAD_S * tick.speed * NS_PER_S
         self._ahead_ns = max(0, ahead_ns) if goes_on else 0
         self._count = self._count + 1 if goes_on else 1
         self._tick = tick

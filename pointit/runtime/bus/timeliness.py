@@ -284,7 +284,8 @@ class ClockSkewMonitor:
                 yield skews[0]
 
     def _delays_s(self, host: str, person: str) -> list[float]:
-        return [delay_s for _, delay_s in self._reports.get((host, person), ())]
+        reports = self._reports.get((host, person), ())
+        return [delay_s for _, delay_s in reports]
 
     def _forget_old(self, now_s: float) -> None:
         for key, reports in list(self._reports.items()):

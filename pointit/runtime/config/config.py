@@ -65,11 +65,15 @@ class Layers:
                 f"{source}: is not a value{shown}; it is read as YAML: write a text with {{ [ : or # in "
                 "double quotes, such as '\"{w},{x}\"'"
             ) from error
-        is_plain = isinstance(value, str) and not text.lstrip().startswith(("'", '"'))
-        nested: Any = text.strip() if is_plain else value  # with what follows ` #`
+        nested: Any = value
+        is_quoted = text.lstrip().startswith(("'", '"'))
+        if isinstance(value, str) and not is_quoted:
+            nested = text.strip()  # with what follows ` #`
         for name in reversed(path[1:]):
             nested = dict[str, Any]({name: nested})
-        add = self._add_layer if len(path) > 1 else self.add  # one entry of a mapping is changed
+
+        # with a longer path, one entry of a mapping is changed
+        add = self._add_layer if len(path) > 1 else self.add
         add({path[0]: nested}, source)
 
     def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
@@ -88,8 +92,10 @@ class Layers:
         try:
             return validate(kind, self.values)
         except ValidationError as error:
-            loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
-            raise ConfigError(f"{self._source_of(loc)}: {describe_validation_error(error, kind)}") from error
+            first = error.errors(include_url=False)[0]
+            loc = tuple(str(part) for part in first["loc"])
+            mistake = describe_validation_error(error, kind)
+            raise ConfigError(f"{self._source_of(loc)}: {mistake}") from error
 
     def _add_layer(self, values: Mapping[str, Any], source: str) -> None:
         self._sources.setdefault((), source)  # of a value that is missing
@@ -100,17 +106,19 @@ class Layers:
     ) -> None:
         for raw, value in values.items():
             key = str(raw)
-            here = (*path, key)
-            self._sources[here] = source
+            own_path = (*path, key)
+            self._sources[own_path] = source
             if isinstance(value, Mapping):
                 if not isinstance(into.get(key), dict):
                     into[key] = {}
-                self._merge(into[key], typing.cast("Mapping[str, Any]", value), here, source)
+                self._merge(into[key], typing.cast("Mapping[str, Any]", value), own_path, source)
             else:
                 into[key] = value
 
     def _source_of(self, loc: tuple[str, ...]) -> str:
-        sources = (self._sources.get(loc[:length]) for length in range(len(loc), -1, -1))
+        # The longest path with a source: that of the value itself, else that of what contains it
+        lengths = range(len(loc), -1, -1)
+        sources = (self._sources.get(loc[:length]) for length in lengths)
         return next(filter(None, sources), "configuration")
 
 
@@ -123,8 +131,12 @@ def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:
     try:
         return kind.model_validate(values, strict=strict)
     except ValidationError as error:
-        details = [each for each in error.errors(include_url=False) if each["type"] in _TEXT_ERRORS]
-        names = [each["loc"] for each in details if each["input"] is not written_text(each["input"])]
+        names: list[tuple[int | str, ...]] = []
+        for detail in error.errors(include_url=False):
+            if detail["type"] not in _TEXT_ERRORS:
+                continue
+            if detail["input"] is not written_text(detail["input"]):
+                names.append(detail["loc"])
         if not names:
             raise
     values = copy.deepcopy(values)
@@ -157,7 +169,7 @@ def published_parameters(config: Config) -> str:
 def _without_secrets(value: object) -> Any:
     if isinstance(value, dict):
         fields = cast("dict[str, object]", value).items()
-        return {name: _without_secrets(each) for name, each in fields if not SECRET_NAME.search(name)}
+        return {name: _without_secrets(entry) for name, entry in fields if not SECRET_NAME.search(name)}
     if isinstance(value, list):
-        return [_without_secrets(each) for each in cast("list[object]", value)]
+        return [_without_secrets(entry) for entry in cast("list[object]", value)]
     return hide_secrets(value) if isinstance(value, str) else value

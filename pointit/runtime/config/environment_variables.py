@@ -34,9 +34,11 @@ def check_environment(environment: Mapping[str, str], services: Iterable[str]) -
         check_spelling(variable, stems.values())
         stem, separator, parameter = variable.partition(SEPARATOR)
         name = stem.removeprefix(PREFIX)
-        near = difflib.get_close_matches(name, [known.removeprefix(PREFIX) for known in stems], n=1)
-        if near:
-            hint = f"did you mean {PREFIX}{near[0]}{SEPARATOR}{parameter if separator else '<PARAMETER>'}?"
+        known_names = [known.removeprefix(PREFIX) for known in stems]
+        similar = difflib.get_close_matches(name, known_names, n=1)
+        if similar:
+            shown = parameter if separator else "<PARAMETER>"
+            hint = f"did you mean {PREFIX}{similar[0]}{SEPARATOR}{shown}?"
         else:
             hint = (
                 f"variables are called POINTIT_<SERVICE>{SEPARATOR}<PARAMETER>, `pointit list` shows services"
@@ -51,16 +53,19 @@ def check_spelling(variable: str, services: Iterable[str]) -> None:
         ConfigError: If it does. Says how to write it.
     """
     # of `robot` and `robot-replay`, the longer one is meant
-    for stem in sorted((_stem(service) for service in services), key=len, reverse=True):
+    stems = [_stem(service) for service in services]
+    for stem in sorted(stems, key=len, reverse=True):
+        if not variable.startswith(stem):
+            continue
         rest = variable.removeprefix(stem)
-        if variable.startswith(stem) and not rest.startswith(SEPARATOR) and rest[:1] in ("", "_"):
+        if rest.startswith(SEPARATOR):
+            return
+        if rest[:1] in ("", "_"):
             parameter = rest.strip("_") or "<PARAMETER>"
             raise ConfigError(
                 f"variable {variable}: two underscores stand before the parameter, "
                 f"write {stem}{SEPARATOR}{parameter}"
             )
-        if variable.startswith(stem + SEPARATOR):
-            return
 
 
 def _stem(service_name: str) -> str:

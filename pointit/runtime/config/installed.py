@@ -18,8 +18,8 @@ _SETUP = Path(__file__).parents[3] / "scripts" / "setup"
 
 def installed_entry_points(group: str) -> EntryPoints:
     """Return the entry points of `group` of all installed packages."""
-    found: EntryPoints = _all_entry_points(_folders()).select(group=group)
-    return found
+    entries: EntryPoints = _all_entry_points(_folders()).select(group=group)
+    return entries
 
 
 def _folders() -> tuple[tuple[str, int], ...]:
@@ -65,19 +65,26 @@ class InstalledGroup(Generic[P]):
         Raises:
             ConfigError: If there is none where there must be.
         """
-        found: dict[str, tuple[EntryPoint, ...]] = {}
+        by_name: dict[str, tuple[EntryPoint, ...]] = {}
         entries = installed_entry_points(self.group)
-        for entry in sorted(entries, key=lambda it: (it.name, _package(it) not in OURS, _package(it))):
-            others = found.get(entry.name, ())
-            is_taken = others and _package(others[0]) in OURS
-            if not is_taken and entry.value not in [other.value for other in others]:
-                found[entry.name] = (*others, entry)
-        if not found and self._has_ours:
+
+        def own_first(entry: EntryPoint) -> tuple[str, bool, str]:
+            package = _package(entry)
+            return entry.name, package not in OURS, package
+
+        for entry in sorted(entries, key=own_first):
+            others = by_name.get(entry.name, ())
+            if others and _package(others[0]) in OURS:
+                continue
+            # a package that is installed twice, such as in a checkout, lists its entry points twice
+            if entry.value not in [other.value for other in others]:
+                by_name[entry.name] = (*others, entry)
+        if not by_name and self._has_ours:
             raise ConfigError(
                 f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
                 "scripts/setup)"
             )
-        return found
+        return by_name
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,23 +99,28 @@ class InstalledGroup(Generic[P]):
         """
         entry, *others = self._entries.get(name, (None,))
         if entry is None:
-            known = f"{', '.join(self.names) or 'none'}; {self._remedy(name)}"
-            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
-        if others:
+            names = ", ".join(self.names) or "none"
             raise ConfigError(
-                f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
-                f"{_package(others[0])}"
+                f"no {self.noun} {name!r} is installed; there are {names}; {self._remedy(name)}"
             )
+        if others:
+            packages = f"{_package(entry)} or {_package(others[0])}"
+            raise ConfigError(f"{self.noun} {name!r} is in two packages: uninstall {packages}")
+
+        # Code of others, which may raise anything when it is imported
         try:
             loaded = entry.load()
-        except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
+        except (Exception, SystemExit) as error:
             package = _package(entry)
             extras = ",".join(entry.extras)
-            remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
+            remedy = f"update or uninstall {package}"
+            if extras:
+                remedy = f"install {package}[{extras}]"
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
         if not isinstance(loaded, self._type):
-            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
+            kind = self._type.__name__
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {kind}")
         return loaded
 
     def check_name(self, name: str, *others: str) -> None:
@@ -117,8 +129,9 @@ class InstalledGroup(Generic[P]):
         Raises:
             ValueError: If it is not. The message names those that are, and the package that has `name`.
         """
-        if name not in (*others, *self.names):
-            raise ValueError(f"use one of {', '.join((*others, *self.names))}; {self._remedy(name)}")
+        names = (*others, *self.names)
+        if name not in names:
+            raise ValueError(f"use one of {', '.join(names)}; {self._remedy(name)}")
 
     def _remedy(self, name: str) -> str:
         for entry in _all_entry_points(_folders()).select(name=name):
@@ -142,7 +155,9 @@ class InstalledGroup(Generic[P]):
     def foreign_summary(self, name: str) -> str | None:
         """Return the line that describes the package of the object `name`, or None if it is one of ours."""
         dist = self._entries[name][0].dist
-        return None if dist is None or _name(dist) in OURS else dist.metadata["Summary"] or ""
+        if dist is None or _name(dist) in OURS:
+            return None
+        return dist.metadata["Summary"] or ""
 
 
 def _package(entry: EntryPoint) -> str:

@@ -11,14 +11,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return `did you mean a or b?` with the up to three of `names` that are similar, or `""`."""
-    near = difflib.get_close_matches(name, list(names), n=3, cutoff=0.6)
-    return f"did you mean {' or '.join(near)}?" if near else ""
+    similar = difflib.get_close_matches(name, list(names), n=3, cutoff=0.6)
+    return f"did you mean {' or '.join(similar)}?" if similar else ""
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """Return `did you mean a or b?`, or `there are a, b, c` (or `none`) if no name is similar."""
     known = list(names)
-    return did_you_mean(name, known) or f"there are {', '.join(known) or 'none'}"
+    listed = ", ".join(known) or "none"
+    return did_you_mean(name, known) or f"there are {listed}"
 
 
 def accept_old_names(**names: str) -> Callable[[F], F]:
@@ -31,7 +32,8 @@ def accept_old_names(**names: str) -> Callable[[F], F]:
                 name = function.__qualname__
                 new = names[old]
                 if new in named:
-                    raise TypeError(f"{name}() got {new}= and its old name {old}=: leave out {old}=")
+                    problem = f"{name}() got {new}= and its old name {old}="
+                    raise TypeError(f"{problem}: leave out {old}=")
                 sentence = f"{name}({old}=) is now {new}=; the next minor version takes only this"
                 warnings.warn(sentence, DeprecationWarning, stacklevel=2)
                 named[new] = named.pop(old)

@@ -16,7 +16,8 @@ from pointit.runtime.config.plugins import PluginConfig
 
 def set_option(service: str, parameter: str, value: object) -> str:
     """Return the option that sets a parameter, as it must be typed: `--set imu-bridge.udp.host=0.0.0.0`."""
-    return f"--set {shlex.quote(f'{service}.{parameter}={value}')}"
+    assignment = f"{service}.{parameter}={value}"
+    return f"--set {shlex.quote(assignment)}"
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ def _type_name(annotation: Any) -> str:
     if origin is typing.Annotated:
         return _type_name(typing.get_args(annotation)[0])
     if origin is typing.Literal:
-        return "one of " + ", ".join(str(value) for value in typing.get_args(annotation))
+        values = typing.get_args(annotation)
+        return "one of " + ", ".join(str(value) for value in values)
     if origin in (typing.Union, types.UnionType):
         kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
         return " or ".join(_type_name(kind) for kind in kinds)

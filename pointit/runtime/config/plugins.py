@@ -41,8 +41,10 @@ class Plugin:
     @property
     def value(self) -> str:
         """Return the text behind the name on the command line, such as `:PORT` or `[:PORT]`, or `""`."""
-        text = f":{self.example or self.argument.upper()}" if self.argument else ""
-        return f"[{text}]" if text and self.argument_optional else text
+        if not self.argument:
+            return ""
+        text = f":{self.example or self.argument.upper()}"
+        return f"[{text}]" if self.argument_optional else text
 
 
 @dataclass(frozen=True)
@@ -87,22 +89,26 @@ class PluginGroup(InstalledGroup[PluginT]):
         """
         name, colon, value = text.partition(":")
         plugin = self.get(name)
-        missing = plugin.argument and not value and not plugin.argument_optional
-        if missing or (value and not plugin.argument) or (colon and not value):
+        if value:
+            is_valid = bool(plugin.argument)
+        else:
+            is_required = plugin.argument and not plugin.argument_optional
+            is_valid = not colon and not is_required
+        if not is_valid:
             raise ConfigError(f"write {name}{plugin.value}")
         return name, {plugin.argument: value} if value else {}
 
     def configs(self, among: Collection[str] | None = None) -> dict[str, type[Config]]:
         """Return parameters of all that can be imported, by name; `among` as in `PluginConfig.sections`."""
-        found: dict[str, type[Config]] = {}
+        configs: dict[str, type[Config]] = {}
         for name in self.names:
             if among is not None and name.replace("_", "-") not in among:
                 continue
             try:
-                found[name] = self.get(name).config
+                configs[name] = self.get(name).config
             except ConfigError:
                 continue  # reported if it is chosen
-        return found
+        return configs
 
     def validate(self, name: str, values: Any, loc: tuple[int | str, ...] = ()) -> Config:
         """Return the parameters `values` of the plug-in `name`.
@@ -149,13 +155,16 @@ class PluginConfig(Config, extra="allow"):
 
         `among`: names of the plug-ins to import, with hyphens as in options. None: all.
         """
-        configs = cls.plugins().configs(among).items()
-        return {name: config for name, config in configs if config is not cls and not cls._is_shadowed(name)}
+        configs = cls.plugins().configs(among)
+        own_configs = {name: config for name, config in configs.items() if config is not cls}
+        return {name: config for name, config in own_configs.items() if not cls._is_shadowed(name)}
 
     @classmethod
     def _is_shadowed(cls, name: str) -> bool:
         plugins = cls.plugins()
-        return name in cls.model_fields and name in plugins.names and plugins.package(name) not in OURS
+        if name not in cls.model_fields or name not in plugins.names:
+            return False
+        return plugins.package(name) not in OURS
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.
@@ -168,8 +177,8 @@ class PluginConfig(Config, extra="allow"):
                 f"{self.plugins().label(name)} has the name of a parameter, so that its own cannot be set: "
                 "rename its entry point"
             )
-        given: Config | None = (self.__pydantic_extra__ or {}).get(name)
-        if given is not None:
-            return given
+        configured: Config | None = (self.__pydantic_extra__ or {}).get(name)
+        if configured is not None:
+            return configured
         kind: type[Config] = self.plugins().get(name).config
         return self if kind is type(self) else kind()

@@ -22,8 +22,8 @@ DESCRIBED = "described"
 def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> str:
     """Return a message on the first mistake of `error` in a `kind`: field, action, value, more errors."""
     loc, text = first_mistake(error, kind)
-    where = ".".join(str(part) for part in loc)
-    return f"{where}: {text}" if where else text
+    field = ".".join(str(part) for part in loc)
+    return f"{field}: {text}" if field else text
 
 
 def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[int | str, ...], str]:
@@ -35,29 +35,34 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
         *parents, name = loc
         loc = tuple(parents)
         model = _model_at(kind, loc)
-        text = unknown_parameter_message(str(name), () if model is None else field_names(model))
+        known_fields = () if model is None else field_names(model)
+        text = unknown_parameter_message(str(name), known_fields)
     elif first["type"] == "missing":
         text = _missing(first)
     elif first["type"] == "union_tag_invalid":
         context = first.get("ctx", {})
         loc = (*loc, context["discriminator"].strip("'"))
-        known = context["expected_tags"].replace("'", "").split(", ")
+        known_tags = context["expected_tags"].replace("'", "").split(", ")
         tag = context["tag"]
-        text = f"no {loc[-1]} {tag!r}; {nearest(tag, known)}"
+        text = f"no {loc[-1]} {tag!r}; {nearest(tag, known_tags)}"
     elif first["type"] == DESCRIBED:
         text = first["msg"]
     else:
+        text = _remedy(first, kind)
         is_secret = any(SECRET_NAME.search(str(part)) for part in loc)
-        text = _remedy(first, kind) + ("" if is_secret else f" (got {format_value(first['input'])})")
+        if not is_secret:
+            text += f" (got {format_value(first['input'])})"
     return loc, text + more_errors_suffix(len(details) - 1)
 
 
 def unknown_parameter_message(name: str, known: Sequence[str]) -> str:
     """Return the message that there is no parameter `name`, with the nearest of those `known`."""
-    near = difflib.get_close_matches(name, known, n=1)
-    if near:
-        return f"no parameter {name}; did you mean {near[0]}?"
-    return f"no parameter {name}; there are {join_names(known)}" if known else f"no parameter {name}"
+    similar = difflib.get_close_matches(name, known, n=1)
+    if similar:
+        return f"no parameter {name}; did you mean {similar[0]}?"
+    if known:
+        return f"no parameter {name}; there are {join_names(known)}"
+    return f"no parameter {name}"
 
 
 def field_names(model: type[BaseModel]) -> list[str]:
@@ -69,7 +74,9 @@ def field_names(model: type[BaseModel]) -> list[str]:
 
 def more_errors_suffix(count: int) -> str:
     """Return the end of a message that describes one mistake, if there are `count` more."""
-    return "" if count < 1 else f" (and {count} more mistake{'s' if count > 1 else ''})"
+    if count < 1:
+        return ""
+    return f" (and {count} more mistake{'s' if count > 1 else ''})"
 
 
 def join_names(names: Iterable[object]) -> str:
@@ -80,7 +87,9 @@ def join_names(names: Iterable[object]) -> str:
 def format_value(value: object) -> str:
     """Return `value` as a sentence can show it."""
     text = repr(value)
-    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
+    if len(text) <= MAX_SHOWN:
+        return text
+    return text[: MAX_SHOWN - 3] + "..."
 
 
 def _missing(detail: ErrorDetails) -> str:
@@ -90,33 +99,36 @@ def _missing(detail: ErrorDetails) -> str:
 
 
 def _remedy(detail: ErrorDetails, kind: type[BaseModel]) -> str:
-    what = detail["type"]
-    if what in ("model_type", "model_attributes_type", "dataclass_type"):
+    mistake = detail["type"]
+    if mistake in ("model_type", "model_attributes_type", "dataclass_type"):
         model = _model_at(kind, detail["loc"])
         return f"write a mapping with {join_names(field_names(model))}" if model else "write a mapping"
     return describe_mistake(detail)
 
 
 def _model_at(kind: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel] | None:
-    here: Any = kind
+    annotation: Any = kind
     for part in loc:
-        here = _inner(here, part)
-    here = _plain(here)
-    return here if isinstance(here, type) and issubclass(here, BaseModel) else None
+        annotation = _inner(annotation, part)
+    annotation = _plain(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return None
 
 
 def _inner(annotation: Any, part: int | str) -> Any:
-    here = _plain(annotation)
-    if isinstance(here, type) and issubclass(here, BaseModel):
-        for name, field in here.model_fields.items():
+    plain_type = _plain(annotation)
+    if isinstance(plain_type, type) and issubclass(plain_type, BaseModel):
+        for name, field in plain_type.model_fields.items():
             if part in (name, field.alias):
                 return field.annotation
-    origin = typing.get_origin(here)
-    arguments = typing.get_args(here)
+    origin = typing.get_origin(plain_type)
+    arguments = typing.get_args(plain_type)
     if origin is dict:
         return arguments[1]
     if origin in (tuple, list) and isinstance(part, int):
-        return arguments[0] if arguments[-1] is Ellipsis or origin is list else arguments[part]
+        has_one_type = arguments[-1] is Ellipsis or origin is list
+        return arguments[0] if has_one_type else arguments[part]
     return None
 
 

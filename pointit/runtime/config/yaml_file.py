@@ -95,12 +95,14 @@ def _int(loader: Any, node: yaml.ScalarNode) -> int:
     if len(node.value) > MAX_YAML_INT:
         raise YamlContentError(f"a number has more than {MAX_YAML_INT} digits; write text in quotes", node)
     digits = node.value.replace("_", "").lower()
-    value = int(digits, _BASES.get(digits.lstrip("+-")[:2], 10))
+    base = _BASES.get(digits.lstrip("+-")[:2], 10)
+    value = int(digits, base)
     return _written(loader, node, value, WrittenInt)
 
 
 def _float(loader: Any, node: yaml.ScalarNode) -> float:
-    value = float(node.value.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))
+    digits = node.value.replace("_", "").lower()
+    value = float(digits.replace(".inf", "inf").replace(".nan", "nan"))
     return _written(loader, node, value, WrittenFloat)
 
 
@@ -122,7 +124,8 @@ def _disputed_text(loader: Any, node: yaml.ScalarNode) -> str:
 
 def _add_resolvers() -> None:
     for name, first, pattern in _RESOLVERS:
-        Loader.add_implicit_resolver(_TAG + name, re.compile(rf"(?:{pattern})\Z"), first)
+        whole = re.compile(rf"(?:{pattern})\Z")
+        Loader.add_implicit_resolver(_TAG + name, whole, first)
     for letter, rows in yaml.SafeLoader.yaml_implicit_resolvers.items():
         for tag, pattern in rows:
             if tag.removeprefix(_TAG) in ("bool", "int", "float", "timestamp"):
@@ -165,8 +168,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(MAX_YAML_BYTES + 1)
     except OSError as error:
-        why = error.strerror or error
-        raise ConfigError(f"{path}: cannot be read ({why}); check its path and rights") from error
+        reason = error.strerror or error
+        raise ConfigError(f"{path}: cannot be read ({reason}); check its path and rights") from error
     return parse_yaml(content, path)
 
 
@@ -203,17 +206,27 @@ def load_yaml(text: str, source: Path | str) -> Any:
         raise ConfigError(f"{source}: is nested too deeply") from error
     except YamlContentError as error:
         problem, node = error.args
-        raise ConfigError(f"{source}: line {node.start_mark.line + 1}: {problem}") from error
+        line = node.start_mark.line + 1
+        raise ConfigError(f"{source}: line {line}: {problem}") from error
     except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:  # of tags: !!bool x
         mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else " at a tag" * (not isinstance(error, yaml.YAMLError))
-        problem = " ".join(str(getattr(error, "problem", None) or error).split())
-        raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
+        position = ""
+        if mark:
+            position = f" in line {mark.line + 1}"
+        elif not isinstance(error, yaml.YAMLError):
+            position = " at a tag"
+        problem = getattr(error, "problem", None) or error
+        text = " ".join(str(problem).split())
+        raise ConfigError(f"{source}: is not YAML{position} ({text})") from error
     finally:
         loader.dispose()
-    if (disputed := sorted(disputes_of(loader))) and not isinstance(root, yaml.ScalarNode):  # of --set
+
+    # Values that a reader of YAML 1.1 would take for others: one warning for all, with the first remedy
+    disputed = sorted(disputes_of(loader))
+    if disputed and not isinstance(root, yaml.ScalarNode):  # of --set
         line, warning = disputed[0]
-        others = [str(each) for each in sorted({each for each, _ in disputed} - {line})]
+        other_lines = {disputed_line for disputed_line, _ in disputed} - {line}
+        others = [str(other_line) for other_line in sorted(other_lines)]
         more = f"; line {first_of(others, 10)}, too" if others else ""
         _warn_once(f"{source}: line {line}: {warning}{more}")
     return data
@@ -251,23 +264,30 @@ def _check_aliases(root: yaml.Node) -> None:
     waiting: list[tuple[Any, list[Any] | None]] = [(root, None)]
     while waiting:
         node, inner = waiting.pop()
+
+        # Second visit: all below is counted
         if inner is not None:
-            sizes[id(node)] += sum([sizes[id(each)] for each in inner])
-            depths[id(node)] = 1 + max([depths.get(id(each), MAX_YAML_DEPTH) for each in inner], default=0)
+            sizes[id(node)] += sum([sizes[id(part)] for part in inner])
+            inner_depths = [depths.get(id(part), MAX_YAML_DEPTH) for part in inner]
+            depths[id(node)] = 1 + max(inner_depths, default=0)
             if depths[id(node)] > MAX_YAML_DEPTH:
                 raise RecursionError
             if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
                 raise YamlContentError(
                     f"aliases unfold to more than {MAX_YAML_UNFOLDED} values; write them out", node
                 )
+
+        # First visit: scalars are counted at once, and all others before the second visit
         elif id(node) not in sizes:
-            is_mapping = isinstance(node, yaml.MappingNode)
-            below: list[Any] = [each for pair in node.value for each in pair] if is_mapping else node.value
-            inner = [each for each in below if not isinstance(each, yaml.ScalarNode)]
-            sizes[id(node)] = 1 + len(below) - len(inner)
+            below: list[Any] = node.value
+            if isinstance(node, yaml.MappingNode):
+                below = [part for pair in node.value for part in pair]
+            inner = [part for part in below if not isinstance(part, yaml.ScalarNode)]
+            scalar_count = len(below) - len(inner)
+            sizes[id(node)] = 1 + scalar_count
             written += sizes[id(node)]
             waiting.append((node, inner))
-            waiting += [(each, None) for each in inner]
+            waiting += [(part, None) for part in inner]
 
 
 def _name_keys(root: yaml.Node) -> None:
@@ -285,7 +305,9 @@ def _name_keys(root: yaml.Node) -> None:
         lines: dict[str, int] = {}
         for index, (key, value) in enumerate(node.value):
             waiting += (key, value)
-            if not isinstance(key, yaml.ScalarNode) or (key.tag == MERGE and _is_alias(value, key)):
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.tag == MERGE and _is_alias(value, key):
                 continue
             if key.value in lines:
                 problem = f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one"
@@ -299,7 +321,7 @@ def _name_keys(root: yaml.Node) -> None:
 def _is_alias(node: Any, key: yaml.Node) -> bool:
     """Return True if `node`, or all nodes of a list, are before `key`. Else `<<` is a name like others."""
     nodes: list[yaml.Node] = node.value if isinstance(node, yaml.SequenceNode) else [node]
-    return all(each.start_mark.index < key.start_mark.index for each in nodes)
+    return all(part.start_mark.index < key.start_mark.index for part in nodes)
 
 
 @functools.lru_cache(MAX_WARNINGS)

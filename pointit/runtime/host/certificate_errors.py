@@ -37,7 +37,10 @@ def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str,
 
 def certificate_error_in(error: BaseException | None) -> ssl.SSLCertVerificationError | None:
     """Return the refusal of a certificate that has caused `error`, or None."""
-    return next((each for each in _causes(error) if isinstance(each, ssl.SSLCertVerificationError)), None)
+    for cause in _causes(error):
+        if isinstance(cause, ssl.SSLCertVerificationError):
+            return cause
+    return None
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:

@@ -32,11 +32,12 @@ class OptionalPart(NamedTuple, Generic[T]):
 
 def present(parts: Iterable[OptionalPart[T]]) -> list[T]:
     """Return those of `parts` whose packages are installed, in their order. Imports no others."""
-    return [
-        load_object(part.target, "a part")
-        for part in parts
-        if all(map(is_there, (part.target.partition(":")[0], *part.rooms)))
-    ]
+    installed: list[T] = []
+    for part in parts:
+        module = part.target.partition(":")[0]
+        if all(map(is_there, (module, *part.rooms))):
+            installed.append(load_object(part.target, "a part"))
+    return installed
 
 
 def load_object(target: str, part: str) -> Any:

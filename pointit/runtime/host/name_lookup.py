@@ -36,7 +36,7 @@ def found_addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
     If no such route exists, these are the IPv4 addresses of its interfaces.
     A UDP socket is connected, which sends nothing: it only makes the system choose an interface.
     """
-    found: list[str] = []
+    addresses: list[str] = []
     for towards in _TOWARDS if family == socket.AF_INET else _TOWARDS_IPV6:
         try:
             with socket.socket(family, socket.SOCK_DGRAM) as probe:
@@ -44,10 +44,10 @@ def found_addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
                 address: str = probe.getsockname()[0]
         except OSError:
             continue
-        if address not in found and is_reachable(address):
-            found.append(address)
-    if found or family != socket.AF_INET:
-        return found
+        if address not in addresses and is_reachable(address):
+            addresses.append(address)
+    if addresses or family != socket.AF_INET:
+        return addresses
     # a network without a default route, such as that of an access point in a hall
     return [address for address in interface_addresses() if is_reachable(address)]
 
@@ -60,8 +60,10 @@ def own_address(otherwise: str) -> str:
 def is_reachable(address: str) -> bool:
     """Return True if other machines could reach `address`."""
     parsed = ipaddress.ip_address(address)
+    if parsed.is_loopback or parsed.is_multicast:
+        return False
     is_scoped = parsed.version == 6 and parsed.is_link_local  # it needs the name of an interface
-    return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast or is_scoped)
+    return not (parsed.is_unspecified or is_scoped)
 
 
 def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
@@ -76,8 +78,10 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
         answers = socket.getaddrinfo(host or "0.0.0.0", port, socket.AF_UNSPEC, kind)  # noqa: S104 - asked for
     except UnicodeError as error:  # a label of more than 63 characters
         raise OSError(str(error)) from error
-    addresses: list[Resolved] = [(family, address) for family, _, _, _, address in answers]
-    return sorted(addresses, key=lambda each: each[0] != socket.AF_INET)
+    addresses: list[Resolved] = []
+    for family, _, _, _, address in answers:
+        addresses.append((family, address))
+    return sorted(addresses, key=lambda resolved: resolved[0] != socket.AF_INET)
 
 
 async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
@@ -90,7 +94,8 @@ async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
     """
     with contextlib.suppress(ValueError):
         return [(socket.AF_INET, (str(ipaddress.IPv4Address(host)), port))]
-    return await in_daemon_thread(lambda: resolve(host, port, socket.SOCK_DGRAM), f"look up {host}")
+    task_name = f"look up {host}"
+    return await in_daemon_thread(lambda: resolve(host, port, socket.SOCK_DGRAM), task_name)
 
 
 class NetworkService(NamedTuple):
@@ -131,20 +136,22 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
     version = IPVersion.All if found_addresses(socket.AF_INET6) else IPVersion.V4Only
     if not found_addresses():
         version = IPVersion.V6Only
+    # Names first, then their addresses: half of the time for each
     with contextlib.suppress(OSError):  # a machine without a network finds nothing
         async with AsyncZeroconf(ip_version=version) as zeroconf:
             browser = AsyncServiceBrowser(zeroconf.zeroconf, full_kind, handlers=[on_change])
             await asyncio.sleep(seconds / 2)
             infos = [AsyncServiceInfo(full_kind, name) for name in sorted(names)]
-            await asyncio.gather(*(info.async_request(zeroconf.zeroconf, 500 * seconds) for info in infos))
+            timeout_ms = 500 * seconds
+            await asyncio.gather(*(info.async_request(zeroconf.zeroconf, timeout_ms) for info in infos))
             await browser.async_cancel()
             for info in infos:
-                addresses = [ipaddress.ip_address(each) for each in info.parsed_scoped_addresses()]
+                addresses = [ipaddress.ip_address(text) for text in info.parsed_scoped_addresses()]
                 if not addresses:
                     continue
-                address = min(addresses, key=lambda each: (each.version, each.is_link_local))
+                best = min(addresses, key=lambda address: (address.version, address.is_link_local))
                 name = info.name.removesuffix(f".{full_kind}")
                 host = (info.server or "").rstrip(".")
-                properties = info.decoded_properties
-                services.append(NetworkService(name, str(address), info.port or 0, host, properties))
+                port = info.port or 0
+                services.append(NetworkService(name, str(best), port, host, info.decoded_properties))
     return services

@@ -90,17 +90,21 @@ class SerialPort:
 
 def serial_ports() -> list[SerialPort]:
     """Return the serial ports of this machine that have a device."""
-    lasting = {os.path.realpath(link): str(link) for link in Path("/dev/serial/by-id").glob("*")}
-    return [
-        SerialPort(lasting.get(info.device, info.device), info.description)
-        for info in sorted(list_ports.comports(), key=lambda info: info.device)
-        if info.description != "n/a"  # the built-in ports that a board may or may not have
-    ]
+    links = Path("/dev/serial/by-id").glob("*")
+    lasting = {os.path.realpath(link): str(link) for link in links}
+    ports: list[SerialPort] = []
+    for info in sorted(list_ports.comports(), key=lambda info: info.device):
+        if info.description == "n/a":  # the built-in ports that a board may or may not have
+            continue
+        path = lasting.get(info.device, info.device)
+        ports.append(SerialPort(path, info.description))
+    return ports
 
 
 def describe_ports() -> str:
     """Return the serial ports of this machine and their devices as text, or `none`."""
-    return ", ".join(f"{port.path} ({port.description})" for port in serial_ports()) or "none"
+    ports = [f"{port.path} ({port.description})" for port in serial_ports()]
+    return ", ".join(ports) or "none"
 
 
 def is_open_in_another_process(path: str) -> bool:
@@ -109,7 +113,8 @@ def is_open_in_another_process(path: str) -> bool:
     own = str(os.getpid())
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):  # the process may have ended
-            if link.parts[2] != own and str(link.readlink()) == device:
+            is_other_process = link.parts[2] != own
+            if is_other_process and str(link.readlink()) == device:
                 return True
     return False
 
@@ -179,19 +184,19 @@ class SerialThread:
             self._stopping.wait(wait_s)
             wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
-    def _report_state(self, why: str) -> None:
+    def _report_state(self, problem: str) -> None:
         """Log each change to down and to up. Report every change of the reason to the loop."""
         port = self._settings.port
-        if why and not self._reported:
-            log.warning("%s; trying again until it works", why)
-        elif not why and self._reported:
+        if problem and not self._reported:
+            log.warning("%s; trying again until it works", problem)
+        elif not problem and self._reported:
             log.info("%s is %s", port, "back" if self._ever_up else "open")
-        elif not why:
+        elif not problem:
             log.debug("%s is open at %d baud", port, self._settings.baud)
-        self._ever_up = self._ever_up or not why
-        if why != self._reported or not why:
-            self._reported = why
-            self.post(self._on_change, why)
+        self._ever_up = self._ever_up or not problem
+        if problem != self._reported or not problem:
+            self._reported = problem
+            self.post(self._on_change, problem)
 
     def _fail(self, error: Exception) -> None:
         if not self._fault.done():
@@ -203,9 +208,11 @@ def _errno_of(error: BaseException) -> int | None:
     current: BaseException | None = error
     while current is not None:
         number = getattr(current, "errno", None)
-        if not isinstance(number, int) and current.args and isinstance(current.args[0], int):
-            number = current.args[0]  # termios.error has no `errno`
         if isinstance(number, int):
             return number
+        # termios.error has no `errno`
+        first_argument = current.args[0] if current.args else None
+        if isinstance(first_argument, int):
+            return first_argument
         current = current.__cause__ or current.__context__
     return None

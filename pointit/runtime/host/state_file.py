@@ -57,10 +57,16 @@ def read_secret(path: Path, max_bytes: int) -> bytes:
         ConfigError: If it cannot be read, or others can read it. Names the file.
     """
     content = read_limited(path, max_bytes)
-    if os.name == "posix" and path.is_file() and not os.statvfs(path).f_flag & os.ST_RDONLY:
-        status = path.stat()
-        if status.st_mode & (OTHERS | (GROUP if status.st_uid == os.geteuid() else 0)):
-            raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
+    if os.name != "posix" or not path.is_file():
+        return content
+    if os.statvfs(path).f_flag & os.ST_RDONLY:
+        return content
+    status = path.stat()
+    others = OTHERS
+    if status.st_uid == os.geteuid():
+        others |= GROUP
+    if status.st_mode & others:
+        raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
     return content
 
 
@@ -99,9 +105,9 @@ def create_atomically(path: Path, content: bytes) -> bool:
 
 def part_of_file(path: Path) -> Path:
     """Return a path for a part of the file at `path`, which no process uses, and no dead one has used."""
-    return path.with_name(
-        f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}"
-    )  # writers need the suffix
+    stem = path.stem[:100]
+    unique = secrets.token_hex(4)
+    return path.with_name(f".{stem}.{unique}{path.suffix}")  # writers need the suffix
 
 
 def rename_to_new(part: Path, path: Path) -> None:
@@ -137,13 +143,14 @@ def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False)
         if mode is not None:
             for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only
                 folder.mkdir(exist_ok=True, mode=0o700)
-        elif path.parts[1:2] in (("dev",), ("proc",)) or (target.exists() and not target.is_file()):
+        elif _is_special(path, target):
             yield path
             return
         elif target.exists():
             if not os.access(target, os.W_OK):
                 raise PermissionError(errno.EACCES, "it is write-protected")
             mode = target.stat().st_mode
+        # Readers see the old content or the new one. A rename replaces only within one folder.
         part = part_of_file(target)
         try:
             part.touch(0o666 if mode is None else 0o600, exist_ok=False)
@@ -161,6 +168,13 @@ def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False)
         raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
+def _is_special(path: Path, target: Path) -> bool:
+    """Return True for devices and pipes, which are written to and not replaced."""
+    if path.parts[1:2] in (("dev",), ("proc",)):
+        return True
+    return target.exists() and not target.is_file()
+
+
 def _sync(path: Path) -> None:
     is_folder = path.is_dir()
     if is_folder and sys.platform == "win32":  # it opens no folders
@@ -175,11 +189,11 @@ def _sync(path: Path) -> None:
 @contextlib.contextmanager
 def using_state_directory(path: Path) -> Generator[None]:
     """Use `path` as the state directory in this block and in all tasks that it starts."""
-    before = _used.set(path)
+    previous = _used.set(path)
     try:
         yield
     finally:
-        _used.reset(before)
+        _used.reset(previous)
 
 
 def state_directory() -> Path:
@@ -225,7 +239,9 @@ def plugin_folder(site: str, user: str, kind: str, name: str) -> Path:
     Raises:
         KeyNameError: If `site` or `user` cannot be a name.
     """
-    owner = state_directory() / "users" / check_name(user, "user") if user else site_folder(site, "")
+    owner = site_folder(site, "")
+    if user:
+        owner = state_directory() / "users" / check_name(user, "user")
     return owner / "plugins" / kind / name
 
 
@@ -265,9 +281,8 @@ class StateFile(Generic[T]):
         except FileNotFoundError:
             return None
         except ValidationError as error:
-            raise ConfigError(
-                f"{self.path}: cannot be used; {self._remedy}; {summarize_validation_error(error)}"
-            ) from error
+            mistakes = summarize_validation_error(error)
+            raise ConfigError(f"{self.path}: cannot be used; {self._remedy}; {mistakes}") from error
 
     def write(self, value: T) -> None:
         """Replace the stored value by `value`, atomically and readable by its owner only.
@@ -288,5 +303,6 @@ class StateFile(Generic[T]):
         except FileNotFoundError:
             return False
         except OSError as error:
-            raise ConfigError(f"{self.path}: cannot be erased ({error.strerror or error})") from error
+            reason = error.strerror or error
+            raise ConfigError(f"{self.path}: cannot be erased ({reason})") from error
         return True

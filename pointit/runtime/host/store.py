@@ -79,8 +79,9 @@ class Store:
     @property
     def problem(self) -> str:
         """Return the problem and its remedy in one sentence, or `""`."""
-        if self._failure or self._notice or self._slow_writes < REPORTED_SLOW_WRITES:
-            return self._failure or self._notice
+        problem = self._failure or self._notice
+        if problem or self._slow_writes < REPORTED_SLOW_WRITES:
+            return problem
         return (
             f"{self.path} is on a slow disk (writes take more than {SLOW_S:g} s, and everything waits for "
             "them): set POINTIT_STATE to a folder on a faster one"
@@ -103,12 +104,13 @@ class Store:
         """
         loss = self._layout.loss
         try:
+            # The lock comes before the first look at the file: its writer may be about to replace it
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             self._lock = acquire_lock(self.path.with_name(LOCK))
             if self._lock is None:
+                rival = f"another {self._layout.writer} of this site writes {self.path}"
                 self._notice = (
-                    f"another {self._layout.writer} of this site writes {self.path}; {loss}: end one of the "
-                    "two and restart this one, or start it with --site NAME"
+                    f"{rival}; {loss}: end one of the two and restart this one, or start it with --site NAME"
                 )
                 return None
             stored = self._open_or_replace(now_ns, read)
@@ -128,7 +130,10 @@ class Store:
 
         After an error it is not tried again for a while, since waiting for the disk blocks the caller.
         """
-        if self._db is None or (self._failure and 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS):
+        if self._db is None:
+            return False
+        is_waiting = 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS
+        if self._failure and is_waiting:
             return False
         began_s = time.perf_counter()
         try:
@@ -137,9 +142,9 @@ class Store:
                 write(self._db)
         except sqlite3.Error as error:
             self._retry_ns = now_ns + RETRY_EVERY_NS
+            loss = self._layout.loss
             self._failure = (
-                f"{self.path} cannot be written ({error}); {self._layout.loss}: make room there, or make it "
-                "writable"
+                f"{self.path} cannot be written ({error}); {loss}: make room there, or make it writable"
             )
             return False
         self._failure = ""
@@ -151,7 +156,8 @@ class Store:
             self._slow_writes = 0
             return
         self._slow_writes += 1
-        self._rest_until_ns = now_ns + min(round(REST_FACTOR * duration_s * NS_PER_S), MAX_REST_NS)
+        rest_ns = round(REST_FACTOR * duration_s * NS_PER_S)
+        self._rest_until_ns = now_ns + min(rest_ns, MAX_REST_NS)
 
     def close(self) -> None:
         """Close the file and release the lock."""
@@ -171,7 +177,8 @@ class Store:
         for suffix in ("", "-wal", "-shm"):
             part = self.path.with_name(self.path.name + suffix)
             if part.exists():
-                part.replace(self.path.with_name(f"{self._aside}{now_ns}{self.path.suffix}{suffix}"))
+                aside = f"{self._aside}{now_ns}{self.path.suffix}{suffix}"
+                part.replace(self.path.with_name(aside))
         return self._open(read)
 
     def _open(self, read: Callable[[sqlite3.Connection], T]) -> T | None:
@@ -203,9 +210,13 @@ class Store:
 
     def _note_set_aside(self, now_ns: int) -> None:
         """Report a damaged file that was set aside lately, by this process or an earlier one."""
-        for path in sorted(self.path.parent.glob(f"{self._aside}*{self.path.suffix}")):
-            when = path.stem.removeprefix(self._aside)
-            if when.isdecimal() and 0 <= now_ns - int(when) <= SHOWN_NS and not self._notice:
+        paths = self.path.parent.glob(f"{self._aside}*{self.path.suffix}")
+        for path in sorted(paths):
+            set_aside_ns = path.stem.removeprefix(self._aside)
+            if not set_aside_ns.isdecimal():
+                continue
+            is_recent = 0 <= now_ns - int(set_aside_ns) <= SHOWN_NS
+            if is_recent and not self._notice:
                 self._notice = (
                     f"{self.path} was damaged and is now {path.name}, and a new file was started: check the "
                     "disk"

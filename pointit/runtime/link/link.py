@@ -102,9 +102,10 @@ class Credentials:
             ConfigError: If it is neither TLS nor QUIC.
         """
         if not SECURE.match(endpoint):
+            encrypted = " or ".join(self.link.endpoints)
             raise ConfigError(
                 f"{endpoint}: credentials are for encrypted addresses only, as "
-                f"{' or '.join(self.link.endpoints)}; leave --connect out, or do without --credentials"
+                f"{encrypted}; leave --connect out, or do without --credentials"
             )
 
     def expiry_warning(self, now: dt.datetime) -> str:
@@ -112,17 +113,19 @@ class Credentials:
         if self.link.password or self.link.valid_until - now >= SOON:
             return ""
         name = self.link.name
+        end = f"{self.link.valid_until:%Y-%m-%d}"
         return (
-            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; renew them with "
+            f"the credentials of {name} end on {end}; renew them with "
             f"`pointit site renew {name}` before, and copy the folder here"
         )
 
     def settings(self) -> dict[str, Any]:
         """Return the settings for Zenoh's configuration. They hold secrets: never show them."""
         tls = "transport/link/tls"
+        authority = str(self.folder / CA)
         settings: dict[str, Any] = {
             "transport/link/protocols": ["tls", "quic"],
-            f"{tls}/root_ca_certificate": str(self.folder / CA),
+            f"{tls}/root_ca_certificate": authority,
             f"{tls}/close_link_on_expiration": True,
         }
         if self.link.password:
@@ -137,7 +140,8 @@ class Credentials:
     @property
     def user(self) -> str:
         """Return the name by which the router knows this identity."""
-        return f"{self.link.site}/{self.link.name}/{self.link.generation}"
+        link = self.link
+        return f"{link.site}/{link.name}/{link.generation}"
 
 
 def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
@@ -153,20 +157,32 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         link = LinkFile.model_validate_json(_read(file))
     except ValidationError as error:
         raise ConfigError(f"{file}: {describe_validation_error(error, LinkFile)}") from error
-    public, secret = ([CA], PASSWORD) if link.password else ([CA, CERTIFICATE], KEY)
+
+    # With a password, there is no certificate of one's own
+    public = [CA, CERTIFICATE]
+    secret = KEY
+    if link.password:
+        public = [CA]
+        secret = PASSWORD
     for name in public:
         _read(folder / name)
     _read(folder / secret, read_secret)
     if link.password:
         _password(folder)
-    again = f"renew it with `pointit site renew {link.name}` and copy the folder here"
-    if not link.password and now < link.valid_from:
+        return Credentials(folder=folder, link=link)
+
+    # A router refuses a certificate that is not valid now without saying why
+    certificate = folder / CERTIFICATE
+    if now < link.valid_from:
+        begin = f"{link.valid_from:%Y-%m-%d %H:%M} UTC"
         raise ConfigError(
-            f"{folder / CERTIFICATE}: is not valid before {link.valid_from:%Y-%m-%d %H:%M} UTC and "
+            f"{certificate}: is not valid before {begin} and "
             f"here it is {now:%Y-%m-%d %H:%M} UTC; set this machine's clock"
         )
-    if not link.password and now > link.valid_until:
-        raise ConfigError(f"{folder / CERTIFICATE}: has expired on {link.valid_until:%Y-%m-%d}; {again}")
+    if now > link.valid_until:
+        end = f"{link.valid_until:%Y-%m-%d}"
+        remedy = f"renew it with `pointit site renew {link.name}` and copy the folder here"
+        raise ConfigError(f"{certificate}: has expired on {end}; {remedy}")
     return Credentials(folder=folder, link=link)
 
 
@@ -219,11 +235,14 @@ def check_addresses(link: Link) -> None:
         ConfigError: If one is no address, or does not fit the credentials.
     """
     for endpoint in (*link.listen, *link.connect):
-        found = ENDPOINT.fullmatch(endpoint)
-        if not found:
+        address = ENDPOINT.fullmatch(endpoint)
+        if not address:
             raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
-        if found["port"] and not (endpoint in link.connect) <= int(found["port"]) <= MAX_PORT:
-            raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
+        port = address["port"]
+        # a listener at port 0 lets the system choose one
+        min_port = int(endpoint in link.connect)
+        if port and not min_port <= int(port) <= MAX_PORT:
+            raise ConfigError(f"{endpoint!r}: there is no port {port}; use one up to {MAX_PORT}")
     if link.credentials is not None:
         for endpoint in link.connect:
             link.credentials.check_endpoint(endpoint)
@@ -231,8 +250,12 @@ def check_addresses(link: Link) -> None:
 
 def ports_of(endpoints: Sequence[str]) -> set[int]:
     """Return the ports of addresses that have one."""
-    found = (ENDPOINT.fullmatch(endpoint.partition("#")[0]) for endpoint in endpoints)
-    return {int(address["port"]) for address in found if address and address["port"]}
+    ports = set[int]()
+    for endpoint in endpoints:
+        address = ENDPOINT.fullmatch(endpoint.partition("#")[0])
+        if address and address["port"]:
+            ports.add(int(address["port"]))
+    return ports
 
 
 @dataclass(frozen=True)

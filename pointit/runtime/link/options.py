@@ -21,25 +21,24 @@ from pointit.runtime.link.link import (
 
 def link_options() -> list[click.Parameter]:
     """Return the options that say how a command joins the network."""
-    return [
-        click.Option(
-            ["--credentials"],
-            type=click.Path(path_type=Path),
-            envvar=VARIABLE,
-            is_eager=True,
-            expose_value=False,
-            callback=_take_credentials,
-            help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
-        ),
-        _OfCredentials(["--site"], default=DEFAULT_SITE, help="name of the site"),
-        _OfCredentials(
-            ["--connect"],
-            multiple=True,
-            default=(DEFAULT_ENDPOINT,),
-            help="address of a `pointit run` or `pointit router`",
-        ),
-        click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),
-    ]
+    credentials = click.Option(
+        ["--credentials"],
+        type=click.Path(path_type=Path),
+        envvar=VARIABLE,
+        is_eager=True,  # other options take their defaults from them
+        expose_value=False,
+        callback=_take_credentials,
+        help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
+    )
+    site = _OfCredentials(["--site"], default=DEFAULT_SITE, help="name of the site")
+    connect = _OfCredentials(
+        ["--connect"],
+        multiple=True,
+        default=(DEFAULT_ENDPOINT,),
+        help="address of a `pointit run` or `pointit router`",
+    )
+    listen = click.Option(["--listen"], multiple=True, help="listen here instead of connecting")
+    return [credentials, site, connect, listen]
 
 
 class _OfCredentials(click.Option):
@@ -66,7 +65,9 @@ def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: P
 def given_credentials() -> Credentials | None:
     """Return the credentials given by --credentials of the running command, or None."""
     context = click.get_current_context(silent=True)
-    credentials: Credentials | None = None if context is None else context.meta.get(VARIABLE)
+    if context is None:
+        return None
+    credentials: Credentials | None = context.meta.get(VARIABLE)
     return credentials
 
 
@@ -78,8 +79,9 @@ def link_of(site: str, connect: Sequence[str], listen: Sequence[str] = ()) -> Li
     """
     credentials = given_credentials()
     if credentials is not None and site != credentials.link.site:
+        other_site = credentials.link.site
         raise ConfigError(
-            f"--site {site}: the credentials in {credentials.folder} are of site {credentials.link.site}; "
+            f"--site {site}: the credentials in {credentials.folder} are of site {other_site}; "
             "leave --site out, or use that site's credentials"
         )
     if credentials is not None and listen:

@@ -39,11 +39,11 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     if credentials is None:
         wants = f"the router at {endpoint} is of a secured site: give your identity by --credentials FOLDER"
         return wants if _speaks_tls(endpoint) else ""
-    found = SECURE.match(endpoint)
-    if not found:
+    address = SECURE.match(endpoint)
+    if not address:
         return ""
-    host = found["ipv6"] or found["host"]
-    port = int(found["port"])
+    host = address["ipv6"] or address["host"]
+    port = int(address["port"])
     name = credentials.link.name
     try:
         context = _context(credentials)
@@ -53,18 +53,21 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
         plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
     except OSError:
         return ""  # no answer or no route: the usual message fits
+    # TLS 1.3 ends the handshake on our side before the router has judged our certificate
     is_secured = False
     try:
         with plain, context.wrap_socket(plain, server_hostname=host) as secured:
             is_secured = True
             secured.recv(1)  # the router's verdict on our certificate follows the handshake
     except ssl.SSLError as error:
-        if is_secured or not isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):  # to OpenSSL 3.5
+        is_close = isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError)  # to OpenSSL 3.5
+        if is_secured or not is_close:
             return _handshake_problem(error, endpoint, credentials)
         return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
     except OSError:  # includes a time-out, which means success once the connection is secured
         if not is_secured:
             return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
+    # The router is asked only because Zenoh timed out: without a refusal by TLS, it was the password
     if credentials.link.password:
         return PassingRefusal(
             f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
@@ -74,15 +77,16 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
 
 
 def _speaks_tls(endpoint: str) -> bool:
-    found = ENDPOINT.fullmatch(endpoint)
-    if found is None or found[1] not in ("tcp", "tls"):
+    address = ENDPOINT.fullmatch(endpoint)
+    if address is None or address[1] not in ("tcp", "tls"):
         return False
     context = ssl.create_default_context()
     # nothing is sent
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
     try:
-        with socket.create_connection((found[2].strip("[]"), int(found["port"])), HANDSHAKE_S) as plain:
+        host = address[2].strip("[]")
+        with socket.create_connection((host, int(address["port"])), HANDSHAKE_S) as plain:
             context.wrap_socket(plain).close()
     except OSError:
         return False
@@ -101,10 +105,10 @@ def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credenti
     if isinstance(error, ssl.SSLCertVerificationError):
         return _distrust(error, endpoint, credentials)
     name = credentials.link.name
-    for alert, why in REFUSALS.items():
+    for alert, cause in REFUSALS.items():
         if (error.reason or "").endswith(alert):
             return (
-                f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
+                f"the router at {endpoint} refuses {name}'s certificate: it {cause}; "
                 f"renew it with `pointit site renew {name}`"
             )
     return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({_reason(error)})")
@@ -128,4 +132,5 @@ def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: C
 
 
 def _reason(error: Exception) -> str:
-    return getattr(error, "reason", None) or getattr(error, "strerror", None) or type(error).__name__
+    reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
+    return reason or type(error).__name__

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import importlib.util
+import itertools
 import logging
 import os
 import re
@@ -83,6 +84,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
         async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context) as (reader, writer):
             return await _answers_by_mqtt_5(reader, writer)
     except ssl.SSLCertVerificationError as error:
+        # it is an SSLError, too, but tells more than those below
         raise BrokerError(describe_certificate_error(error, broker, AUTHORITY_HINT)) from error
     except (ssl.SSLError, ConnectionError, TimeoutError) as error:
         if context is not None and await _answers_plain(host, port):
@@ -224,7 +226,8 @@ def discovery_prefix(prefix: str = "") -> str:
     Raises:
         ConfigError: If it is no topic.
     """
-    prefix = prefix or os.environ.get(DISCOVERY_PREFIX, "") or "homeassistant"
+    default = os.environ.get(DISCOVERY_PREFIX, "") or "homeassistant"
+    prefix = prefix or default
     if not re.fullmatch(r"[^#+\x00/]+(/[^#+\x00/]+)*", prefix):
         raise ConfigError(f"{DISCOVERY_PREFIX}: {prefix!r} is no topic: write levels, such as house/ha")
     return prefix
@@ -257,28 +260,33 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
             f"password_file: {config.password_file} exceeds {MAX_PASSWORD_BYTES} bytes; "
             "name a file that holds the password only"
         )
+    tls_context = _tls_context(config.ca_file) if config.tls else None
+    # the same after a loss: the broker then ends the former connection before the next one begins
+    identifier = f"{CLIENT_ID}{secrets.token_hex(5)}"
     return {
         "hostname": host,
         "port": port,
-        # the same after a loss: the broker then ends the former connection before the next one begins
-        "identifier": f"{CLIENT_ID}{secrets.token_hex(5)}",
+        "identifier": identifier,
         "username": config.username or None,
         "password": password,
-        "tls_context": _tls_context(config.ca_file) if config.tls else None,
+        "tls_context": tls_context,
     }
 
 
 def _tls_context(ca_file: str) -> ssl.SSLContext:
-    file, name = (ca_file, "ca_file") if ca_file else (os.environ.get(CA_FILE), CA_FILE)
+    file: str | None = ca_file
+    name = "ca_file"
+    if not ca_file:
+        file = os.environ.get(CA_FILE)
+        name = CA_FILE
     try:
         context = ssl.create_default_context(cafile=file or None)
     except OSError as error:  # SSLError is one
         raise ConfigError(
             f"{name}: {file} cannot be used ({error}): name a file with certificates in the form PEM"
         ) from error
-    if (
-        file
-    ):  # own authorities often lack extensions that Python requires from 3.13 on, or certify only themselves
+    # own authorities often lack extensions that Python requires from 3.13 on, or certify only themselves
+    if file:
         context.verify_flags &= ~ssl.VERIFY_X509_STRICT
         context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
     return context
@@ -302,9 +310,10 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
     server = options["hostname"], options["port"], options.get("tls_context")
     # aiomqtt connects in a thread that cannot be interrupted and leaves a socket of a failed handshake open
     has_version_5 = await check_server(*server)
+    protocol = aiomqtt.ProtocolVersion.V5 if has_version_5 else aiomqtt.ProtocolVersion.V311
     client = aiomqtt.Client(
         **options,
-        protocol=aiomqtt.ProtocolVersion.V5 if has_version_5 else aiomqtt.ProtocolVersion.V311,
+        protocol=protocol,
         timeout=CONNECT_TIMEOUT_S,
         keepalive=15,
         max_queued_incoming_messages=QUEUED_MESSAGES,
@@ -417,16 +426,19 @@ async def keep_connected(
 
 async def find_on_brokers(find_on: FindOn, seconds: float) -> list[FoundDevice]:
     """Return the devices on the brokers of this machine and on those that announce themselves."""
-    here = (find_on("127.0.0.1", port, seconds) for port in (PORT, TLS_PORT))
-    found = await asyncio.gather(*here, _find_in_thread(find_on, seconds))
-    return [device for devices in found for device in devices]
+    local = (find_on("127.0.0.1", port, seconds) for port in (PORT, TLS_PORT))
+    results = await asyncio.gather(*local, _find_in_thread(find_on, seconds))
+    return list(itertools.chain.from_iterable(results))
 
 
 async def _find_in_thread(find_on: FindOn, seconds: float) -> list[FoundDevice]:
+    # Half of the time to find the brokers, half of it to ask them
+    half_s = seconds / 2
     try:
-        kinds = await asyncio.gather(*(browse(kind, seconds / 2) for kind in KINDS))
+        results = await asyncio.gather(*(browse(kind, half_s) for kind in KINDS))
     except ConfigError:  # without the extra `discovery`, that of this machine is all
         return []
-    brokers = {(each.address, each.port) for kind in kinds for each in kind}
-    found = await asyncio.gather(*(find_on(host, port, seconds / 2) for host, port in sorted(brokers)))
-    return [device for devices in found for device in devices]
+    services = itertools.chain.from_iterable(results)
+    brokers = {(service.address, service.port) for service in services}
+    devices = await asyncio.gather(*(find_on(host, port, half_s) for host, port in sorted(brokers)))
+    return list(itertools.chain.from_iterable(devices))

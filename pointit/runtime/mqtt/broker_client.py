@@ -130,14 +130,17 @@ class BrokerClient:
         """
         if isinstance(topics, str):
             topics = [(topics, 0)]
-        filters = [each for each, _qos in topics]
+        filters = [topic_filter for topic_filter, _qos in topics]
         self._last_action = f"subscribed to {first_of(filters, MAX_SHOWN_TOPICS)}"
-        codes: Sequence[Any] = await self.answer(self._library.subscribe([*topics]))
-        refused = {each: code for each, code in zip(filters, codes, strict=False) if code.is_failure}
+        subscribing = self._library.subscribe([*topics])
+        codes: Sequence[Any] = await self.answer(subscribing)
+        results = zip(filters, codes, strict=False)
+        refused = {topic_filter: code for topic_filter, code in results if code.is_failure}
         if not refused:
             return ""
         error = self._subscription_error(refused)
-        if any(each not in optional for each in refused):
+        if any(topic_filter not in optional for topic_filter in refused):
+            raise error
             raise error
         return str(error)
 
@@ -165,13 +168,11 @@ class BrokerClient:
         """
         self._last_action = f"published to {topic}"
         await self.answer(self._library.publish(topic, payload, qos=qos, retain=retain, timeout=timeout))
+        # aiomqtt ignores the code of the acknowledgement: `_listen` has read it
         code = self._refusals.pop(topic, None)
         if code is not None:
-            raise RefusedTopicsError(
-                f"the broker does not let {self._user} publish to {topic} ({code}): permit it in the "
-                "broker's access list",
-                [topic],
-            )
+            problem = f"the broker does not let {self._user} publish to {topic} ({code})"
+            raise RefusedTopicsError(f"{problem}: permit it in the broker's access list", [topic])
 
     async def answer(self, call: Awaitable[T]) -> T:
         """Return the result of a call of aiomqtt, unless the connection ends first.
@@ -192,6 +193,7 @@ class BrokerClient:
             is_answered = task.done()
             if not is_answered:
                 task.cancel()
+        # Cancelled by the caller: that error goes on. Otherwise the connection has ended.
         if not is_answered:
             raise self._closed_error()
         try:
@@ -227,6 +229,7 @@ class BrokerClient:
                 self._refusals[topic] = code
             on_publish(client, data, number, code, properties)
 
+        # paho looks them up at each call, so aiomqtt's own ones are wrapped on the object
         paho.on_disconnect = listen_to_end
         paho.publish = number_message
         paho.on_publish = listen_to_refusal
@@ -241,7 +244,8 @@ class BrokerClient:
             remedy = "raise the broker's limit of subscriptions"
         # of MQTT 3.1.1 there is one code, for which paho's words say nothing
         reason = "" if code.value == 128 else f" ({code})"
-        text = f"the broker does not let {self._user} subscribe to {names}{reason}: {remedy}"
+        problem = f"the broker does not let {self._user} subscribe to {names}{reason}"
+        text = f"{problem}: {remedy}"
         return RefusedTopicsError(text, [*refused])
 
     def _closed_error(self) -> ClosedByBrokerError:
@@ -261,8 +265,9 @@ class BrokerClient:
             )
         if after_s < SOON_S:
             permit = "permit that in the broker's access list; " if action else ""
+            duration = f"{after_s:.1f} s"
             return ClosedByBrokerError(
-                f"the broker has closed the connection {after_s:.1f} s after it had accepted it{action}: "
+                f"the broker has closed the connection {duration} after it had accepted it{action}: "
                 f"{permit}if it permits one connection for each user name or client identifier, "
                 f"{self._session_hint}"
             )

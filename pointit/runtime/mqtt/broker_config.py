@@ -46,7 +46,8 @@ class BrokerConfig(Config):
             fields["broker"] = parts.netloc.rpartition("@")[2]
             if SCHEMES[parts.scheme]:
                 fields["tls"] = True
-            if (user := unquote(parts.username or "")) and fields.setdefault("username", user) != user:
+            user = unquote(parts.username or "")
+            if user and fields.setdefault("username", user) != user:
                 raise described_error("broker: it and `username` name different users: leave one of both out")
         return fields
 
@@ -57,7 +58,8 @@ class BrokerConfig(Config):
             port = parse_address(broker)[1] if broker else None
         except ValueError as error:
             # what is in front of an @ may be a password
-            raise described_error(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
+            shown = broker.rpartition("@")[2]
+            raise described_error(f"{FORM} (got {shown!r})") from error
         if port == 0:
             raise described_error(f"{broker}: no broker is at port 0: write its port, or the host alone")
         return broker
@@ -73,7 +75,9 @@ class BrokerConfig(Config):
     def address(self) -> tuple[str, int]:
         """Return the host and the port of the broker."""
         host, port = parse_address(self.broker)
-        return host, port if port is not None else TLS_PORT if self.tls else PORT
+        if port is None:
+            port = TLS_PORT if self.tls else PORT
+        return host, port
 
 
 def _url_parts(url: str) -> SplitResult:
@@ -83,7 +87,10 @@ def _url_parts(url: str) -> SplitResult:
         parts = urlsplit(url)
     except ValueError:
         raise error from None  # its text has the URL
-    is_address = parts.scheme in SCHEMES and parts.hostname and parts.password is None
-    if not is_address or parts.path.strip("/") or parts.query or parts.fragment:
+    if parts.scheme not in SCHEMES or not parts.hostname:
+        raise error
+    if parts.password is not None or parts.path.strip("/"):
+        raise error
+    if parts.query or parts.fragment:
         raise error
     return parts

@@ -103,20 +103,24 @@ class Carrier:
 
     def use(self, targets: Mapping[str, Sequence[Target]]) -> None:
         """Use these targets of each thing from now on."""
-        self._targets = {name: each for name, each in targets.items() if each}
-        self._results = {name: each for name, each in self._results.items() if name in self._targets}
-        self._failed = {name: each for name, each in self._failed.items() if name in self._targets}
+        self._targets = {name: own for name, own in targets.items() if own}
+        for name in self._results.keys() - self._targets.keys():
+            del self._results[name]
+        for name in self._failed.keys() - self._targets.keys():
+            del self._failed[name]
         self.tell()
 
     def tell(self) -> None:
         """Tell the states of all things, if one has changed."""
-        states = tuple(
-            _merged(name, targets).model_copy(update={"last": self._results.get(name)})
-            for name, targets in self._targets.items()
-        )
-        if states != self._last_states:
-            self._last_states = states
-            self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=states))
+        states: list[ThingState] = []
+        for name, targets in self._targets.items():
+            state = _merged(name, targets)
+            last_result = self._results.get(name)
+            states.append(state.model_copy(update={"last": last_result}))
+        things = tuple(states)
+        if things != self._last_states:
+            self._last_states = things
+            self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=things))
 
     async def close(self) -> None:
         """End all acts, which have failed then, and take leave: its things have no carrier any more."""
@@ -133,6 +137,7 @@ class Carrier:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         if self._name not in event.carriers or event.reason.endswith(REPEATED_REASON):
             return  # whether it was carried out before the selector was started again is not known
+        # An event that was long on its way would surprise: people have pointed again by now, or given up
         age_s = (self._clock.now_ns() - event.stamp_ns) / NS_PER_S / max(1.0, self._clock.speed)
         if age_s > MAX_ACT_AGE_S and not event.takes_back:
             self._failed[event.object_id] = self._targets.get(event.object_id, ())
@@ -147,15 +152,26 @@ class Carrier:
             tell_started=lambda: self._put_result(event, "started"),
             check_in_time=lambda: self._check_in_time(event, received_s),
         )
-        acts = [(task, each) for task, each in self._running.items() if each.thing == act.thing]
+
+        # Acts on the same thing that still run. Those for its other state are replaced by this one.
+        acts: list[tuple[asyncio.Task[None], Act]] = []
+        for task, running_act in self._running.items():
+            if running_act.thing == act.thing:
+                acts.append((task, running_act))
         if len(acts) >= MAX_AT_ONCE:
             self._tell_result(event, ActFailedError("busy", f"{MAX_AT_ONCE} acts on it still run: wait"))
             return
-        earlier = [task for task, each in acts if each.on != act.on or task.cancelling()]
-        for each in earlier:
-            self._end(each, ActFailedError("replaced", "it was switched again before it was done"))
+        replaced: list[asyncio.Task[None]] = []
+        for task, running_act in acts:
+            if running_act.on != act.on or task.cancelling():
+                replaced.append(task)
+        for task in replaced:
+            self._end(task, ActFailedError("replaced", "it was switched again before it was done"))
+
+        # The new one waits for their ends by itself, so that this handler returns at once
         self._pause_watch.start()
-        task = asyncio.create_task(self._carry_out(act, earlier, received_s), name=f"act on {act.thing}")
+        work = self._carry_out(act, replaced, received_s)
+        task = asyncio.create_task(work, name=f"act on {act.thing}")
         self._running[task] = act
         task.add_done_callback(self._on_act_ended)
 
@@ -188,8 +204,11 @@ class Carrier:
             await asyncio.wait(earlier)
         targets = self._targets.get(act.thing, ())
         failed = self._failed.pop(act.thing, ())
-        if act.event.takes_back and not (targets := [each for each in targets if each not in failed]):
-            return
+        if act.event.takes_back:
+            # a target that has not done the act has nothing to take back
+            targets = [target for target in targets if target not in failed]
+            if not targets:
+                return
         if not targets:
             problem = ActFailedError("unavailable", "it has no target any more: point again")
             self._tell_result(act.event, problem)
@@ -206,14 +225,18 @@ class Carrier:
         try:
             # nobody waits for what is taken back, which may have to wait for the end of the act before
             async with asyncio.timeout_at(None if act.event.takes_back else end_s):
-                results = await asyncio.gather(
-                    *(each.carry_out(act) for each in targets), return_exceptions=True
-                )
+                actions = [target.carry_out(act) for target in targets]
+                results = await asyncio.gather(*actions, return_exceptions=True)
         except TimeoutError:
             results = [ActFailedError("no_answer", f"not done within {limit_s:g} s")]
         else:
-            self._failed[act.thing] = [each for each, error in zip(targets, results, strict=True) if error]
-        self._tell_result(act.event, next((_failure(act, each) for each in results if each), None))
+            outcomes = zip(targets, results, strict=True)
+            self._failed[act.thing] = [target for target, error in outcomes if error]
+
+        # The thing has one result: the first failure stands for all
+        first_error = next(filter(None, results), None)
+        failure = None if first_error is None else _failure(act, first_error)
+        self._tell_result(act.event, failure)
 
     def _tell_result(self, event: SelectionEvent, problem: ActFailedError | None) -> None:
         self.done += problem is None
@@ -227,14 +250,19 @@ class Carrier:
     ) -> None:
         targets = self._targets.get(event.object_id, ())
         state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
+        code: FailureCode = ""
+        text = ""
+        if problem is not None:
+            code = problem.code
+            text = one_line(hide_secrets(str(problem)), MAX_TEXT)
         act_result = ActResult(
             stamp_ns=self._clock.now_ns(),
             object_id=event.object_id,
             event_ns=event.stamp_ns,
             result=result,
             state=state,
-            code=problem.code if problem else "",
-            text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
+            code=code,
+            text=text,
         )
         if targets and result != "started":
             self._results[event.object_id] = act_result
@@ -261,16 +289,27 @@ def _failure(act: Act, error: BaseException) -> ActFailedError:
     if isinstance(error, ActFailedError):
         return error
     log.error("act on %s failed", act.thing, exc_info=error)
-    return ActFailedError("error", f"stopped by an unexpected error ({type(error).__name__}: {error})")
+    cause = f"{type(error).__name__}: {error}"
+    return ActFailedError("error", f"stopped by an unexpected error ({cause})")
 
 
 def _merged(name: str, targets: Sequence[Target]) -> ThingState:
     """Return the state of a thing with several targets: unavailable if one is, else the first one."""
-    states = [each.state for each in targets]
-    worst = next((each for each in states if each.state == "unavailable"), None)
-    known = next((each for each in states if each.state), states[0])
-    limit_s = max(each.limit_s for each in states)
-    return (worst or known).model_copy(update={"id": name, "limit_s": limit_s})
+    states = [target.state for target in targets]
+    merged = _decisive_state(states)
+    limit_s = max(state.limit_s for state in states)
+    return merged.model_copy(update={"id": name, "limit_s": limit_s})
+
+
+def _decisive_state(states: Sequence[ThingState]) -> ThingState:
+    """Return the first of `states` that is unavailable, else the first known one, else the first."""
+    for state in states:
+        if state.state == "unavailable":
+            return state
+    for state in states:
+        if state.state:
+            return state
+    return states[0]
 
 
 def check_things(names: Collection[str], room: Environment) -> None:

@@ -39,23 +39,26 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
     Raises:
         ConfigError: If a name is in use. The message contains the name and its process.
     """
-    wanted = set(names)
-    if not wanted or not wanted & await list_present(bus, presence, LISTEN_S):
+    required = set(names)
+    if not required or not required & await list_present(bus, presence, LISTEN_S):
         return
-    looking = _Looking(wanted)
-    watching = bus.watch(presence, looking.on_presence)
-    subscription = bus.subscribe(HEALTH, looking.on_health)
+
+    # A present name may be that of a process that died: its token lasts until the lease ends. A process that
+    # lives reports its health.
+    search = _HolderSearch(required)
+    watching = bus.watch(presence, search.on_presence)
+    subscription = bus.subscribe(HEALTH, search.on_health)
     waits = "%s: on site %s already, but silent; waiting %.0f s at most"
     loop = asyncio.get_running_loop()
-    log_timer = loop.call_later(LOG_AFTER_S, log.info, waits, _list(wanted), bus.site, SILENT_S)
+    log_timer = loop.call_later(LOG_AFTER_S, log.info, waits, _list(required), bus.site, SILENT_S)
     try:
         async with asyncio.timeout(SILENT_S):
-            await looking.done.wait()
+            await search.done.wait()
     except TimeoutError:
         log.warning(
             "%s: an instance on site %s has that name and does not report; the name is taken over, and the "
             "other instance ends when it comes back",
-            _list(looking.left),
+            _list(search.silent_names),
             bus.site,
         )
         return
@@ -63,36 +66,38 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
         log_timer.cancel()
         subscription.close()
         watching.close()
-    if looking.holders:
-        where = ", ".join(sorted(set(looking.holders.values())))
-        raise ConfigError(f"{_list(looking.holders)}: already on site {bus.site}; {advice}: {where}")
+    if search.holders:
+        held_names = _list(search.holders)
+        processes = _list(set(search.holders.values()))
+        raise ConfigError(f"{held_names}: already on site {bus.site}; {advice}: {processes}")
 
 
 def _list(names: Collection[str]) -> str:
     return ", ".join(sorted(names))
 
 
-class _Looking:
+class _HolderSearch:
     def __init__(self, names: set[str]) -> None:
         self.done = asyncio.Event()
-        self.left = set(names)
+        self.silent_names = set(names)
         """Present names without a report."""
         self.holders: dict[str, str] = {}
         """Owning process by name."""
 
     def on_presence(self, name: str, *, present: bool) -> None:
         if not present:
-            self.left.discard(name)
-            self._judge()
+            self.silent_names.discard(name)
+            self._end_if_decided()
 
     def on_health(self, health: Health, instance: str) -> None:
-        for name in self.left & {instance, health.user}:
-            self.holders[name] = f"process {health.pid} on {health.host or '?'}"
-            self.left.discard(name)
-        self._judge()
+        for name in self.silent_names & {instance, health.user}:
+            host = health.host or "?"
+            self.holders[name] = f"process {health.pid} on {host}"
+            self.silent_names.discard(name)
+        self._end_if_decided()
 
-    def _judge(self) -> None:
-        if not self.left or self.holders:
+    def _end_if_decided(self) -> None:
+        if not self.silent_names or self.holders:
             self.done.set()
 
 
@@ -127,14 +132,16 @@ class TakeoverMonitor:
         return f"{self._instance} runs twice: here and as {self.duplicate}; end one of the two"
 
     def _on_health(self, health: Health, _instance: str) -> None:
-        other = (health.host, health.pid)
-        if other == self._me:
+        sender = (health.host, health.pid)
+        if sender == self._me:
             return
         self.duplicate = f"process {health.pid} on {health.host or '?'}"
         self._rival_s = self._time()
+
+        # The process that started last keeps the name. Host and process decide between equal starts.
         uptime_ns = int((self._time() - self._began_s) * NS_PER_S)
         own = (self._now_ns() - uptime_ns, *self._me)
-        others = (health.stamp_ns - int(health.uptime_s * NS_PER_S), *other)
+        others = (health.stamp_ns - int(health.uptime_s * NS_PER_S), *sender)
         if others > own and not self.superseded.is_set():
             self.successor = self.duplicate
             self.superseded.set()

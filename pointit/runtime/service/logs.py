@@ -45,8 +45,9 @@ class JsonFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """Return `record` as one line of JSON."""
+        written_at = datetime.fromtimestamp(record.created, UTC)
         entry = {
-            "time": datetime.fromtimestamp(record.created, UTC).isoformat(),
+            "time": written_at.isoformat(),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),

@@ -61,9 +61,9 @@ class PeopleShare:
         check_people(service, people, name)
         self._bus = bus
         self._service = service
-        self._mine = frozenset(people)
+        self._own_users = frozenset(people)
         self._lost = lost
-        self._here: set[str] = set()
+        self._known_users: set[str] = set()
         """Users known to the default instance."""
         self._present: set[str] = set()
         """Known users that are present."""
@@ -82,13 +82,13 @@ class PeopleShare:
 
     def serves(self, user: str) -> bool:
         """Return True if this instance serves `user`."""
-        return user in self._mine if self._mine else user not in self._remote_users
+        return user in self._own_users if self._own_users else user not in self._remote_users
 
     def subscribe(
         self, topic: Topic[M], handler: Handler[M], *, drops_late: Callable[[M], object] | None = None
     ) -> None:
         """Call `handler(message, user)` for each message on `topic` of the served users."""
-        if not self._mine and topic.delivery is not Delivery.LATEST:
+        if not self._own_users and topic.delivery is not Delivery.LATEST:
             states = _States(handler, self._is_subscribed, keeps=topic.delivery is Delivery.STATE)
             self._states.append(states)
             self._bus.subscribe(topic, states.on_message, drops_late=drops_late)
@@ -105,18 +105,19 @@ class PeopleShare:
         It takes `LISTEN_S`, and `SILENT_S` more if another shard seems to serve one of the users. If that
         shard continues, health shows a warning.
         """
-        if not self._mine or self._tokens:
+        if not self._own_users or self._tokens:
             return
-        tokens = {instance_of(self._service, user): user for user in sorted(self._mine)}
-        twice = tokens.keys() & await list_present(self._bus, SHARD_ALIVE, LISTEN_S)
-        if twice:  # a process that died is present until its lease ends
-            twice &= await list_present(self._bus, SHARD_ALIVE, SILENT_S)
-        if twice:
-            both = ", ".join(tokens[token] for token in sorted(twice))
-            problem = f"another shard of {self._service} serves {both}, too: end both, and start one again"
+        tokens = {instance_of(self._service, user): user for user in sorted(self._own_users)}
+        duplicates = tokens.keys() & await list_present(self._bus, SHARD_ALIVE, LISTEN_S)
+        if duplicates:  # a process that died is present until its lease ends
+            duplicates &= await list_present(self._bus, SHARD_ALIVE, SILENT_S)
+        if duplicates:
+            users = ", ".join(tokens[token] for token in sorted(duplicates))
+            problem = f"another shard of {self._service} serves {users}, too: end both, and start one again"
             log.warning("%s", problem)
             self._bus.warn("shards", problem)
-        self._follow(self._mine)
+        # Subscribe before the tokens: with them, the default instance stops to serve these users
+        self._follow(self._own_users)
         self._tokens = [self._bus.announce(SHARD_ALIVE, token) for token in tokens]
 
     def withdraw(self) -> None:
@@ -138,21 +139,24 @@ class PeopleShare:
     def _share(self) -> None:
         if self._remote_users and ANY in self._names:
             for user in filter(_is_person, self._received_users()):
-                self._here.add(user)
+                self._known_users.add(user)
                 self._forget_later(user)
-        self._follow(self._here - self._remote_users if self._remote_users else {ANY})
+        self._follow(self._known_users - self._remote_users if self._remote_users else {ANY})
         for figure, people in (("people heard", self._names), ("people of shards", self._remote_users)):
             self._bus.set_metric(figure, len(people) if self._remote_users else None)
 
     def _received_users(self) -> set[str]:
-        return {user for split in self._splits for user in split.active_names(FORGET_S)}
+        users = set[str]()
+        for split in self._splits:
+            users.update(split.active_names(FORGET_S))
+        return users
 
     def _on_user(self, user: str, *, present: bool) -> None:
         if present and _is_person(user):
             self._present.add(user)
-            self._here.add(user)
+            self._known_users.add(user)
             self._share()
-        elif user in self._here:
+        elif user in self._known_users:
             self._present.discard(user)
             self._forget_later(user)
 
@@ -166,13 +170,13 @@ class PeopleShare:
         if user in self._received_users():
             self._forget_later(user)
         elif user not in self._present:
-            self._here.discard(user)
+            self._known_users.discard(user)
             self._share()
 
     def _is_subscribed(self, user: str) -> bool:
         """Record a message of `user` in the default instance. Return True if it serves them."""
-        if user not in self._here and _is_person(user):
-            self._here.add(user)
+        if user not in self._known_users and _is_person(user):
+            self._known_users.add(user)
             self._share()
         return user not in self._remote_users
 
@@ -201,10 +205,10 @@ class _Split:
 
     def follow(self, names: Iterable[str]) -> None:
         """Declare for exactly `names`. New ones come first, so that no user is missed in between."""
-        wanted = set(names)
-        for name in sorted(wanted - self._declared.keys()):
+        required = set(names)
+        for name in sorted(required - self._declared.keys()):
             self._declared[name] = self._declare(name)
-        for name in self._declared.keys() - wanted:
+        for name in self._declared.keys() - required:
             self._declared.pop(name).close()
 
     def active_names(self, within_s: float) -> Iterator[str]:

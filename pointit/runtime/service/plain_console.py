@@ -22,7 +22,8 @@ class PlainConsole(Console):
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield the segments of `renderable` without control characters."""
         for segment in super().render(renderable, options):
-            if segment.control or segment.text.isprintable() or segment.text == "\n":
+            is_text = segment.text.isprintable() or segment.text == "\n"
+            if segment.control or is_text:
                 yield segment
             else:
                 yield Segment(plain(segment.text), segment.style)

@@ -202,9 +202,9 @@ class PluginGuard:
     async def run(self, run: Callable[[], Awaitable[None]]) -> None:
         """Run `run` once. After some time without a failure, earlier ones are forgotten."""
         task = asyncio.create_task(_contained(run), name=self.label)
-        settled = (
-            asyncio.get_running_loop().call_later(MAX_WAIT_S, self.clear) if self._delay.failures else None
-        )
+        settled: asyncio.TimerHandle | None = None
+        if self._delay.failures:
+            settled = asyncio.get_running_loop().call_later(MAX_WAIT_S, self.clear)
         try:
             await asyncio.wait({task})
         except asyncio.CancelledError:
@@ -218,12 +218,17 @@ class PluginGuard:
 
     async def _cancel(self, task: asyncio.Task[None]) -> None:
         task.cancel()
-        if (await asyncio.wait({task}, timeout=END_TIMEOUT_S))[1]:
+        _, pending = await asyncio.wait({task}, timeout=END_TIMEOUT_S)
+        if pending:
             abandoned.add(task)
             task.add_done_callback(abandoned.discard)
             asyncio._unregister_task(task)  # noqa: SLF001  # the loop's end would wait
             log.error("%s does not end when it is cancelled, and is abandoned", self.label)
-        elif not task.cancelled() and (error := task.exception()) is not None:
+            return
+        if task.cancelled():
+            return
+        error = task.exception()
+        if error is not None:
             log.error("%s failed at its end: %s", self.label, describe(error))
 
     def made(self, make: Callable[[], ResultT]) -> ResultT:
@@ -262,9 +267,9 @@ class PluginGuard:
         """Report the end of the plug-in and its `error`, if any. Return the time until its restart, s."""
         wait_s = self._delay.after_failure_s()
         failures = self._delay.failures
-        how = "ended by itself" if error is None else f"failed ({describe(error)})"
+        outcome = "ended by itself" if error is None else f"failed ({describe(error)})"
         times = f", {failures} times now" if failures > 1 else ""
-        self.problem = f"{self.label} {how}{times}; it is started again after {wait_s:g} s"
+        self.problem = f"{self.label} {outcome}{times}; it is started again after {wait_s:g} s"
         self._sink.warn("plug-in", self.problem, self.label)
         log.error("%s", self.problem, exc_info=error if failures == 1 else None)
         return wait_s
@@ -288,8 +293,8 @@ def watch_for_stalls(module: str, label: str, sink: WarningSink, *, is_service: 
 
     `is_service`: of our own code, services are watched only, each by the folder of its module.
     """
-    package, _, rest = module.partition(".")
-    if package == "pointit" and is_service and rest:
+    package = module.partition(".")[0]
+    if is_service and module.startswith("pointit."):
         package = module.rpartition(".")[0]
     if package != "pointit" and not is_virtual():
         loop = asyncio.get_running_loop()
@@ -323,21 +328,24 @@ class StallWatch:
             except RuntimeError:  # the loop is closed
                 return
             if not sign.wait(STALL_S):
-                self._on_stall(sign, asked_s)
+                self._report_stall(sign, asked_s)
             time.sleep(STALL_PERIOD_S)
 
-    def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
+    def _report_stall(self, sign: threading.Event, asked_s: float) -> None:
+        # The frame tells what runs now: after the stall, it would be too late to ask
         frames = sys._current_frames()  # noqa: SLF001  # documented, for this
         blocking_code = find_blocking_code(frames.get(self._loop_thread), self._packages)
         if blocking_code is None:
             return
-        package, where, loaded_module = blocking_code
+        package, position, loaded_module = blocking_code
         is_ours = "." in package
         if is_ours and sign.wait(OWN_STALL_S - STALL_S):
             return
         sinks = dict(self._packages[package])
-        who = " or ".join(sorted(set(sinks.values())))
-        log.error("%s blocks the event loop, and all services of this process, at %s", who, where)
+        labels = " or ".join(sorted(set(sinks.values())))
+        log.error("%s blocks the event loop, and all services of this process, at %s", labels, position)
+
+        # Health needs the loop, so it shows the stall after its end, with its duration
         while not sign.wait(STALL_PERIOD_S):
             if self._loop.is_closed():
                 return
@@ -348,10 +356,11 @@ class StallWatch:
             remedy = "report this place"
         purpose = f", which loads {loaded_module}" if loaded_module else ""
         blocked_s = time.monotonic() - asked_s
-        sentence = f"{who} has blocked the event loop for {blocked_s:.1f} s at {where}{purpose}: {remedy}"
+        duration = f"{blocked_s:.1f} s"
+        sentence = f"{labels} has blocked the event loop for {duration} at {position}{purpose}: {remedy}"
         with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
             for sink in sinks:
-                self._loop.call_soon_threadsafe(self._report, sink, sentence, who)
+                self._loop.call_soon_threadsafe(self._report, sink, sentence, labels)
 
     def _report(self, sink: WarningSink, sentence: str, label: str) -> None:
         sink.warn(EVENT_LOOP, sentence, label)
@@ -380,9 +389,18 @@ def find_blocking_code(frame: FrameType | None, packages: Collection[str]) -> Bl
         if code.co_name == MODULE_BODY:
             loaded_module = module
         else:
-            package = next((each for each in packages if f"{module}.".startswith(f"{each}.")), "")
+            package = _package_of(module, packages)
             if package:
-                where = f"{Path(code.co_filename).name}:{frame.f_lineno} in {code.co_name}"
-                return BlockingCode(package, where, loaded_module)
+                file = Path(code.co_filename).name
+                position = f"{file}:{frame.f_lineno} in {code.co_name}"
+                return BlockingCode(package, position, loaded_module)
         frame = frame.f_back
     return None
+
+
+def _package_of(module: str, packages: Collection[str]) -> str:
+    """Return the one of `packages` that contains `module`, or `""` if none does."""
+    for package in packages:
+        if f"{module}.".startswith(f"{package}."):
+            return package
+    return ""

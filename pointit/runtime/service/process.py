@@ -85,21 +85,21 @@ async def _until_signal(work: Coroutine[Any, Any, int], cut_off: threading.Timer
     loop = asyncio.get_running_loop()
     task = loop.create_task(work, name="main")
     loop.call_later(STARTED_S, gc.freeze)
-    asked = False
+    is_ending = False
 
-    def ask() -> None:
-        nonlocal asked
-        if asked:
+    def request_end() -> None:
+        nonlocal is_ending
+        if is_ending:
             return  # a second Ctrl-C must not cancel the clean-up
-        asked = True
+        is_ending = True
         cut_off.start()
         task.cancel()
 
-    with _signals(loop, ask, lambda: asked):
+    with _handled_signals(loop, request_end, lambda: is_ending):
         try:
             return await task
         except asyncio.CancelledError:
-            if not asked:
+            if not is_ending:
                 raise
             return 0
         except BaseExceptionGroup as group:
@@ -116,8 +116,10 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
         timeout_s = END_TIMEOUT_S * crowding()
         if has_ended.wait(timeout_s - END_TIMEOUT_S):
             return
-        names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
-        sys.stderr.write(f"Error: did not end within {timeout_s:.1f} s: {names}\n")
+        tasks = asyncio.all_tasks(loop)
+        names = ", ".join(sorted(task.get_name() for task in tasks))
+        message = f"did not end within {timeout_s:.1f} s: {names}"
+        sys.stderr.write(f"Error: {message}\n")
         sys.stderr.flush()
         os._exit(EXIT_FAILED)
 
@@ -140,22 +142,24 @@ def crowding() -> float:
 
 
 @contextlib.contextmanager
-def _signals(
-    loop: asyncio.AbstractEventLoop, ask: Callable[[], None], was_asked: Callable[[], bool]
+def _handled_signals(
+    loop: asyncio.AbstractEventLoop, request_end: Callable[[], None], is_ending: Callable[[], bool]
 ) -> Generator[None]:
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = {number: signal.getsignal(number) for number in numbers}
     try:
-        for number in before:
-            loop.add_signal_handler(number, ask)
+        for number in numbers:
+            loop.add_signal_handler(number, request_end)
     except NotImplementedError:  # Windows: asyncio.run turns Ctrl-C into a cancellation by itself
         yield
         return
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             loop.remove_signal_handler(number)
-            if was_asked() and number == signal.SIGINT and handler is signal.SIG_DFL:
+            would_kill = number == signal.SIGINT and handler is signal.SIG_DFL
+            if would_kill and is_ending():
                 # another one must not kill the process before it reports its end
                 signal.signal(number, signal.SIG_IGN)
             elif handler is not None:  # a handler that Python did not set
@@ -191,15 +195,16 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
         error.show()
         sys.exit(error.exit_code)
     except PointItError as error:
-        click.echo(f"Error: {plain(hide_secrets(str(error)))}", err=True)
+        message = plain(hide_secrets(str(error)))
+        click.echo(f"Error: {message}", err=True)
         sys.exit(EXIT_USAGE if isinstance(error, ConfigError | SchemaError) else EXIT_FAILED)
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             click.echo(f"Error: the disk is full: {error.filename or 'the output'} is cut off", err=True)
             sys.exit(EXIT_FAILED)
         log.critical("fault of the program", exc_info=error)
-        what = plain(hide_secrets(f"{type(error).__name__}: {error}"))
-        click.echo(f"Error: a fault of PointIt itself ({what}), see the log", err=True)
+        fault = plain(hide_secrets(f"{type(error).__name__}: {error}"))
+        click.echo(f"Error: a fault of PointIt itself ({fault}), see the log", err=True)
         sys.exit(EXIT_FAULT)
     sys.exit(result if isinstance(result, int) else 0)
 
@@ -212,20 +217,29 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
 
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
-        if user := options.get("user") or "":
+        user = options.get("user") or ""
+        if user:
             check_user(user)
-        if name := options.get("name") or "":
+        name = options.get("name") or ""
+        if name:
             check_name(name)
-        config = load_config(
-            service,
-            [options["config"]] if options["config"] else [],
-            {path: value for name, value in options.items() if (path := _path(name))},
-        )
+
+        # The options of parameters are those with a path
+        values: dict[tuple[str, ...], str | None] = {}
+        for option, value in options.items():
+            path = _path(option)
+            if path:
+                values[path] = value
+        files = [options["config"]] if options["config"] else []
+        config = load_config(service, files, values)
+
+        # Whatever is wrong is reported before a session is opened
         link = link_of(options["site"], options["connect"], options["listen"])
         launch = Launch(service=service, config=config, user=user, name=name, plugin=plugin, is_alone=True)
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             exit_with_parent()
+        # With the default, a site of wall time must not wait long for a time that nobody publishes
         timeout_s: float | None = None
         if options["clock"] == "site":
             source = click.get_current_context().get_parameter_source("clock")
@@ -234,7 +248,8 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
         return run_until_shutdown(_serve(launch, link, timeout_s))
 
     scope = "several" if service.SEVERAL else service.SCOPE
-    return _command(service.NAME, scope, (service.__doc__ or "").strip(), service.CONFIG, callback)
+    about = (service.__doc__ or "").strip()
+    return _command(service.NAME, scope, about, service.CONFIG, callback)
 
 
 def unavailable_command(
@@ -255,20 +270,25 @@ def _command(
     config: type[Config],
     callback: Callable[..., int],
 ) -> click.Command:
+    file_option = click.Option(
+        ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
+    )
+    clock_option = click.Option(
+        ["--clock"],
+        type=click.Choice(["site", "wall"]),
+        default="site",
+        help="the simulated time that the site publishes (wall time while there is none), or wall time",
+    )
+    parent_option = click.Option(["--while-parent-lives"], is_flag=True, hidden=True)
     parameters: list[click.Parameter] = [
-        click.Option(
-            ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
-        ),
+        file_option,
         *link_options(),
-        click.Option(
-            ["--clock"],
-            type=click.Choice(["site", "wall"]),
-            default="site",
-            help="the simulated time that the site publishes (wall time while there is none), or wall time",
-        ),
+        clock_option,
         *log_options(),
-        click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
+        parent_option,
     ]
+
+    # The help shows them in this order: what a service cannot start without is the first
     if scope == "user":
         user_option = click.Option(["--user"], required=True, help="owner of the service, the key's {user}")
         parameters.insert(0, user_option)
@@ -295,7 +315,8 @@ class _ServiceCommand(click.Command):
         """Parse `args`, with the options of the plug-ins that they name."""
         if not {*ctx.help_option_names}.isdisjoint(args):
             return super().parse_args(ctx, args)
-        self._named = {word[2:].partition(".")[0] for word in args if word.startswith("--")}
+        options = [word[2:] for word in args if word.startswith("--")]
+        self._named = {option.partition(".")[0] for option in options}
         try:
             return super().parse_args(ctx, [*args])
         except click.NoSuchOption:
@@ -304,16 +325,20 @@ class _ServiceCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return all options."""
-        options: list[click.Parameter] = [
-            click.Option(
+        options: list[click.Parameter] = []
+        for leaf in iter_parameters(self._config, plugins=self._named):
+            about = leaf.field.description or ""
+            option = click.Option(
                 [SETS + "__".join(leaf.path), leaf.option],
                 metavar=f"<{leaf.type_name}>",
-                help=f"{leaf.field.description or ''}  [default: {leaf.default}]",
+                help=f"{about}  [default: {leaf.default}]",
             )
-            for leaf in iter_parameters(self._config, plugins=self._named)
-        ]
+            options.append(option)
+
+        # Between the options of all services and --help, which click appends
         common = super().get_params(ctx)
-        return [*common[: len(self.params)], *options, *common[len(self.params) :]]
+        own_count = len(self.params)
+        return [*common[:own_count], *options, *common[own_count:]]
 
 
 def load_config(
@@ -332,7 +357,8 @@ def load_config(
     layers.add_environment(os.environ, environment_prefix(service.NAME))
     for path, text in options.items():
         if text is not None:
-            layers.add_text(path, text, "--" + ".".join(path).replace("_", "-"))
+            option = ".".join(path).replace("_", "-")
+            layers.add_text(path, text, f"--{option}")
     return layers.build(service.CONFIG)
 
 
@@ -393,4 +419,6 @@ async def _clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
 
 
 def _path(parameter: str) -> tuple[str, ...]:
-    return tuple(parameter.removeprefix(SETS).split("__")) if parameter.startswith(SETS) else ()
+    if not parameter.startswith(SETS):
+        return ()
+    return tuple(parameter.removeprefix(SETS).split("__"))

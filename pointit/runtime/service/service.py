@@ -122,10 +122,13 @@ class Service(ABC, Generic[C]):
 
         `which` distinguishes several of one name in this service, such as by their addresses.
         """
-        health = PluginHealth(self.bus, " ".join(filter(None, (name, which, user))))
+        label = " ".join(filter(None, (name, which, user)))
+        health = PluginHealth(self.bus, label)
         user = user or self.user
-        whole = f"{name}@{quote(which, safe='')}" if which else name
-        folder = plugin_folder(self.bus.site, user, kind, whole)
+        folder_name = name
+        if which:
+            folder_name = f"{name}@{quote(which, safe='')}"
+        folder = plugin_folder(self.bus.site, user, kind, folder_name)
         return Surroundings(clock=self.clock, health=health, folder=folder, user=user)
 
     async def run(self) -> None:
@@ -158,7 +161,9 @@ class Launch:
     @property
     def is_single(self) -> bool:
         """Return True if only one process may have its instance name. The one that started last keeps it."""
-        return bool(self.user or self.name) or (self.service.SEVERAL and not self.service.SHARDS)
+        if self.user or self.name:
+            return True
+        return self.service.SEVERAL and not self.service.SHARDS
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
@@ -178,10 +183,8 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
         except Exception as error:
             if not launch.plugin:
                 raise
-            raise ConfigError(
-                f"{launch.instance}: {launch.plugin} cannot check its configuration ({describe(error)}); "
-                "update or uninstall it"
-            ) from error
+            problem = f"{launch.plugin} cannot check its configuration ({describe(error)})"
+            raise ConfigError(f"{launch.instance}: {problem}; update or uninstall it") from error
 
 
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
@@ -197,6 +200,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     guard = PluginGuard(launch.plugin, NullHealth()) if launch.plugin else None
     started_s = asyncio.get_running_loop().time() + START_S if launch.is_alone else 0.0
     while True:
+        # A clock of its own for each start: the one before may be ahead of a clock that was set back
         steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
         error: BaseException | None = None
         try:
@@ -204,8 +208,11 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         except Exception as raised:
             end = "ended"
             error = first_cause(raised)
-            is_refusal = isinstance(error, PointItError) and asyncio.get_running_loop().time() < started_s
-            if guard is None or bus.is_closed or is_refusal:  # closed publishers raise BusClosedError, too
+            # A closed bus ends a plug-in, too: its publishers raise BusClosedError
+            if guard is None or bus.is_closed:
+                raise
+            is_first_start = asyncio.get_running_loop().time() < started_s
+            if is_first_start and isinstance(error, PointItError):
                 raise
         if end == "set back":
             log.warning(
@@ -244,7 +251,8 @@ async def _run_once(
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
             if launch.is_single:  # duplicates of other shared services both continue, with a warning
-                tasks.add(group.create_task(_until_lost(takeover, launch), name=f"{launch.instance} name"))
+                holding = _until_lost(takeover, launch)
+                tasks.add(group.create_task(holding, name=f"{launch.instance} name"))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
                 task.cancel()

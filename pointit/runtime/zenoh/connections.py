@@ -50,8 +50,11 @@ async def sites_at(link: Link) -> tuple[str, ...]:
         replies = await query_replies(session.liveliness(), selector, timeout=ASK_S)
     finally:
         await close_session(session)
-    found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # any session can have written these keys
+    names = set[str]()
+    for reply in replies:
+        if reply.ok is not None:
+            names.add(str(reply.ok.key_expr).split("/")[1])
+    return tuple(sorted(filter(NAME.match, names)))[:MAX_SITES]  # any session can have written these keys
 
 
 class Connections:
@@ -121,7 +124,7 @@ class LinkWatch:
         """Watch the connected `session`. Call `on_back` after each reconnection."""
         self._link = link
         self._on_back = on_back
-        self._why = ""
+        self._refusal = ""
         self._suspicion_timer: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
         self.where = " or ".join(link.connect)
@@ -139,7 +142,7 @@ class LinkWatch:
         if self._lost_s is None:
             return ""
         lost = ROUTER_LOST.format(where=self.where, ago_s=self._loop.time() - self._lost_s)
-        return f"{lost}: {self._why}" if self._why else lost
+        return f"{lost}: {self._refusal}" if self._refusal else lost
 
     def close(self) -> None:
         """Stop watching and logging."""
@@ -158,21 +161,21 @@ class LinkWatch:
             self._lost_s = self._loop.time()
             log.warning("router at %s is lost; trying again until it is back", self.where)
             if self._link.credentials is not None:
-                self._suspicion_timer = self._loop.create_task(self._ask_why(), name="refusal")
+                self._suspicion_timer = self._loop.create_task(self._detect_refusal(), name="refusal")
 
-    async def _ask_why(self) -> None:
+    async def _detect_refusal(self) -> None:
         """Test whether the router is running but refuses our credentials, e.g. an expired certificate."""
         wait_s = SUSPICION_S
         while True:
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, MAX_SUSPICION_S)
-            before = self._why
-            self._why = await in_daemon_thread(lambda: refusals(self._link), "refusal")
-            if self._why and self._why != before:
-                log.warning("%s", self._why)
+            previous = self._refusal
+            self._refusal = await in_daemon_thread(lambda: refusals(self._link), "refusal")
+            if self._refusal and self._refusal != previous:
+                log.warning("%s", self._refusal)
 
     def _end_suspicion(self) -> None:
-        self._why = ""
+        self._refusal = ""
         if self._suspicion_timer is not None:
             self._suspicion_timer.cancel()
             self._suspicion_timer = None

@@ -25,13 +25,17 @@ def decoded(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encod
     """Return the message of `kind` in an untrusted payload. Raises `DecodeError` if it is none."""
     check_size(kind, payload)
     schema = "" if encoding is None else str(encoding).partition(";")[2]
-    return decode(kind, b"" if payload is None else payload.to_bytes(), schema)
+    data = b"" if payload is None else payload.to_bytes()
+    return decode(kind, data, schema)
 
 
 def check_size(kind: type[Any], payload: zenoh.ZBytes | None) -> None:
     """Check the length of a payload before decoding. Raises `DecodeError` if it is too long for a `kind`."""
-    if payload is not None and len(payload) > kind.max_bytes:
-        raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
+    if payload is None:
+        return
+    size = len(payload)
+    if size > kind.max_bytes:
+        raise DecodeError(f"{kind.__name__}: has {size} bytes, at most {kind.max_bytes} are taken")
 
 
 def name_from_key(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
@@ -68,6 +72,7 @@ def declare_publisher(
         "congestion_control": zenoh.CongestionControl.DROP,
         "allowed_destination": zenoh.Locality.REMOTE,
     }
+    # What needs no cache gets a plain publisher, which costs less per message
     if not cache:
         return session.declare_publisher(key, **options)
     return ext.declare_advanced_publisher(
@@ -110,12 +115,19 @@ def declare_caching_subscriber(
             on_sample(sample)
         # otherwise our own messages return from our own cache when a lost router is back
 
+    # Heartbeats of a writer show that its last message was lost. Periodic queries would cost more.
+    history_config: ext.HistoryConfig | None = None
+    if history:
+        history_config = ext.HistoryConfig(detect_late_publishers=True, max_samples=history)
+    recovery: ext.RecoveryConfig | None = None
+    if recovers:
+        recovery = ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
     return ext.declare_advanced_subscriber(
         session,
         key,
         Callback(on_foreign_sample, indirect=False),
-        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=history) if history else None,
-        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if recovers else None,
+        history=history_config,
+        recovery=recovery,
         subscriber_detection=is_announced,
         allowed_origin=zenoh.Locality.REMOTE,
     )

@@ -53,9 +53,8 @@ class LivelinessSubscriber:
         """Tokens to query (None), or the replies so far to the last query."""
         self._marked = False
         self._closed = False
-        self._subscriber = session.liveliness().declare_subscriber(
-            pattern, Callback(self._on_token, indirect=False), history=True
-        )
+        on_token = Callback(self._on_token, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(pattern, on_token, history=True)
 
     def close(self) -> None:
         """Stop watching. No handler runs afterwards."""
@@ -101,14 +100,18 @@ class LivelinessSubscriber:
 
     def drain(self) -> None:
         """Report the changes. Runs in the loop."""
-        questions: dict[str, list[zenoh.Reply]]
+        questions: dict[str, list[zenoh.Reply]] = {}
         with self._lock:
             changed = self._changed
             self._changed = {}
-            questions = {token: [] for token, answers in self._pending_replies.items() if answers is None}
+            for token, answers in self._pending_replies.items():
+                if answers is None:
+                    questions[token] = []
             self._pending_replies |= questions
             self._marked = False
             self._reported ^= changed.keys()
+
+        # Without the lock: handlers may close this, and Zenoh may call back at once
         if self._closed:
             return
         if changed:

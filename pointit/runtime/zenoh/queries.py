@@ -32,11 +32,11 @@ LOG_PERIOD_S = 1.0
 
 
 async def query_replies(
-    session: zenoh.Session | zenoh.Liveliness, selector: str, **asked: Any
+    session: zenoh.Session | zenoh.Liveliness, selector: str, **arguments: Any
 ) -> list[zenoh.Reply]:
-    """Yield the answers of other sessions as they arrive. A cancelled task waits for no further answer.
+    """Return the answers of other sessions in order of arrival. A cancelled task waits for no further answer.
 
-    `session`: a session, or its `liveliness()` for tokens. `asked`: further arguments of its `get`.
+    `session`: a session, or its `liveliness()` for tokens. `arguments`: further arguments of its `get`.
     """
     loop = asyncio.get_running_loop()
     done = asyncio.Event()
@@ -47,7 +47,8 @@ async def query_replies(
             loop.call_soon_threadsafe(done.set)
 
     token = zenoh.CancellationToken()
-    session.get(selector, Callback(replies.append, finish, indirect=False), cancellation_token=token, **asked)
+    on_reply = Callback(replies.append, finish, indirect=False)
+    session.get(selector, on_reply, cancellation_token=token, **arguments)
     try:
         await done.wait()
     except asyncio.CancelledError:
@@ -63,6 +64,7 @@ async def query_samples(
 
     `under_any_key`: answers may have other keys than the query.
     """
+    accept_replies = zenoh.ReplyKeyExpr.ANY if under_any_key else None
     try:
         replies = await query_replies(
             session,
@@ -71,12 +73,16 @@ async def query_samples(
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,
             allowed_destination=zenoh.Locality.REMOTE,
-            accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
+            accept_replies=accept_replies,
         )
     except zenoh.ZError as error:  # background tasks repeat their queries: an error must not end them
         log.warning("%s cannot be asked for: %s", selector, error)
         return []
-    return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]
+    samples: list[zenoh.Sample] = []
+    for reply in replies:
+        if reply.ok is not None and reply.ok.kind == zenoh.SampleKind.PUT:
+            samples.append(reply.ok)
+    return samples
 
 
 def refuse(query: zenoh.Query, reason: str) -> None:
@@ -110,9 +116,11 @@ class OverflowCounter:
         with self._lock:
             if now_s - self._last_s > SHOWN_S:
                 return ""
-            many = f"{self._count} questions were turned away, the last"
+            amount = "1 question was turned away,"
+            if self._count > 1:
+                amount = f"{self._count} questions were turned away, the last"
             return (
-                f"{many if self._count > 1 else '1 question was turned away,'} for {self._key}, as more than "
+                f"{amount} for {self._key}, as more than "
                 f"{MAX_WAITING} waited: find out who on this site asks so much, and end that"
             )
 

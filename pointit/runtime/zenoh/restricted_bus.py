@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import logging
 import secrets
-from collections.abc import AsyncGenerator, Callable, Iterable
+from collections.abc import AsyncGenerator, Callable, Collection, Iterable
 from typing import TypeVar
 
 import zenoh
@@ -83,12 +83,14 @@ class PermissionProbe:
         """Number of consecutive tests in which a right was denied."""
         self._is_due = asyncio.Event()
         self._task = self._loop.create_task(self._run(), name="self-test")
+        # The first test starts when a right is added
 
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Return one problem for each kind of right that is known to be denied."""
         name = self._credentials.link.name
-        return tuple(Problem(code=DENIED, sentence=each, subject=name) for each in self._sentences())
+        sentences = self._sentences()
+        return tuple(Problem(code=DENIED, sentence=sentence, subject=name) for sentence in sentences)
 
     def add(self, verb: str, key: str) -> None:
         """Schedule a test of a right, unless it was tested already."""
@@ -114,23 +116,26 @@ class PermissionProbe:
         for _ in range(2):  # it may have been added during a test
             if self._is_pending(right) and self._is_up():
                 await self._tested.wait()
+
+        # A denial that was known before may be over, so only a new one is believed
         if right in self._wanted and not self._is_pending(right):
             if right not in self._denied:
                 return ""
             if was_pending:
-                return (
-                    _unknown_identity_error(self._credentials)
-                    if self._is_unknown_identity
-                    else _sentence(self._credentials, verb, [key])
-                )
-        arrived = await self._arrived({(verb, key)})
-        if arrived is None or (verb, key) in arrived:
+                return self._denial(right, is_unknown=self._is_unknown_identity)
+
+        # Otherwise test this right alone. If nothing arrives, not even the right to join does.
+        arrived = await self._arrived({right})
+        if arrived is None or right in arrived:
             return ""
-        return (
-            _unknown_identity_error(self._credentials)
-            if not arrived
-            else _sentence(self._credentials, verb, [key])
-        )
+        return self._denial(right, is_unknown=not arrived)
+
+    def _denial(self, right: Right, *, is_unknown: bool) -> str:
+        """Return the reason why `right` is denied. `is_unknown`: the router does not know this identity."""
+        if is_unknown:
+            return _unknown_identity_error(self._credentials)
+        verb, key = right
+        return _sentence(self._credentials, verb, [key])
 
     async def close(self) -> None:
         """Stop testing."""
@@ -139,7 +144,10 @@ class PermissionProbe:
 
     async def _run(self) -> None:
         while True:
-            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1] if self._denied else None
+            wait_s: float | None = None
+            if self._denied:
+                attempt = min(max(self._denials, 1), len(RETRY_S))
+                wait_s = RETRY_S[attempt - 1]
             if not await wait_up_to(self._is_due, wait_s):
                 self._untested |= self._denied
             await asyncio.sleep(SETTLE_S)
@@ -168,65 +176,89 @@ class PermissionProbe:
             if self._is_up():  # otherwise `retest` follows when it is back
                 self._is_due.set()
             return
-        before = self._sentences()
+        previous = self._sentences()
         self._is_unknown_identity = not arrived
         self._denied = (self._denied - rights) | (rights - arrived)
         self._denials = self._denials + 1 if self._denied else 0
         for sentence in self._sentences():
-            if sentence not in before:
+            if sentence not in previous:
                 log.warning("%s", sentence)
-        if before and not self._sentences():
+        if previous and not self._sentences():
             log.info("%s may do now what it needs", self._credentials.description)
 
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return the granted `rights` and the right to join, or None if the router did not answer all."""
         name = self._credentials.link.name
-        keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
-        join = f"{ROOM}/{name}/{JOIN}"
+        prefix = f"{ROOM}/{name}"
+        keys = {f"{key}/{prefix}/{verb}": (verb, key) for verb, key in rights}
+        join = f"{prefix}/{JOIN}"
         keys[join] = (JOIN, "")
-        arrived: set[str] = set()
-        complete_rounds: set[bytes] = set()
-        all_arrived = asyncio.Event()
-
-        token = secrets.token_bytes(8)  # other processes of this identity test the same keys
-
-        def record(key: str, payload: bytes) -> None:
-            if not payload.startswith(token):
-                return
-            arrived.add(key)
-            if key == join:
-                complete_rounds.add(payload)
-            if len(arrived & keys.keys()) == len(keys):
-                all_arrived.set()
+        arrivals = _Arrivals(keys, join)
 
         def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
             with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(record, str(sample.key_expr), sample.payload.to_bytes())
+                key = str(sample.key_expr)
+                self._loop.call_soon_threadsafe(arrivals.record, key, sample.payload.to_bytes())
 
+        # Several rounds, since messages may be lost. In each, the key that all may write comes last.
         try:
             async with self._second() as second:
-                second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
+                callback = Callback(on_sample, indirect=False)
+                second.declare_subscriber(f"**/{prefix}/**", callback)
                 for number, wait_s in enumerate(WAITS_S):
-                    for key in (*(keys.keys() - arrived - {join}), join):
-                        self._session.put(key, token + bytes([number]))
-                    await wait_up_to(all_arrived, wait_s)
-                    if all_arrived.is_set() or len(complete_rounds) >= MIN_COMPLETE_ROUNDS:
+                    for key in (*(keys.keys() - arrivals.keys - {join}), join):
+                        self._session.put(key, arrivals.token + bytes([number]))
+                    await wait_up_to(arrivals.all_arrived, wait_s)
+                    if arrivals.is_complete:
                         break
         except (PointItError, zenoh.ZError):
             return None
-        is_answered = all_arrived.is_set() or not arrived or len(complete_rounds) >= MIN_COMPLETE_ROUNDS
-        return {keys[key] for key in arrived & keys.keys()} if is_answered and self._is_up() else None
+
+        # A missing message shows no denial if others were lost, too, or if the router is gone
+        if arrivals.keys and not arrivals.is_complete:
+            return None
+        if not self._is_up():
+            return None
+        return {keys[key] for key in arrivals.keys & keys.keys()}
 
     def _sentences(self) -> list[str]:
         if self._is_unknown_identity:
             return [_unknown_identity_error(self._credentials)]
         sentences: list[str] = []
         for verb in VERBS:
+            denied_keys = [key for right_verb, key in self._denied if right_verb == verb]
             by_person: dict[str, list[str]] = {}
-            for _, key in sorted(right for right in self._denied if right[0] == verb):
+            for key in sorted(denied_keys):
                 by_person.setdefault(_person(key), []).append(key)
             sentences += [_sentence(self._credentials, verb, keys) for keys in by_person.values()]
         return sentences
+
+
+class _Arrivals:
+    """Messages of one test of rights that came through."""
+
+    def __init__(self, sent_keys: Collection[str], join: str) -> None:
+        self.keys: set[str] = set()
+        self.all_arrived = asyncio.Event()
+        self.token = secrets.token_bytes(8)  # other processes of this identity test the same keys
+        self._sent_keys = frozenset(sent_keys)
+        self._join = join
+        self._complete_rounds: set[bytes] = set()
+
+    @property
+    def is_complete(self) -> bool:
+        """Return True if all arrived, or if the others are missing in enough complete rounds."""
+        return self.all_arrived.is_set() or len(self._complete_rounds) >= MIN_COMPLETE_ROUNDS
+
+    def record(self, key: str, payload: bytes) -> None:
+        """Record a message that arrived."""
+        if not payload.startswith(self.token):
+            return
+        self.keys.add(key)
+        if key == self._join:
+            self._complete_rounds.add(payload)
+        if self.keys >= self._sent_keys:
+            self.all_arrived.set()
 
 
 def _unknown_identity_error(credentials: Credentials) -> str:
@@ -244,15 +276,19 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
     else:
         remedy = "use credentials of that role, or those of the site's supervisor"
-    return f"{credentials.description} may not {WORDS[verb]} {named}: {remedy}"
+    action = f"{WORDS[verb]} {named}"
+    return f"{credentials.description} may not {action}: {remedy}"
 
 
 def _person(key: str) -> str:
     """Return the user in a per-user key, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
-    names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}
-    return min(names, default="")
+    names = set[str]()
+    for row in rows:
+        if row.placeholder == "user":
+            names.add(row.name_in(key))
+    return min(names - {"", ANY}, default="")
 
 
 class RestrictedBus(ZenohBus):
@@ -266,7 +302,11 @@ class RestrictedBus(ZenohBus):
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Return that the router is lost, rights are denied or queries are rejected."""
-        return (self.connected and self._probe.problems) or super().problems
+        if self.connected:
+            denials = self._probe.problems
+            if denials:
+                return denials
+        return super().problems
 
     @property
     def is_restricted(self) -> bool:
@@ -291,7 +331,10 @@ class RestrictedBus(ZenohBus):
             return await super().call(request, query, name, timeout_s=timeout_s)
         except NoAnswerError as error:
             may_be_denied = self.connected and self.exchange.handler_for(request, name) is None
-            if may_be_denied and (denied := await self._probe.denial_reason("asks", request.at(name))):
+            if not may_be_denied:
+                raise
+            denied = await self._probe.denial_reason("asks", request.at(name))
+            if denied:
                 raise AccessDeniedError(denied) from error
             raise
 

@@ -71,11 +71,11 @@ def set_tcp_timeouts(ports: Collection[int], after_ms: int) -> int:
     if sys.platform != "linux":
         return 0
     count = 0
-    for found in own_sockets():
+    for connection in own_sockets():
         with contextlib.suppress(OSError):  # closed meanwhile
-            if not ports_of_socket(found).isdisjoint(ports):
-                found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
-                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
+            if not ports_of_socket(connection).isdisjoint(ports):
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
                 count += 1
     return count
 
@@ -95,21 +95,22 @@ def own_sockets(kind: socket.SocketKind = socket.SOCK_STREAM) -> Iterator[socket
         return
     for entry in entries:
         try:
-            found = socket.socket(fileno=int(entry.name))
+            own_socket = socket.socket(fileno=int(entry.name))
         except OSError:  # not a socket, or closed meanwhile
             continue
         try:
-            if found.type == kind and found.family in (socket.AF_INET, socket.AF_INET6):
-                yield found
+            is_internet = own_socket.family in (socket.AF_INET, socket.AF_INET6)
+            if is_internet and own_socket.type == kind:
+                yield own_socket
         finally:
-            found.detach()  # its owner closes it
+            own_socket.detach()  # its owner closes it
 
 
-def ports_of_socket(found: socket.socket) -> set[int]:
+def ports_of_socket(own_socket: socket.socket) -> set[int]:
     """Return the own port of a socket, and that of its peer if it is connected."""
-    ports = {found.getsockname()[1]}
+    ports = {own_socket.getsockname()[1]}
     with contextlib.suppress(OSError):  # it listens
-        ports.add(found.getpeername()[1])
+        ports.add(own_socket.getpeername()[1])
     return ports
 
 
@@ -125,7 +126,8 @@ def config_of(settings: Mapping[str, Any]) -> zenoh.Config:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
             shown = "…" if key.startswith("transport/auth") else json.dumps(value)
-            raise ConfigError(f"Zenoh does not take {key} = {shown}: {short_reason(error)}") from error
+            reason = short_reason(error)
+            raise ConfigError(f"Zenoh does not take {key} = {shown}: {reason}") from error
     return config
 
 
@@ -151,6 +153,7 @@ async def open_first(
     loop = asyncio.get_running_loop()
     began_s = loop.time()
     has_warned = False
+    # Each turn of the loop tries all addresses once. The caller decides by the problem whether to go on.
     while True:
         try:
             session = await _open_by_turns(configs)
@@ -164,6 +167,7 @@ async def open_first(
                 on_wait()
             await asyncio.sleep(OPEN_RETRY_S)
         else:
+            # Zenoh's sockets would notice a peer that vanished only after minutes
             set_tcp_timeouts(ports_of(endpoints), LEASE_MS)
             return session
 
@@ -204,7 +208,9 @@ async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIM
 def short_reason(error: Exception) -> str:
     """Return the innermost reason of a Zenoh error."""
     system = SYSTEM_REASON.search(str(error))
-    return system[1] if system else str(error).split(" at ")[0].rstrip(".")
+    if system:
+        return system[1]
+    return str(error).split(" at ")[0].rstrip(".")
 
 
 def is_in_use(error: Exception) -> bool:
@@ -229,17 +235,20 @@ def configuration(link: Link) -> zenoh.Config:
         mode = "client"
     else:
         mode = "peer"
+    # Nothing is discovered: only the given addresses are used
+    retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
     settings: dict[str, Any] = {
         "mode": mode,
         "listen/endpoints": list(link.listen),
         "connect/endpoints": list(link.connect),
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "connect/retry": retry,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
     }
+    # `zenoh.open` ignores signals while it blocks: the attempts of a client are short, and are repeated
     if mode == "client":
         settings["connect/timeout_ms"] = CONNECT_TIMEOUT_MS
     else:
@@ -260,7 +269,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         ConnectError: If no router answered within `patience_s`.
         RejectedError: If it refuses the credentials, or wants some.
     """
-    where = ", ".join(link.connect or link.listen)
+    addresses = ", ".join(link.connect or link.listen)
     refusal: str = ""
     has_waited = False
     loop = asyncio.get_running_loop()
@@ -274,17 +283,19 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
             hint = taken if is_in_use(error) else ""
             reason = short_reason(error)
             return ListenError(
-                f"cannot listen on {where}: {reason}; {hint}choose another address with --listen"
+                f"cannot listen on {addresses}: {reason}; {hint}choose another address with --listen"
             )
         refusal = await in_daemon_thread(lambda: refusals(link), "refusal")
         if not refusal:
             welcome_s = loop.time()
+        if not refusal:
+            return ConnectError(
+                f"nobody answers at {addresses}; is `pointit run` or `pointit router` running there?"
+            )
         passes = isinstance(refusal, PassingRefusal) and loop.time() - welcome_s < PASSES_S
-        if refusal and not passes and patience_s is not None:
+        if patience_s is not None and not passes:
             raise RejectedError(refusal) from error
-        if refusal:
-            return RejectedError(refusal)
-        return ConnectError(f"nobody answers at {where}; is `pointit run` or `pointit router` running there?")
+        return RejectedError(refusal)
 
     def on_wait() -> None:
         nonlocal has_waited
@@ -294,23 +305,27 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         if refusal:
             log.warning("%s; trying again until it does not", refusal)
         else:
-            log.warning("nobody answers at %s yet; trying again until somebody does", where)
+            log.warning("nobody answers at %s yet; trying again until somebody does", addresses)
 
-    # Each address first in turn: when it opens a session, Zenoh tries no other.
-    turns = [
-        dataclasses.replace(link, connect=(*link.connect[first:], *link.connect[:first]))
-        for first in range(max(1, len(link.connect)))
-    ]
     session = await open_first(
-        [configuration(turn) for turn in turns],
+        _configurations_by_turns(link),
         (*link.listen, *link.connect),
         problem_of,
         patience_s=patience_s,
         on_wait=on_wait,
     )
     if has_waited:
-        log.info("connected to %s", where)
+        log.info("connected to %s", addresses)
     return session
+
+
+def _configurations_by_turns(link: Link) -> list[zenoh.Config]:
+    """Return configurations with each address first in turn: once one has opened, Zenoh tries no other."""
+    configs: list[zenoh.Config] = []
+    for first in range(max(1, len(link.connect))):
+        endpoints = (*link.connect[first:], *link.connect[:first])
+        configs.append(configuration(dataclasses.replace(link, connect=endpoints)))
+    return configs
 
 
 def refusals(link: Link) -> str:
@@ -318,8 +333,11 @@ def refusals(link: Link) -> str:
 
     Blocks for up to 3 s per router.
     """
-    if link.credentials is None and not is_there(REFUSAL.partition(":")[0]):
+    module = REFUSAL.partition(":")[0]
+    if link.credentials is None and not is_there(module):
         return ""
     refusal_at: Callable[[Credentials | None, str], str] = load_object(REFUSAL, "joining a secured site")
     reasons = [refusal_at(link.credentials, endpoint) for endpoint in link.connect]
-    return reasons[0] if reasons and all(reasons) else ""
+    if not reasons or not all(reasons):
+        return ""
+    return reasons[0]

@@ -118,6 +118,7 @@ class EventRecovery:
         writer = (str(source.source_id.zid), source.source_id.eid)
         number = source.source_sn
         with self._lock:
+            # The last number of each writer. The oldest writer is evicted first, which bounds memory.
             last = self._last.pop(writer, None)
             self._last[writer] = number if last is None else max(last, number)
             if len(self._last) > MAX_WRITERS:
@@ -125,22 +126,29 @@ class EventRecovery:
                 self._has_evicted = True  # a writer that seems new may have been evicted
             gap = self._gaps.get(writer)
             may_ask = gap is not None or len(self._gaps) < MAX_GAPS
-            is_first = last is None and may_ask and not self._has_evicted
+            seems_new = last is None and not self._has_evicted
+            is_first = seems_new and may_ask
             if is_first:
                 last = -1
-            if last is not None and number > last + 1 and not may_ask:
-                self._lose(number - last - 1)
-            elif last is not None and number > last + 1:
-                if gap is None:
-                    zid, eid = writer
-                    gap = self._gaps[writer] = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
-                    self._begin(writer, gap)
-                first = max(last + 1, number - EVENT_CAPACITY)
-                if is_first:
-                    gap.first_counted = number
+
+            # Samples are missing between the last one and this: query them, or count them as lost
+            if last is not None and number > last + 1:
+                if may_ask:
+                    if gap is None:
+                        zid, eid = writer
+                        gap = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
+                        self._gaps[writer] = gap
+                        self._begin(writer, gap)
+                    first = max(last + 1, number - EVENT_CAPACITY)
+                    if is_first:
+                        gap.first_counted = number
+                    else:
+                        gap.given_up += first - last - 1
+                    gap.wanted.update(range(first, number))
                 else:
-                    gap.given_up += first - last - 1
-                gap.wanted.update(range(first, number))
+                    self._lose(number - last - 1)
+
+            # Later samples wait for the missing ones, which keeps the writer's order
             if gap is None:
                 self._hand_on(sample)
                 return
@@ -149,15 +157,17 @@ class EventRecovery:
                 self._end(writer, gap)
 
     def _begin(self, writer: Writer, gap: _Gap) -> None:
-        def ask() -> None:
-            if not self._bus.is_closed:
-                self._bus.spawn(self._ask(writer, gap), f"asking for {gap.about}")
+        def spawn_query() -> None:
+            if self._bus.is_closed:
+                return
+            querying = self._query_missing(writer, gap)
+            self._bus.spawn(querying, f"asking for {gap.about}")
 
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(ask)
+            self._loop.call_soon_threadsafe(spawn_query)
 
-    async def _ask(self, writer: Writer, gap: _Gap) -> None:
-        for asked, wait_s in enumerate(WAITS_S, 1):
+    async def _query_missing(self, writer: Writer, gap: _Gap) -> None:
+        for attempt, wait_s in enumerate(WAITS_S, 1):
             await asyncio.sleep(wait_s)
             with self._lock:
                 if self._gaps.get(writer) is not gap:
@@ -170,11 +180,14 @@ class EventRecovery:
             beyond = max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"
             samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
-            found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
+            answers = _by_number(samples)
             with self._lock:
-                gap.samples |= {number: each for number, each in found.items() if number in missing}
-                has_sent_all = beyond in found and beyond > max(gap.wanted)
-                if asked == MAX_OF_FIRST:
+                for number, sample in answers.items():
+                    if number in missing:
+                        gap.samples[number] = sample
+                has_sent_all = beyond in answers and beyond > max(gap.wanted)
+                if attempt == MAX_OF_FIRST:
+                    # messages of before the reader were asked for often enough
                     gap.wanted = {number for number in gap.wanted if number > gap.first_counted}
                 if has_sent_all or gap.wanted <= gap.samples.keys():
                     break
@@ -186,9 +199,19 @@ class EventRecovery:
         del self._gaps[writer]
         for number in sorted(gap.samples):
             self._hand_on(gap.samples[number])
-        lost = gap.given_up + sum(number > gap.first_counted for number in gap.wanted - gap.samples.keys())
+        missing = gap.wanted - gap.samples.keys()
+        lost = gap.given_up + sum(number > gap.first_counted for number in missing)
         if lost:
             self._lose(lost)
+
+
+def _by_number(samples: Iterable[zenoh.Sample]) -> dict[int, zenoh.Sample]:
+    """Return `samples` by their sequence numbers, without those that have none."""
+    numbered: dict[int, zenoh.Sample] = {}
+    for sample in samples:
+        if sample.source_info is not None:
+            numbered[sample.source_info.source_sn] = sample
+    return numbered
 
 
 class NameAllowlist:
@@ -221,7 +244,7 @@ class NameLimiter:
     def __init__(self, placeholder: str, name_in: Callable[[str], str], allowlist: NameAllowlist) -> None:
         """Accept names for `placeholder`. `name_in` reads one from a key, or raises `SchemaError`."""
         self._allowlist = allowlist
-        self._what = placeholder or "name"
+        self._placeholder = placeholder or "name"
         self._limit = max_names_for(placeholder)
         self._name_in = name_in
         self._lock = threading.Lock()
@@ -235,19 +258,22 @@ class NameLimiter:
             SchemaError: If the name is invalid, or if there are too many others.
         """
         with self._lock:
-            known = self._received.get(key)
-            if known is not None:
-                self._received[key] = (known[0], now_s)
+            current = self._received.get(key)
+            if current is not None:
+                name = current[0]
+                self._received[key] = (name, now_s)
                 self._received.move_to_end(key)
-                return known[0]
+                return name
         name = self._name_in(key)
         with self._lock:
-            is_known = self._allowlist.holds(self._what, name)
-            if key not in self._received and len(self._received) >= self._limit and not is_known:
+            is_allowed = self._allowlist.holds(self._placeholder, name)
+            is_new = key not in self._received and not is_allowed
+            if is_new and len(self._received) >= self._limit:
                 _, oldest_s = next(iter(self._received.values()))
                 if now_s - oldest_s <= SILENT_S:
+                    refused = f"{self._placeholder} {name!r}: more than {self._limit} names"
                     raise KeyNameError(
-                        f"{self._what} {name!r}: more than {self._limit} names, the rest are not heard; "
+                        f"{refused}, the rest are not heard; "
                         f"a name makes room when it is silent for {SILENT_S:g} s"
                     )
                 self._received.popitem(last=False)
@@ -279,7 +305,10 @@ class EncodedMessage:
         first router replaces stamps that are further ahead.
         """
         stamp = self._sample.timestamp
-        return None if stamp is None else Sent(stamp.get_time_as_ntp64().as_nanos(), str(stamp.get_id()))
+        if stamp is None:
+            return None
+        process = str(stamp.get_id())
+        return Sent(stamp.get_time_as_ntp64().as_nanos(), process)
 
     def decode(self) -> Message:
         """Return the message. It is decoded for the first reader, and all others get the same object.
@@ -292,10 +321,12 @@ class EncodedMessage:
         message = self._message
         if message is None:
             try:
-                message = self._message = decoded(self._kind, self._sample.payload, self._sample.encoding)
+                message = decoded(self._kind, self._sample.payload, self._sample.encoding)
+                self._message = message
             except Exception as error:
-                is_known = isinstance(error, DecodeError)
-                self._failure = str(error) if is_known else f"{type(error).__name__}: {error}"
+                self._failure = str(error)
+                if not isinstance(error, DecodeError):
+                    self._failure = f"{type(error).__name__}: {error}"
                 raise
         return message
 
@@ -370,7 +401,8 @@ class _RetainedInput(_SampleInput):
         # Zenoh fetches the whole cache of a new writer. A button press of a minute ago must not count now.
         # Live samples are accepted whatever their stamp.
         stamp = sample.timestamp
-        if sample.priority == PRIORITY or stamp is None or stamp >= self._began:
+        is_live = sample.priority == PRIORITY
+        if is_live or stamp is None or stamp >= self._began:
             self.on_sample(sample)
 
 
@@ -405,9 +437,8 @@ class ZenohSubscription(MailboxSubscription):
     def _undeclare(self) -> None:
         super()._undeclare()
         sample_input = self._input
-        sample_input.mailboxes = tuple(
-            mailbox for mailbox in sample_input.mailboxes if mailbox is not self._mailbox
-        )
+        remaining = [mailbox for mailbox in sample_input.mailboxes if mailbox is not self._mailbox]
+        sample_input.mailboxes = tuple(remaining)
         if not sample_input.mailboxes:
             self._inputs.pop(self._key, None)
             sample_input.undeclare()
@@ -427,14 +458,16 @@ def recall_for_others(
                     query.reply(key, encode(message), encoding=encoding_of(topic.message))
                 yield
 
-    queryables = [  # one each: many queries for one topic do not delay those for another
-        QueuedQueryable(
-            session, topic.at(ANY), functools.partial(work, topic), overflows, about=topic.key, busy=BUSY
-        )
-        for topic in topics
-    ]
-    # declared last: its arrival tells readers that the queryables are ready
-    token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
+    # One each: many queries for one topic do not delay those for another
+    queryables: list[Declared] = []
+    for topic in topics:
+        answer = functools.partial(work, topic)
+        key = topic.at(ANY)
+        queryables.append(QueuedQueryable(session, key, answer, overflows, about=topic.key, busy=BUSY))
+
+    # Declared last: its arrival tells readers that the queryables are ready
+    keeper = KEEPER_ALIVE.at(str(session.zid()))
+    token = session.liveliness().declare_token(keeper)
     return [token, *queryables]
 
 
@@ -465,14 +498,19 @@ class RetainedStateFetcher:
         self._watch.close()
 
     def _on_keepers(self, changes: Mapping[str, bool]) -> None:
-        come = {keeper for keeper, is_present in changes.items() if is_present} - {self._here}
-        self._keepers = (self._keepers - changes.keys()) | come
-        if come:
+        present = {keeper for keeper, is_present in changes.items() if is_present}
+        arrived = present - {self._here}
+        self._keepers = (self._keepers - changes.keys()) | arrived
+        if arrived:
             self._request(self._readers)
 
     def _request(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:
-        self._pending |= {topic.at(name): topic for topic, name, box in readers if box.accepts_retained}
-        if self._pending and self._task is None and not self._bus.is_closed:
+        for topic, name, mailbox in readers:
+            if mailbox.accepts_retained:
+                self._pending[topic.at(name)] = topic
+        if not self._pending or self._task is not None:
+            return
+        if not self._bus.is_closed:
             self._task = self._bus.spawn(self._query_all(), "fetching retained states")
 
     async def _query_all(self) -> None:
@@ -490,7 +528,7 @@ class RetainedStateFetcher:
 
     async def _query_once(self, pending: dict[str, AnyTopic]) -> dict[str, AnyTopic]:
         """Query every key and deliver the answers. Return the queries without an answer."""
-        left: dict[str, AnyTopic] = {}
+        unanswered: dict[str, AnyTopic] = {}
         items = list(pending.items())
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
@@ -500,11 +538,14 @@ class RetainedStateFetcher:
                 if samples:
                     self._hand_over(topic, samples)
                 else:
-                    left[key] = topic
-        return left
+                    unanswered[key] = topic
+        return unanswered
 
     def _hand_over(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
-        mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.accepts_retained]
+        mailboxes: list[tuple[str, Mailbox]] = []
+        for row, reader_name, mailbox in self._readers:
+            if row is topic and mailbox.accepts_retained:
+                mailboxes.append((reader_name, mailbox))
         for sample in samples[: max_names_for(topic.placeholder)]:
             try:
                 name = name_from_key(topic, str(sample.key_expr))
@@ -513,6 +554,6 @@ class RetainedStateFetcher:
                 for _, mailbox in mailboxes:
                     mailbox.count_invalid(error)
                 continue
-            for wanted, mailbox in mailboxes:
-                if wanted in (ANY, name) or not topic.placeholder:
+            for reader_name, mailbox in mailboxes:
+                if reader_name in (ANY, name) or not topic.placeholder:
                     mailbox.offer_retained(name, message)

@@ -125,10 +125,11 @@ class _RetainedWriter:
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
         # The reader counts what it cannot fetch from this cache.
+        cache_size = 1 if topic.delivery is Delivery.STATE else EVENT_CACHE
         self._publisher = declare_publisher(
             session,
             key,
-            cache=1 if topic.delivery is Delivery.STATE else EVENT_CACHE,
+            cache=cache_size,
             missed=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
             encoding=encoding_of(topic.message),
             priority=PRIORITY,
@@ -146,11 +147,11 @@ class ZenohPublisher(MemoryPublisher[M]):
 
     def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
         key = topic.at(name)
-        self._writer = (
-            _LatestWriter(session, topic, key)
-            if topic.delivery is Delivery.LATEST
-            else _RetainedWriter(session, topic, key)
-        )
+        self._writer: _LatestWriter | _RetainedWriter
+        if topic.delivery is Delivery.LATEST:
+            self._writer = _LatestWriter(session, topic, key)
+        else:
+            self._writer = _RetainedWriter(session, topic, key)
         self._retires = False
         super().__init__(bus, topic, name, self._writer.put)
 
@@ -180,25 +181,22 @@ def answer_others(
     """Answer queries of other processes for `key` with `handler`."""
     request = handler.request
 
-    def work(query: zenoh.Query) -> Iterable[None]:
+    def answer(query: zenoh.Query) -> Iterable[None]:
         try:
             name = name_from_key(request, str(query.key_expr))
-            asked = decoded(request.query, query.payload, query.encoding)
+            decoded_query = decoded(request.query, query.payload, query.encoding)
         except SchemaError as error:
             refuse(query, str(error))
         else:
-            handler.handle(asked, name).add_done_callback(functools.partial(_reply, request, query))
+            task = handler.handle(decoded_query, name)
+            task.add_done_callback(functools.partial(_reply, request, query))
         return ()
 
-    return QueuedQueryable(
-        session,
-        key,
-        work,
-        overflows,
-        about=request.key,
-        busy=f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later",
-        check=lambda query: check_size(request.query, query.payload),
-    )
+    def check(query: zenoh.Query) -> None:
+        check_size(request.query, query.payload)
+
+    busy = f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later"
+    return QueuedQueryable(session, key, answer, overflows, about=request.key, busy=busy, check=check)
 
 
 def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) -> None:
@@ -221,13 +219,16 @@ async def send_query(
         RequestError: as `Bus.call`.
     """
     for wait_s in (*EMPTY_RETRY_S, None):
-        asked = {"payload": encode(query), "encoding": encoding_of(type(query)), "timeout": timeout_s}
-        for reply in await query_replies(session, key, **asked):
+        data = encode(query)
+        encoding = encoding_of(type(query))
+        replies = await query_replies(session, key, payload=data, encoding=encoding, timeout=timeout_s)
+        for reply in replies:
             if reply.ok is not None:
                 try:
                     result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)
                 except DecodeError as error:
-                    raise RequestError(f"{request.server} sent a broken reply to {key}: {error}") from error
+                    problem = f"{request.server} sent a broken reply to {key}: {error}"
+                    raise RequestError(problem) from error
                 return result
             if reply.err is not None:
                 reason = reply.err.payload.to_bytes().decode(errors="replace")
@@ -282,8 +283,11 @@ class ZenohBus(MemoryBus):
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Return that the router is lost, or else that queries are rejected."""
-        if self._watch is not None and (lost := self._watch.problem):
-            return (Problem(code=ROUTER_LOST, sentence=lost, subject=self._watch.where[:MAX_SUBJECT]),)
+        if self._watch is not None:
+            loss = self._watch.problem
+            if loss:
+                subject = self._watch.where[:MAX_SUBJECT]
+                return (Problem(code=ROUTER_LOST, sentence=loss, subject=subject),)
         rejected = self._turned_away.problem(time.monotonic())
         return (Problem(code="rejected", sentence=rejected),) if rejected else ()
 
@@ -313,9 +317,10 @@ class ZenohBus(MemoryBus):
                 self._allowlist.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
             handler(message, map_name)
 
-        taken = on_map if topic is MAP else handler
+        # A map names its lamps: their colours are never refused as those of too many names
+        map_handler = on_map if topic is MAP else handler
         mailbox = Mailbox(
-            topic, taken, self.dispatcher, EncodedMessage.decode, retained=retained, queue_all=queue_all
+            topic, map_handler, self.dispatcher, EncodedMessage.decode, retained=retained, queue_all=queue_all
         )
         return self._read(topic, mailbox, name, retained=retained)
 
@@ -337,14 +342,16 @@ class ZenohBus(MemoryBus):
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone, here and to other processes."""
-        here = super().serve_retained(topics, recall)
-        return self._both(here, *recall_for_others(self.session, topics, recall, self._turned_away))
+        local = super().serve_retained(topics, recall)
+        queryables = recall_for_others(self.session, topics, recall, self._turned_away)
+        return self._join(local, *queryables)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
-        here = self.handler(request, server, name)
-        self._want("serves", request.at(name))
-        return self._both(here, answer_others(self.session, here, request.at(name), self._turned_away))
+        local = self.handler(request, server, name)
+        key = request.at(name)
+        self._want("serves", key)
+        return self._join(local, answer_others(self.session, local, key, self._turned_away))
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -369,10 +376,11 @@ class ZenohBus(MemoryBus):
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed, or until this process dies."""
-        here = super().announce(presence, name)
+        local = super().announce(presence, name)
         if self._is_observer:
-            return here
-        return self._both(here, self.session.liveliness().declare_token(presence.at(name)))
+            return local
+        token = self.session.liveliness().declare_token(presence.at(name))
+        return self._join(local, token)
 
     def watch(self, presence: Presence, handler: PresenceHandler) -> Closable:
         """Call `handler(name, present=…)` now and on every change."""
@@ -386,8 +394,12 @@ class ZenohBus(MemoryBus):
     async def list_present(self, presence: Presence) -> set[str]:
         """Return all names that are present now, here and elsewhere."""
         tokens = await query_replies(self.session.liveliness(), presence.at(ANY), timeout=LIST_S)
-        names = {presence.name_in(str(token.ok.key_expr)) for token in tokens if token.ok is not None}
-        return {name for name in names if NAME.match(name)} | await super().list_present(presence)
+        names = set[str]()
+        for token in tokens:
+            if token.ok is not None:
+                names.add(presence.name_in(str(token.ok.key_expr)))
+        valid_names = set(filter(NAME.match, names))
+        return valid_names | await super().list_present(presence)
 
     def _notify_watchers(self, presence: Presence, name: str, *, present: bool) -> None:
         if self._is_observer:
@@ -408,13 +420,13 @@ class ZenohBus(MemoryBus):
         await super().close()
         await close_session(self.session)
 
-    def _both(self, here: Closable, *declarations: Declared) -> Closable:
-        """Return a declaration that closes `here`, in this process, and `declarations`, in the session."""
+    def _join(self, local: Closable, *declarations: Declared) -> Closable:
+        """Return a declaration that closes `local`, in this process, and `declarations`, in the session."""
 
         def undo() -> None:
-            here.close()
-            for each in declarations:
-                each.undeclare()
+            local.close()
+            for declaration in declarations:
+                declaration.undeclare()
 
         return Declaration(undo, self.declarations)
 

@@ -116,7 +116,9 @@ def unit_quaternion(values: tuple[float, float, float, float]) -> tuple[float, f
     """
     norm = math.hypot(*values)
     if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
-        limits = f"{1 - NORM_TOLERANCE:g} to {1 + NORM_TOLERANCE:g}"
+        low = 1 - NORM_TOLERANCE
+        high = 1 + NORM_TOLERANCE
+        limits = f"{low:g} to {high:g}"
         raise ValueError(f"a quaternion of norm {norm:.7g}, not 1 ({limits} is normalized): scale it to 1")
     a, b, c, d = values
     return (a / norm, b / norm, c / norm, d / norm)
@@ -124,7 +126,9 @@ def unit_quaternion(values: tuple[float, float, float, float]) -> tuple[float, f
 
 def _rotation(values: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     """Return `unit_quaternion`. Norms of float32 stay as they are, so that a message keeps its bytes."""
-    return values if abs(math.hypot(*values) - 1.0) <= UNIT_TOLERANCE else unit_quaternion(values)
+    if abs(math.hypot(*values) - 1.0) <= UNIT_TOLERANCE:
+        return values
+    return unit_quaternion(values)
 
 
 UnitVec3 = Annotated[
@@ -194,10 +198,8 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
     names = set(fields)
     new = object.__new__
     # as `object.__setattr__`, which looks for the slot at each call
-    set_fields, set_names, set_extra, set_private = (
-        vars(BaseModel)[slot].__set__
-        for slot in ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
-    )
+    slots = ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
+    set_fields, set_names, set_extra, set_private = (vars(BaseModel)[slot].__set__ for slot in slots)
     defaults = {name: field.default for name, field in fields.items()}  # in order, as it travels
 
     def make(*args: P.args, **values: P.kwargs) -> M:
@@ -208,7 +210,8 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
         set_extra(message, None)
         set_private(message, None)
         if ConstructorChecks.are_on:
-            validated, calculated = (tuple(vars(each).items()) for each in (kind(*args, **values), message))
+            validated = tuple(vars(kind(*args, **values)).items())
+            calculated = tuple(vars(message).items())
             if not _is_same(validated, calculated):
                 raise TypeError(f"{message!r}: validation converts a value; calculate it in its field's type")
         return message
@@ -219,7 +222,9 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
 def _is_same(validated: object, calculated: object) -> bool:
     """Return True if both have the same `repr`. Values that validation returns as they are cost nothing."""
     if isinstance(validated, tuple) and isinstance(calculated, tuple):
-        return len(validated) == len(calculated) and all(map(_is_same, validated, calculated))
+        if len(validated) != len(calculated):
+            return False
+        return all(map(_is_same, validated, calculated))
     return validated is calculated or repr(validated) == repr(calculated)
 
 

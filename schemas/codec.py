@@ -52,11 +52,13 @@ def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
         DecodeError: in one sentence, what is wrong with which field.
     """
     if len(payload) > kind.max_bytes:
-        raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
+        size = len(payload)
+        raise DecodeError(f"{kind.__name__}: has {size} bytes, at most {kind.max_bytes} are taken")
     try:
         data = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_map_len=MAX_FIELDS)
     except (ValueError, msgpack.exceptions.UnpackException, RecursionError) as error:
-        raise DecodeError(f"{kind.__name__}: not msgpack ({type(error).__name__}: {error})") from error
+        reason = f"{type(error).__name__}: {error}"
+        raise DecodeError(f"{kind.__name__}: not msgpack ({reason})") from error
     if not isinstance(data, dict):
         raise DecodeError(f"{kind.__name__}: a msgpack map was expected, got {type(data).__name__}")
     try:
@@ -69,15 +71,21 @@ def summarize_validation_error(error: ValidationError) -> str:
     """Return the first complaint of `error` as `field: what (value), and how many more there are`."""
     details = error.errors(include_url=False)
     first = details[0]
-    where = ".".join(str(part) for part in first["loc"]) or "(whole)"
+    field = ".".join(str(part) for part in first["loc"]) or "(whole)"
     value = _REPR.repr(first["input"])  # the whole of it may be a million numbers
-    shown = value if len(value) <= 60 else value[:57] + "..."
-    more = f", and {len(details) - 1} more" if len(details) > 1 else ""
-    return f"{where}: {describe_mistake(first)} (got {shown}){more}"
+    if len(value) > 60:
+        value = value[:57] + "..."
+    more = ""
+    if len(details) > 1:
+        more = f", and {len(details) - 1} more"
+    return f"{field}: {describe_mistake(first)} (got {value}){more}"
 
 
 def _is_newer(kind: type[SchemaModel], schema: str) -> bool:
     name, _, version = schema.rpartition(".v")
+    if name != kind.__name__:
+        return False
     own = kind.version if issubclass(kind, Message | Query) else 0
     # nine digits at most: int() refuses thousands of them, and the sender may be anybody
-    return name == kind.__name__ and version.isdecimal() and len(version) < 10 and int(version) > own
+    is_number = version.isdecimal() and len(version) < 10
+    return is_number and int(version) > own

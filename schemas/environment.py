@@ -183,7 +183,9 @@ class Thing(Box):
     def object_fields(self) -> dict[str, Any]:
         """Fields of `TrackedObject` that the thing sets in its tracked object."""
         own = self.model_dump(include={"mode", "press", "dwell_s"})
-        return own | {"kind": self.label or self.id, "lit": bool(self.lamp or self.strip)}
+        kind = self.label or self.id
+        is_lit = bool(self.lamp or self.strip)
+        return own | {"kind": kind, "lit": is_lit}
 
 
 class Frame(SchemaModel):

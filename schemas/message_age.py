@@ -81,20 +81,26 @@ class SenderClock:
             is_retained: as of `message_age_ns`.
         """
         age_ns = message_age_ns(stamp_ns, now_ns, is_retained=is_retained)
-        has_ended = stamp_ns is not None and self._ended_ns is not None and stamp_ns <= self._ended_ns
+        has_ended = False
+        if stamp_ns is not None and self._ended_ns is not None:
+            has_ended = stamp_ns <= self._ended_ns
         if is_retained:
             return math.inf if has_ended else max(age_ns, 0)
         if age_ns <= self._max_age_ns and not has_ended:
             self.start()
             return 0
-        return 0 if self._has_clock_error(age_ns, now_ns) else max(age_ns, self._max_age_ns + 1)
+        # Old by its stamp. A sender whose messages are all as old has a wrong clock.
+        if self._has_clock_error(age_ns, now_ns):
+            return 0
+        return max(age_ns, self._max_age_ns + 1)
 
     def _has_clock_error(self, age_ns: float, now_ns: int) -> bool:
         """Return True if messages that seem old are not: the error of the sender's clock is constant."""
         error = self._error
         late_ns = 0.0 if error is None else age_ns - error.age_ns
         # the first bound is for a queue that catches up, the second for a clock that is set back
-        if error is None or late_ns < -STEADY_NS or late_ns > self._max_age_ns:
+        is_changed = late_ns < -STEADY_NS or late_ns > self._max_age_ns
+        if error is None or is_changed:
             self._error = _ClockError(since_ns=now_ns, age_ns=age_ns)
             return False
         error.age_ns = min(error.age_ns, age_ns)  # follows a clock that drifts

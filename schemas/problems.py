@@ -78,7 +78,9 @@ class Problem(SchemaModel):
     @property
     def identity(self) -> tuple[str, ...]:
         """Return the key of the problem, without figures that change with time."""
-        return (self.code, self.subject, self.topic, self.sentence if self.code == OTHER else "")
+        # only a problem without a code is known by its sentence alone
+        sentence = self.sentence if self.code == OTHER else ""
+        return (self.code, self.subject, self.topic, sentence)
 
     def without_secrets(self) -> "Problem":
         """Return it with a sentence that may be published."""

@@ -124,8 +124,10 @@ class SelectionEvent(Message):
 
     def is_reaction(self, mode: ThingMode) -> bool:
         """Return True if a thing of `mode` fired, or was switched; not if it was restored, or is over."""
-        is_silent = RESTORED in self.reason or REPORTED in self.reason
-        return not is_silent and (self.is_on or (mode, self.event) == ("switch", "deselected"))
+        if RESTORED in self.reason or REPORTED in self.reason:
+            return False
+        is_switched_off = (mode, self.event) == ("switch", "deselected")
+        return self.is_on or is_switched_off
 
 
 class Claim(Message):

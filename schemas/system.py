@@ -131,7 +131,9 @@ class Health(Message):
     @property
     def all_problems(self) -> tuple[Problem, ...]:
         """Return the problems, also those of writers that have sentences only."""
-        return self.problems or tuple(Problem(code=OTHER, sentence=each) for each in self.warnings)
+        if self.problems:
+            return self.problems
+        return tuple(Problem(code=OTHER, sentence=warning) for warning in self.warnings)
 
 
 class Configuration(Message):
@@ -218,21 +220,22 @@ class Deployment(Message):
         """
         if name.startswith(RUN):
             return self
-        own = tuple(
-            each
-            for each in self.services
-            if each.user == name or (not each.user and each.name == name and each.service in SHARDED)
-        )
-        return self.model_copy(
-            update={
-                "services": own,
-                "scenario": "",
-                "scenarios": (),
-                "localizes": False,
-                "target_kinds": (),
-                "goal": "",
-                "title": "",
-                "offers": (),
-                "name": name,
-            }
-        )
+        own: list[ExpectedService] = []
+        for service in self.services:
+            is_shard = service.name == name and service.service in SHARDED
+            if service.user == name or (is_shard and not service.user):
+                own.append(service)
+
+        # All else describes the run, of which a person's process may claim nothing
+        claims = {
+            "services": tuple(own),
+            "scenario": "",
+            "scenarios": (),
+            "localizes": False,
+            "target_kinds": (),
+            "goal": "",
+            "title": "",
+            "offers": (),
+            "name": name,
+        }
+        return self.model_copy(update=claims)

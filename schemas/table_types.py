@@ -44,8 +44,8 @@ class _Keyed:
     @property
     def placeholder(self) -> str:
         """Return the placeholder's name (`user` of `users/{user}/imu`), or `""` without one."""
-        found = _PLACEHOLDER.search(self.key)
-        return found.group(1) if found else ""
+        match = _PLACEHOLDER.search(self.key)
+        return match.group(1) if match else ""
 
     def at(self, name: str = "") -> str:
         """Return the key for `name`, or for all names when it is `*`.
@@ -64,8 +64,10 @@ class _Keyed:
 
     def name_in(self, key: str) -> str:
         """Return the value of the placeholder in `key`, or `""` if there is none or it is another key."""
-        head, _, tail = self.key.partition("{" + self.placeholder + "}")
-        if not self.placeholder or not (key.startswith(head) and key.endswith(tail)):
+        if not self.placeholder:
+            return ""
+        head, _, tail = self.key.partition(f"{{{self.placeholder}}}")
+        if not key.startswith(head) or not key.endswith(tail):
             return ""
         return key[len(head) : len(key) - len(tail)]
 
@@ -77,23 +79,33 @@ def check_name(name: str, what: str = "name") -> str:
         KeyNameError: Names the valid characters, and a valid name.
     """
     if not NAME.match(name):
+        example = valid_name(name) or "a1"
         raise KeyNameError(
             f"{what} {name!r}: use 1 to 64 letters, digits, '_', '-' or '.', no leading '-' or '.', "
-            f"such as {valid_name(name) or 'a1'}"
+            f"such as {example}"
         )
     return name
 
 
 def fill_key(key: str, user: str = "") -> str:
     """Return the key pattern `key` as people read it: with `user`, and `*` for every other placeholder."""
-    return _PLACEHOLDER.sub(lambda found: (found[1] == "user" and user) or ANY, key)
+
+    def value(placeholder: re.Match[str]) -> str:
+        if placeholder[1] == "user" and user:
+            return user
+        return ANY
+
+    return _PLACEHOLDER.sub(value, key)
 
 
 def valid_name(text: str) -> str:
     """Return a name like `text` that can stand in a key, `""` if it has neither letters nor digits."""
-    plain = "".join(each for each in unicodedata.normalize("NFKD", text) if not unicodedata.combining(each))
+    letters = unicodedata.normalize("NFKD", text)  # an accent is a letter of its own
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).lstrip("-.")[:64]
-    return name if name == text or name.strip("_.-") else ""
+    if name == text:
+        return name
+    return name if name.strip("_.-") else ""
 
 
 @dataclass(frozen=True, kw_only=True)

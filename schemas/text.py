@@ -64,12 +64,15 @@ def all_of(names: Iterable[str]) -> str:
     all_names = list(names)
     if len(all_names) < 2:
         return "".join(all_names)
-    return f"{', '.join(all_names[:-1])} and {all_names[-1]}"
+    *first, last = all_names
+    return f"{', '.join(first)} and {last}"
 
 
 def few_of(names: Sequence[str]) -> str:
     """Return `names` as `all_of`, or of more than `MAX_LISTED` as `a, b, c and 3 more`."""
-    return all_of(names) if len(names) <= MAX_LISTED else first_of(names, MAX_LISTED - 1)
+    if len(names) <= MAX_LISTED:
+        return all_of(names)
+    return first_of(names, MAX_LISTED - 1)
 
 
 def first_problem(problems: Sequence[str]) -> str:
@@ -77,14 +80,17 @@ def first_problem(problems: Sequence[str]) -> str:
     if not problems:
         return ""
     others = len(problems) - 1
-    return f"{problems[0]} ({others} more)" if others else problems[0]
+    if not others:
+        return problems[0]
+    return f"{problems[0]} ({others} more)"
 
 
 def first_of(names: Iterable[str], most: int) -> str:
     """Return the first `most` of `names` as `a, b and 3 more`. Those of a full list end in `a, b`."""
     all_names = list(names)
     more = len(all_names) - most
-    return ", ".join(all_names[:most]) + (f" and {more} more" if more > 0 else "")
+    shown = ", ".join(all_names[:most])
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def system_reason(error: BaseException, most: int = LONGEST_SENTENCE) -> str:
@@ -96,8 +102,11 @@ def system_reason(error: BaseException, most: int = LONGEST_SENTENCE) -> str:
 
 def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:
     """Return `text` as `plain`, on one line and of at most `most` characters."""
+    # cut before the search, which takes long on a long text
     shown = plain(_SPACE.sub(" ", text[: 2 * most]).strip())
-    return shown if len(shown) <= most else f"{shown[: most - 1]}…"
+    if len(shown) <= most:
+        return shown
+    return f"{shown[: most - 1]}…"
 
 
 def hide_secrets(text: str) -> str:
@@ -117,14 +126,18 @@ def _shown_web_address(match: re.Match[str]) -> str:
     address = match[2].rstrip(".,;:!)]")
     authority, *after = re.split(r"[/?#]", address, maxsplit=1)
     host = authority.rpartition("@")[2]
-    host = host if _HOST.fullmatch(host) else "***"  # a password with a slash in it
-    return f"{match[1]}://{host}{'/...' if any(after) else '/' * len(after)}{match[2][len(address) :]}"
+    if not _HOST.fullmatch(host):  # a password with a slash in it
+        host = "***"
+    path = "/..." if any(after) else "/" * len(after)
+    rest = match[2][len(address) :]
+    return f"{match[1]}://{host}{path}{rest}"
 
 
 def _plain(letter: str) -> str:
     if letter.isprintable() or letter == "\n":
         return letter
-    return " " if letter == "\t" or unicodedata.category(letter) == "Zs" else "?"
+    is_space = letter == "\t" or unicodedata.category(letter) == "Zs"
+    return " " if is_space else "?"
 
 
 def round_beyond(value: float, limit: float = 0.0, digits: int = 1) -> str:
@@ -143,11 +156,12 @@ def round_beyond(value: float, limit: float = 0.0, digits: int = 1) -> str:
 
 def describe_mistake(detail: ErrorDetails) -> str:
     """Return a message on a value that pydantic refuses, without the value."""
-    what = detail["type"]
-    wanted = _WANTED.get(what) or (
-        _WANTED.get(what.partition("_")[0]) if what.endswith(("_type", "_parsing", "_from_float")) else None
-    )
+    kind = detail["type"]
+    wanted = _WANTED.get(kind)
+    if wanted is None and kind.endswith(("_type", "_parsing", "_from_float")):
+        wanted = _WANTED.get(kind.partition("_")[0])
     if wanted is None:
         return detail["msg"].removeprefix("Value error, ").replace("Input should ", "must ")
-    limits = {name: str(value).removesuffix(".0") for name, value in detail.get("ctx", {}).items()}
+    context = detail.get("ctx", {})
+    limits = {name: str(value).removesuffix(".0") for name, value in context.items()}
     return wanted.format(**limits)

@@ -353,6 +353,8 @@ def topic_of(key: str) -> Topic[Any] | None:
         if not topic.placeholder:
             if topic.key == key:
                 return topic
-        elif (name := topic.name_in(key)) == ANY or NAME.match(name):
+            continue
+        name = topic.name_in(key)
+        if name == ANY or NAME.match(name):
             return topic
     return None

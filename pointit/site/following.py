@@ -13,8 +13,9 @@ def follow_site(
     state: SiteState, bus: Bus, now_s: Callable[[], float], topics: Iterable[AnyTopic], user: str = ANY
 ) -> list[Closable]:
     """Subscribe `state` to presence and `topics`: to those of people of `user` only."""
+    subscriptions = follow_topics(state, bus, now_s, topics, user)
     return [
-        *follow_topics(state, bus, now_s, topics, user),
+        *subscriptions,
         bus.watch(USER_ALIVE, state.set_person),
         bus.watch(SERVICE_ALIVE, state.set_service),
         bus.watch(CARRIER_ALIVE, state.set_carrier),
@@ -26,10 +27,12 @@ def follow_topics(
 ) -> list[Subscription]:
     """Subscribe `state` to `topics` only."""
 
-    def take(topic: AnyTopic, message: Any, name: str) -> None:
+    def update_state(topic: AnyTopic, message: Any, name: str) -> None:
         state.take(topic, name, message, now_s())
 
-    return [
-        bus.subscribe(topic, functools.partial(take, topic), user if topic.placeholder == "user" else ANY)
-        for topic in topics
-    ]
+    subscriptions: list[Subscription] = []
+    for topic in topics:
+        handler = functools.partial(update_state, topic)
+        name = user if topic.placeholder == "user" else ANY
+        subscriptions.append(bus.subscribe(topic, handler, name))
+    return subscriptions

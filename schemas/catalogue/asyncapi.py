@@ -27,32 +27,35 @@ def document() -> dict[str, Any]:
     kinds: dict[str, Kind] = {}
     channels: dict[str, Any] = {}
     operations: dict[str, Any] = {}
+    # Topics: all are sent, and some are received, too
     for topic in TOPICS:
         name = channel_name(topic.key)
         kinds[topic.message.__name__] = topic.message
         channels[name] = _topic_channel(topic)
-        operations[f"{name}.send"] = _operation("send", name, topic.message, topic.about)
+        about = topic.about
+        operations[f"{name}.send"] = _operation("send", name, topic.message, about)
         if "external" in topic.writers:
-            operations[f"{name}.receive"] = _operation("receive", name, topic.message, topic.about)
+            operations[f"{name}.receive"] = _operation("receive", name, topic.message, about)
+
+    # Requests: an operation of the server, whose reply has the channel of the query
     for request in REQUESTS:
         name = channel_name(request.key)
         kinds[request.query.__name__] = request.query
         kinds[request.reply.__name__] = request.reply
         channels[name] = _request_channel(request)
-        operations[f"{name}.answer"] = {
-            **_operation("receive", name, request.query, request.about),
-            "reply": {
-                "channel": {"$ref": f"#/channels/{name}"},
-                "messages": [{"$ref": f"#/channels/{name}/messages/{request.reply.__name__}"}],
-            },
-        }
+        reply_message = f"#/channels/{name}/messages/{request.reply.__name__}"
+        reply = {"channel": {"$ref": f"#/channels/{name}"}, "messages": [{"$ref": reply_message}]}
+        operation = _operation("receive", name, request.query, request.about)
+        operations[f"{name}.answer"] = {**operation, "reply": reply}
+    info = {"title": "PointIt", "version": VERSION, "description": _ABOUT, "license": {"name": "MIT"}}
+    messages = {name: _message(kind) for name, kind in kinds.items()}
     return {
         "asyncapi": "3.0.0",
-        "info": {"title": "PointIt", "version": VERSION, "description": _ABOUT, "license": {"name": "MIT"}},
+        "info": info,
         "defaultContentType": MEDIA_TYPE,
         "channels": channels,
         "operations": operations,
-        "components": {"messages": {name: _message(kind) for name, kind in kinds.items()}},
+        "components": {"messages": messages},
     }
 
 
@@ -63,31 +66,29 @@ def channel_name(key: str) -> str:
 
 def first_sentence(kind: Kind) -> str:
     """Return the first sentence of a message's docstring."""
-    text = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+    paragraph = (kind.__doc__ or "").split("\n\n")[0]
+    text = " ".join(paragraph.split())
     return text.partition(". ")[0].removesuffix(".")
 
 
 def tables() -> list[tuple[str, Sequence[str], list[Sequence[str]]]]:
     """Return title, headings and rows of the tables of topics, requests and presences."""
-    topics = [
-        (
-            topic.key,
-            topic.message.schema_name(),
-            topic.delivery.value,
-            "on change" if topic.rate_hz is None else f"{topic.rate_hz:g} Hz",
-            ", ".join(topic.writers),
-            topic.about,
-        )
-        for topic in TOPICS
-    ]
-    requests = [
-        (request.key, request.query.schema_name(), request.reply.schema_name(), request.server, request.about)
-        for request in REQUESTS
-    ]
+    topics: list[Sequence[str]] = []
+    for topic in TOPICS:
+        rate = "on change" if topic.rate_hz is None else f"{topic.rate_hz:g} Hz"
+        writers = ", ".join(topic.writers)
+        message = topic.message.schema_name()
+        topics.append((topic.key, message, topic.delivery.value, rate, writers, topic.about))
+    requests: list[Sequence[str]] = []
+    for request in REQUESTS:
+        query = request.query.schema_name()
+        reply = request.reply.schema_name()
+        requests.append((request.key, query, reply, request.server, request.about))
+    presences: list[Sequence[str]] = [(presence.key, presence.about) for presence in PRESENCES]
     return [
-        ("Topics", ("key", "message", "delivery", "rate", "written by", "about"), [*topics]),
-        ("Requests", ("key", "query", "reply", "answered by", "about"), [*requests]),
-        ("Presence", ("key", "about"), [(presence.key, presence.about) for presence in PRESENCES]),
+        ("Topics", ("key", "message", "delivery", "rate", "written by", "about"), topics),
+        ("Requests", ("key", "query", "reply", "answered by", "about"), requests),
+        ("Presence", ("key", "about"), presences),
     ]
 
 
@@ -113,24 +114,27 @@ def readme() -> str:
 
 
 def _markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    linked = {"message", "query", "reply"}
-    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
+    head = "| " + " | ".join(headings) + " |"
+    lines = [head, "|" + "---|" * len(headings)]
     for row in rows:
-        cells = [
-            f"[{cell}](messages/{cell}.json)"
-            if heading in linked
-            else f"`{cell}`"
-            if heading == "key"
-            else cell
-            for heading, cell in zip(headings, row, strict=True)
-        ]
+        cells = [_cell(heading, text) for heading, text in zip(headings, row, strict=True)]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
+def _cell(heading: str, text: str) -> str:
+    """Return the Markdown of a cell: names of messages are links, and keys are code."""
+    if heading in {"message", "query", "reply"}:
+        return f"[{text}](messages/{text}.json)"
+    if heading == "key":
+        return f"`{text}`"
+    return text
+
+
 def _topic_channel(topic: Topic[Any]) -> dict[str, Any]:
+    channel = _channel(topic.key, topic.placeholder, [topic.message], topic.about)
     return {
-        **_channel(topic.key, topic.placeholder, [topic.message], topic.about),
+        **channel,
         "x-delivery": topic.delivery.value,
         "x-max-bytes": topic.message.max_bytes,
         "x-rate-hz": topic.rate_hz,
@@ -139,8 +143,10 @@ def _topic_channel(topic: Topic[Any]) -> dict[str, Any]:
 
 
 def _request_channel(request: Request[Any, Any]) -> dict[str, Any]:
+    kinds = [request.query, request.reply]
+    channel = _channel(request.key, request.placeholder, kinds, request.about)
     return {
-        **_channel(request.key, request.placeholder, [request.query, request.reply], request.about),
+        **channel,
         "x-delivery": "request",
         "x-max-bytes": request.query.max_bytes,
         "x-server": request.server,
@@ -148,28 +154,29 @@ def _request_channel(request: Request[Any, Any]) -> dict[str, Any]:
 
 
 def _channel(key: str, placeholder: str, kinds: Iterable[Kind], about: str) -> dict[str, Any]:
-    channel: dict[str, Any] = {
-        "address": key,
-        "description": about,
-        "messages": {kind.__name__: {"$ref": f"#/components/messages/{kind.__name__}"} for kind in kinds},
-    }
+    messages: dict[str, Any] = {}
+    for kind in kinds:
+        messages[kind.__name__] = {"$ref": f"#/components/messages/{kind.__name__}"}
+    channel: dict[str, Any] = {"address": key, "description": about, "messages": messages}
     if placeholder:
         channel["parameters"] = {placeholder: {"description": f"name of the {placeholder}"}}
     return channel
 
 
 def _operation(action: str, channel: str, kind: Kind, about: str) -> dict[str, Any]:
+    message = f"#/channels/{channel}/messages/{kind.__name__}"
     return {
         "action": action,
         "channel": {"$ref": f"#/channels/{channel}"},
-        "messages": [{"$ref": f"#/channels/{channel}/messages/{kind.__name__}"}],
+        "messages": [{"$ref": message}],
         "summary": about,
     }
 
 
 def _message(kind: Kind) -> dict[str, Any]:
+    name = kind.schema_name()
     return {
-        "name": kind.schema_name(),
+        "name": name,
         "summary": first_sentence(kind),
-        "payload": {"$ref": f"messages/{kind.schema_name()}.json"},
+        "payload": {"$ref": f"messages/{name}.json"},
     }

@@ -45,7 +45,8 @@ def example(kind: type[P]) -> P:
         pydantic.ValidationError: `kind` has a rule across fields that no such message meets.
     """
     schema = kind.model_json_schema()
-    return kind.model_validate(_Filler(schema.get("$defs", {})).value(schema, kind.__name__))
+    filler = _Filler(schema.get("$defs", {}))
+    return kind.model_validate(filler.value(schema, kind.__name__))
 
 
 class _Filler:
@@ -57,14 +58,16 @@ class _Filler:
 
     def value(self, schema: Mapping[str, Any], name: str) -> Any:
         if "$ref" in schema:
-            return self.value(self._definitions[schema["$ref"].rpartition("/")[2]], name)
+            definition = schema["$ref"].rpartition("/")[2]
+            return self.value(self._definitions[definition], name)
         if "anyOf" in schema:
-            return self.value(next(each for each in schema["anyOf"] if each.get("type") != "null"), name)
+            parts = (part for part in schema["anyOf"] if part.get("type") != "null")
+            return self.value(next(parts), name)
         self._count += 1
         if "const" in schema:
             return schema["const"]
         if "enum" in schema:
-            choices = [each for each in schema["enum"] if each != schema.get("default")]
+            choices = [choice for choice in schema["enum"] if choice != schema.get("default")]
             return choices[self._count % len(choices)]
         return self._plain(schema, name)
 
@@ -72,7 +75,7 @@ class _Filler:
         match schema.get("type"):
             case "object":
                 fields = cast("Mapping[str, Any]", schema.get("properties", {}))
-                return {field: self.value(each, field) for field, each in fields.items()}
+                return {field: self.value(part, field) for field, part in fields.items()}
             case "array":
                 return self._array(schema, name)
             case "integer":
@@ -92,11 +95,14 @@ class _Filler:
             return _UNIT[len(places)]
         if places:
             return tuple(self.value(place, name) for place in places)
-        return tuple(self.value(schema["items"], name) for _ in range(max(2, schema.get("minItems", 0))))
+        count = max(2, schema.get("minItems", 0))
+        return tuple(self.value(schema["items"], name) for _ in range(count))
 
     def _integer(self, schema: Mapping[str, Any], name: str) -> int:
-        low = int(schema.get("minimum", schema.get("exclusiveMinimum", 0) + 1))
-        high = int(schema.get("maximum", schema.get("exclusiveMaximum", 1 << 63) - 1))
+        next_low = schema.get("exclusiveMinimum", 0) + 1
+        next_high = schema.get("exclusiveMaximum", 1 << 63) - 1
+        low = int(schema.get("minimum", next_low))
+        high = int(schema.get("maximum", next_high))
         if name.endswith("_ns") and high > _STAMP_NS:
             return _STAMP_NS + self._count
         return low + self._count % (high - low + 1)
@@ -104,8 +110,10 @@ class _Filler:
     def _number(self, schema: Mapping[str, Any]) -> float:
         low = schema.get("minimum", schema.get("exclusiveMinimum"))
         high = schema.get("maximum", schema.get("exclusiveMaximum"))
-        if low is not None and high is not None and high - low <= _NARROW:
-            return float(low + (high - low) * (1 + self._count % 7) / 8)
+        if low is not None and high is not None:
+            width = high - low
+            if width <= _NARROW:
+                return float(low + width * (1 + self._count % 7) / 8)
         if high is not None and high <= _NARROW:
             return float(high - self._count / 8)
         return float(max(low or 0, 0)) + self._count / 8
@@ -113,7 +121,8 @@ class _Filler:
     def _string(self, schema: Mapping[str, Any], name: str) -> str | bytes:
         if schema.get("format") == "binary":
             return bytes((self._count + place) % 256 for place in range(6))
-        text = f"{name}-{self._count}".ljust(schema.get("minLength", 0), "x")
+        min_length = schema.get("minLength", 0)
+        text = f"{name}-{self._count}".ljust(min_length, "x")
         return text[: schema.get("maxLength", len(text))]
 
 
@@ -123,13 +132,14 @@ def all_kinds() -> tuple[Kind, ...]:
     Raises:
         SchemaError: two of them have the same name.
     """
-    found: dict[str, Kind] = {}
-    rows = [topic.message for topic in TOPICS]
-    rows += [kind for request in REQUESTS for kind in (request.query, request.reply)]
-    for kind in rows:
-        if found.setdefault(kind.__name__, kind) is not kind:
+    by_name: dict[str, Kind] = {}
+    kinds: list[Kind] = [topic.message for topic in TOPICS]
+    for request in REQUESTS:
+        kinds += [request.query, request.reply]
+    for kind in kinds:
+        if by_name.setdefault(kind.__name__, kind) is not kind:
             raise SchemaError(f"two messages are called {kind.__name__}: rename one")
-    return tuple(found[name] for name in sorted(found))
+    return tuple(by_name[name] for name in sorted(by_name))
 
 
 def message_path(kind: Kind, version: int | None = None) -> str:
@@ -153,7 +163,8 @@ def message_schema(kind: Kind) -> dict[str, Any]:
 
 def generate(kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
     """Return every file of the catalogue as of today; of messages only today's versions."""
-    files = {"README.md": asyncapi.readme().encode(), "asyncapi.json": _json(asyncapi.document())}
+    files = {"README.md": asyncapi.readme().encode()}
+    files["asyncapi.json"] = _json(asyncapi.document())
     for kind in all_kinds() if kinds is None else kinds:
         files[message_path(kind)] = _json(message_schema(kind))
         files[sample_path(kind)] = encode(example(kind))
@@ -162,12 +173,15 @@ def generate(kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
 
 def compatibility_errors(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
     """Return a sentence for each change of today's messages that is not a mere addition."""
-    today = {kind.__name__: kind for kind in (all_kinds() if kinds is None else kinds)}
+    if kinds is None:
+        kinds = all_kinds()
+    today = {kind.__name__: kind for kind in kinds}
     sentences: list[str] = []
     versions: dict[str, set[int]] = {}
     for path in committed:
-        if (found := _VERSIONED.fullmatch(path)) and found[1] == "messages":
-            versions.setdefault(found[2], set()).add(int(found[3]))
+        file = _VERSIONED.fullmatch(path)
+        if file and file[1] == "messages":
+            versions.setdefault(file[2], set()).add(int(file[3]))
     for name in sorted(versions):
         if name in today:
             sentences += _broken(today[name], versions[name], committed)
@@ -188,11 +202,12 @@ def updated_files(committed: Files, kinds: Iterable[Kind] | None = None) -> dict
     kinds = tuple(all_kinds() if kinds is None else kinds)
     if broken := compatibility_errors(committed, kinds):
         raise SchemaError("; ".join(broken))
-    return {
-        path: content
-        for path, content in generate(kinds).items()
-        if committed.get(path) != content and not (path.startswith("samples/") and path in committed)
-    }
+    files: dict[str, bytes] = {}
+    for path, content in generate(kinds).items():
+        is_old_sample = path.startswith("samples/") and path in committed
+        if committed.get(path) != content and not is_old_sample:
+            files[path] = content
+    return files
 
 
 def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
@@ -206,13 +221,16 @@ def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> li
     for path in sorted(committed):
         if not path.startswith(("messages/", "samples/")):
             continue
-        found = _VERSIONED.fullmatch(path)
-        if found is None or (found[1] == "messages") != (found[4] == "json"):
+        file = _VERSIONED.fullmatch(path)
+        if file is None or (file[1] == "messages") != (file[4] == "json"):
             sentences.append(f"{path} is no file of the catalogue: delete it")
-        elif f"samples/{found[2]}.v{found[3]}.msgpack" not in committed:
-            sentences.append(f"{path} has lost its sample: restore samples/{found[2]}.v{found[3]}.msgpack")
-        elif f"messages/{found[2]}.v{found[3]}.json" not in committed:
-            sentences.append(f"{path} has lost its schema: restore messages/{found[2]}.v{found[3]}.json")
+            continue
+        sample = f"samples/{file[2]}.v{file[3]}.msgpack"
+        schema = f"messages/{file[2]}.v{file[3]}.json"
+        if sample not in committed:
+            sentences.append(f"{path} has lost its sample: restore {sample}")
+        elif schema not in committed:
+            sentences.append(f"{path} has lost its schema: restore {schema}")
     return sentences
 
 
@@ -220,20 +238,26 @@ def _broken(kind: Kind, versions: set[int], committed: Files) -> Iterator[str]:
     name = kind.__name__
     newest = max(versions)
     if kind.version < newest:
-        yield f"{name} has version {kind.version}, but {name}.v{newest} is committed: versions never go back"
+        problem = f"{name} has version {kind.version}, but {name}.v{newest} is committed"
+        yield f"{problem}: versions never go back"
         return
     if kind.version > newest + 1:
-        yield f"{name} has version {kind.version}, but {name}.v{newest} is the newest: raise `version` by one"
+        problem = f"{name} has version {kind.version}, but {name}.v{newest} is the newest"
+        yield f"{problem}: raise `version` by one"
         return
     now = message_schema(kind)
     for version in sorted(versions):
-        before = _parsed(message_path(kind, version), committed)
-        if lost := breaking_changes(before, now):
+        committed_schema = _parsed(message_path(kind, version), committed)
+        losses = breaking_changes(committed_schema, now)
+        if losses:
             yield (
-                f"{name} may only grow from {name}.v{version}, but {all_of(lost)}; undo that, "
+                f"{name} may only grow from {name}.v{version}, but {all_of(losses)}; undo that, "
                 "or make it a new message"
             )
-        elif kind.version == version and strip_annotations(before) != strip_annotations(now):
+            continue
+        # of the same version, only prose may differ
+        is_same = strip_annotations(committed_schema) == strip_annotations(now)
+        if kind.version == version and not is_same:
             yield (
                 f"{name}.v{version} has changed and versions never do: raise `version` of {name} to "
                 f"{version + 1} and run {WRITE} again"
@@ -256,7 +280,8 @@ def _json(document: Mapping[str, Any]) -> bytes:
 
 def strip_annotations(schema: Mapping[str, Any]) -> JsonSchema:
     """Return `schema` without its prose, with every nested part written out in place."""
-    bare: JsonSchema = _bare({k: v for k, v in schema.items() if k != "$defs"}, schema.get("$defs", {}))
+    parts = {keyword: value for keyword, value in schema.items() if keyword != "$defs"}
+    bare: JsonSchema = _bare(parts, schema.get("$defs", {}))
     return bare
 
 
@@ -276,7 +301,8 @@ def _bare(node: Any, definitions: Mapping[str, Any]) -> Any:
     bare: JsonSchema = {}
     for key, value in node.items():
         if key == "$ref":
-            bare.update(_bare(definitions[str(value).rpartition("/")[2]], definitions))
+            definition = str(value).rpartition("/")[2]
+            bare.update(_bare(definitions[definition], definitions))
         elif key in _MAPS:
             bare[key] = {name: _bare(field, definitions) for name, field in value.items()}
         elif key == "default":
@@ -297,7 +323,8 @@ def _losses(old: JsonSchema, new: JsonSchema, where: str) -> Iterator[str]:
             yield from _losses(field, grown[name], path)
         else:
             yield f"the field {path} is gone"
-    for name in sorted(set(new.get("required", ())) - set(old.get("required", ()))):
+    newly_required = set(new.get("required", ())) - set(old.get("required", ()))
+    for name in sorted(newly_required):
         path = f"{where}.{name}" if where else name
         yield f"the field {path} is required now, give it a default"
     rest = (old.keys() | new.keys()) - {"properties", "required", "default"}
@@ -308,11 +335,19 @@ def _losses(old: JsonSchema, new: JsonSchema, where: str) -> Iterator[str]:
 def _changes(old: Any, new: Any, keyword: str, where: str) -> Iterator[str]:
     if _is_object(old) and _is_object(new):
         yield from _losses(old, new, where)
-    elif _is_list(old) and _is_list(new) and len(old) == len(new) and all(map(_is_object, [*old, *new])):
-        for one, other in zip(old, new, strict=True):  # the places of a tuple, or alternatives
-            yield from _changes(one, other, keyword, where)
+    elif _are_same_length(old, new):  # the places of a tuple, or alternatives
+        for old_part, new_part in zip(old, new, strict=True):
+            yield from _changes(old_part, new_part, keyword, where)
     elif old != new:
-        yield f"the field {where} changed ({keyword}: {old!r} before, {new!r} now)"
+        change = f"{keyword}: {old!r} before, {new!r} now"
+        yield f"the field {where} changed ({change})"
+
+
+def _are_same_length(old: Any, new: Any) -> bool:
+    """Return True for two lists with as many schemas."""
+    if not _is_list(old) or not _is_list(new):
+        return False
+    return len(old) == len(new) and all(map(_is_object, [*old, *new]))
 
 
 def _is_list(value: Any) -> TypeGuard[list[Any]]:

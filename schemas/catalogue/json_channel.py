@@ -30,7 +30,8 @@ class JsonChannel:
         full = kind.model_json_schema()
         if not name and issubclass(kind, Message):
             name = kind.schema_name()
-        self.schema: Schema = {"title": name, **_plain(full, full.get("$defs", {}))}
+        properties = _plain(full, full.get("$defs", {}))
+        self.schema: Schema = {"title": name, **properties}
         self._has_bytes = '"binary"' in json.dumps(full)
 
     def to_json(self, message: SchemaModel) -> bytes:
@@ -53,7 +54,8 @@ def from_json(kind: type[P], data: bytes, *, newer: bool = False) -> P:
     """
     most = JSON_GROWTH * kind.max_bytes
     if len(data) > most:
-        raise DecodeError(f"{kind.__name__}: has {len(data)} bytes of JSON, at most {most} are taken")
+        size = len(data)
+        raise DecodeError(f"{kind.__name__}: has {size} bytes of JSON, at most {most} are taken")
     try:
         return kind.model_validate_json(data, extra="ignore" if newer else None)
     except ValidationError as error:
@@ -67,39 +69,51 @@ def channel_name(key: str) -> str:
 
 def _plain(schema: Schema, definitions: Schema) -> Schema:
     """Return the description of an object with those of its fields that can be described."""
-    fields = {name: _field(each, definitions) for name, each in schema.get("properties", {}).items()}
-    found: Schema = {
-        "type": "object",
-        "properties": {name: each for name, each in fields.items() if each is not None},
-    }
+    properties: dict[str, Schema] = {}
+    for name, field_schema in schema.get("properties", {}).items():
+        field = _field(field_schema, definitions)
+        if field is not None:
+            properties[name] = field
+    plain_schema: Schema = {"type": "object", "properties": properties}
     if "description" in schema:
-        found["description"] = schema["description"]
-    return found
+        plain_schema["description"] = schema["description"]
+    return plain_schema
 
 
 def _field(schema: Schema, definitions: Schema) -> Schema | None:
-    described = schema.get("description")
+    description = schema.get("description")
+    # an optional field is described as if it were there
     if alternatives := schema.get("anyOf"):
-        schema = next((each for each in alternatives if each.get("type") != "null"), schema)
+        present = (part for part in alternatives if part.get("type") != "null")
+        schema = next(present, schema)
     if reference := schema.get("$ref"):
         schema = definitions[reference.rpartition("/")[2]]
     kind = schema.get("type")
-    found: Schema | None = None
+    field: Schema | None = None
     if kind == "object":
-        found = _plain(schema, definitions)
+        field = _plain(schema, definitions)
     elif kind == "array":
-        items = _field(schema.get("items") or schema.get("prefixItems", [{}])[0], definitions)
-        if items is not None and items["type"] != "array" and "contentEncoding" not in items:
-            found = {"type": "array", "items": items}
+        field = _array(schema, definitions)
     elif kind in ("boolean", "string", "number", "integer"):
-        found = {"type": kind}
+        field = {"type": kind}
         if schema.get("format") == "binary":
-            found["contentEncoding"] = "base64"
+            field["contentEncoding"] = "base64"
     elif "const" in schema or "enum" in schema:
-        found = {"type": "string"}
-    if found is not None and described:
-        found["description"] = described
-    return found
+        field = {"type": "string"}
+    if field is not None and description:
+        field["description"] = description
+    return field
+
+
+def _array(schema: Schema, definitions: Schema) -> Schema | None:
+    """Return the description of a list, or None of one of lists or of bytes."""
+    item_schema = schema.get("items") or schema.get("prefixItems", [{}])[0]
+    items = _field(item_schema, definitions)
+    if items is None or items["type"] == "array":
+        return None
+    if "contentEncoding" in items:
+        return None
+    return {"type": "array", "items": items}
 
 
 def _base64(value: object) -> str:

@@ -78,8 +78,12 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[PageTokens, Sequen
         except FileNotFoundError:  # it cannot be created
             pass
         except (OSError, ValueError) as error:
-            why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-            notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
+            reason = str(error)
+            if isinstance(error, OSError):
+                reason = error.strerror or reason
+            notes.append(f"the page has a new link, the old one is revoked: {path} {reason}")
+
+    # Without a file, the next start has other tokens: the link ends with the run
     tokens = PageTokens()
     try:
         write_atomically(path, _content(tokens))
@@ -169,7 +173,9 @@ class NumberedLaunch(Launch):
     @property
     def instance(self) -> str:
         """Return the instance name."""
-        return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
+        if self.number == 1:
+            return super().instance
+        return f"{super().instance}.{self.number}"
 
 
 def _load() -> type[AnyService]:
@@ -252,33 +258,52 @@ def page_of(
         ListenError: If the requested port, or every port that was tried, is in use.
     """
     tokens = tokens or PageTokens()
-    usual = {"operator_token": tokens.operator, "viewer_token": tokens.viewer, "places": dict(places or {})}
-    sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
+    usual: dict[str, Any] = {
+        "operator_token": tokens.operator,
+        "viewer_token": tokens.viewer,
+        "places": dict(places or {}),
+    }
+    sources: dict[str, Mapping[str, Any]] = {"defaults of the page": usual}
+    sources["scenario"] = below or {}
+    sources["command line"] = asked or {}
     layers = layers_of(PAGE, sources, chosen)
     config = layers.build(WebConfig)
+    # A port that was chosen must be free. Otherwise it is the next free one.
     is_asked = "port" in config.model_fields_set  # by itself, or in the host
     ports = {"port": _port(config.host, config.port, PORT, is_asked=is_asked, option=option)}
     if config.lan:
         is_asked = "lan_port" in layers.values
         ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
-    here = f"http://{_shown(config.host)}:{config.published_port or ports['port']}/?token="
-    there = ""
+
+    # Links for this machine, and for others in its network
+    shown_port = config.published_port or ports["port"]
+    local_link = f"http://{_shown(config.host)}:{shown_port}/?token="
+    lan_link = ""
     if config.lan:
         address = config.lan_address or next(iter(lan_addresses()), "")
         if address:  # else the page says that there is none
-            there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+            lan_link = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    lan_url = ""
+    viewer_lan_url = ""
+    if lan_link:
+        lan_url = lan_link + config.operator_token
+        viewer_lan_url = lan_link + config.viewer_token
+
+    # A page with parameters that were set by hand is checked with the services
     is_unchanged = all(layers.values.get(name) == value for name, value in usual.items())
     has_only_usual = layers.values.keys() <= {*usual, "port", "lan"}
     is_viewer_invited = config.viewer_token != tokens.viewer
-    is_reachable = config.lan or config.published_port > 0 or not is_loopback(config.host)
+    is_reachable = config.lan or config.published_port > 0
+    if not is_reachable:
+        is_reachable = not is_loopback(config.host)
     is_open_to_others = is_reachable or is_viewer_invited
     return Page(
         config=config.model_copy(update=ports),
-        url=here + config.operator_token,
-        viewer_url=here + config.viewer_token,
-        lan_url=there and there + config.operator_token,
-        viewer_lan_url=there and there + config.viewer_token,
-        scan_url=_scan_url(there or here, config.scan_token),
+        url=local_link + config.operator_token,
+        viewer_url=local_link + config.viewer_token,
+        lan_url=lan_url,
+        viewer_lan_url=viewer_lan_url,
+        scan_url=_scan_url(lan_link or local_link, config.scan_token),
         is_open_to_others=is_open_to_others,
         is_usual=is_unchanged and has_only_usual,
     )
@@ -306,9 +331,11 @@ def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> i
             return _probe(host, candidate)
         except OSError as error:
             reason = error.strerror or str(error)
-    shown = f"{candidates[0]}" if is_asked else f"{candidates[0]} to {candidates[-1]}"
-    where = f"{_shown(host)}:{shown}"
-    raise ListenError(f"the page cannot listen at {where}: {reason}; choose another port with {option}")
+    shown = f"{candidates[0]}"
+    if not is_asked:
+        shown = f"{candidates[0]} to {candidates[-1]}"
+    address = f"{_shown(host)}:{shown}"
+    raise ListenError(f"the page cannot listen at {address}: {reason}; choose another port with {option}")
 
 
 def _probe(host: str, port: int) -> int:
@@ -347,7 +374,10 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
     """Return the text to print for the page at `url`: on a terminal its link, in a log its file, `path`."""
     if (stream or sys.stderr).isatty():
         return url
-    return without_token(url) + ("" if path is None else f" (its link is in {path})")
+    shown = without_token(url)
+    if path is not None:
+        shown += f" (its link is in {path})"
+    return shown
 
 
 def page_unavailable_error(reason: str) -> ConfigError:

@@ -29,8 +29,11 @@ ARRIVED_M = 0.3
 
 def spots_of(launches: Sequence[Launch]) -> tuple[Vec3, ...]:
     """Return the places to which the simulated people of a run steer robots, {W}."""
-    configs = (launch.config for launch in launches)
-    return tuple(spot for config in configs if isinstance(config, UserSimConfig) for spot in config.spots_m)
+    spots_m: list[Vec3] = []
+    for launch in launches:
+        if isinstance(launch.config, UserSimConfig):
+            spots_m += launch.config.spots_m
+    return tuple(spots_m)
 
 
 @dataclass
@@ -65,14 +68,23 @@ class RobotScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for the summary."""
-        each = self.people.values()
+        landings = 0
+        goals = 0
+        goals_reached = 0
+        landed_off_m: list[float] = []
+        for person in self.people.values():
+            landed_off_m += person.landed_off_m
+            landings += person.landings
+            goals += person.goals
+            goals_reached += person.goals_reached
+        people = {user: asdict(person) for user, person in sorted(self.people.items())}
         return {
-            "landings": sum(one.landings for one in each),
-            "landed_off_m": [off_m for one in each for off_m in one.landed_off_m],
-            "goals": sum(one.goals for one in each),
-            "goals_reached": sum(one.goals_reached for one in each),
+            "landings": landings,
+            "landed_off_m": landed_off_m,
+            "goals": goals,
+            "goals_reached": goals_reached,
             "fences_crossed": self.fences_crossed,
-            "people": {user: asdict(one) for user, one in sorted(self.people.items())},
+            "people": people,
         }
 
 
@@ -84,7 +96,7 @@ class RobotsScore:
         self._spots_m = spots_m
         self._fences: tuple[Fence, ...] = ()
         self._areas: dict[str, FloorArea] = {}
-        self._before: dict[str, RobotState] = {}
+        self._previous: dict[str, RobotState] = {}
         self._outside: dict[str, frozenset[str]] = {}
         self._sent_m: dict[str, Vec3] = {}
         """Position to which each robot was last sent."""
@@ -110,7 +122,8 @@ class RobotsScore:
             goals = self.unclaimed.setdefault(user, [])
             x_m, y_m, _ = goal.position_m
             del goals[: -MAX_LANDINGS + 1]
-            goals.append((round(x_m, 2), round(y_m, 2), round(goal.position_sigma_m, 3)))
+            sigma_m = round(goal.position_sigma_m, 3)
+            goals.append((round(x_m, 2), round(y_m, 2), sigma_m))
 
     def on_state(self, robot: str, state: RobotState) -> None:
         """Update from a state of `robot`."""
@@ -118,25 +131,32 @@ class RobotsScore:
         if score is None:
             if len(self.robots) >= MAX_ROBOTS:
                 return
-            score = self.robots[robot] = RobotScore()
+            score = RobotScore()
+            self.robots[robot] = score
+
+        # a robot that begins outside has crossed nothing
         if state.phase != "lost":
             crossed = self._crossed(state.position_m)
             score.fences_crossed += len(crossed - self._outside.get(robot, crossed))
             self._outside[robot] = crossed
+        # A robot without a person flies on for the last one
         self._users[robot] = state.user or self._users.get(robot, "")
         person = score.people.setdefault(self._users[robot], SteeringScore())
-        before = self._before.get(robot)
-        self._before[robot] = state
-        if before is None:
+        previous = self._previous.get(robot)
+        self._previous[robot] = state
+        if previous is None:
             return
         if state.target_m is not None:
             self._sent_m[robot] = state.target_m
-        if state.phase == "landed" and before.phase == "landing":
+        if state.phase == "landed" and previous.phase == "landing":
             person.add(self._landed_off_m(robot, state.position_m), is_landing=True)
-        is_done = before.goal_ns not in (0, state.goal_ns)
-        if is_done and (off_m := self._away_m(robot, state.position_m)) <= ARRIVED_M:
-            person.add(off_m, is_landing=False)
-        person.goals += state.goal_ns not in (0, before.goal_ns)
+
+        # The goal is over if another one, or none, follows: reached if the robot is there
+        if previous.goal_ns not in (0, state.goal_ns):
+            off_m = self._away_m(robot, state.position_m)
+            if off_m <= ARRIVED_M:
+                person.add(off_m, is_landing=False)
+        person.goals += state.goal_ns not in (0, previous.goal_ns)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
         """Return the scores by robot, for the summary."""
@@ -148,35 +168,44 @@ class RobotsScore:
         return {} if self.robots else self.unclaimed
 
     def _landed_off_m(self, robot: str, position_m: Vec3) -> float:
-        return min(
-            (math.dist(position_m[:2], spot_m[:2]) for spot_m in self._spots_m),
-            default=self._away_m(robot, position_m),
-        )
+        away_m = self._away_m(robot, position_m)
+        distances_m = [math.dist(position_m[:2], spot_m[:2]) for spot_m in self._spots_m]
+        return min(distances_m, default=away_m)
 
     def _away_m(self, robot: str, position_m: Vec3) -> float:
         sent_m = self._sent_m.get(robot)
-        return math.inf if sent_m is None else math.dist(position_m[:2], sent_m[:2])
+        if sent_m is None:
+            return math.inf
+        return math.dist(position_m[:2], sent_m[:2])
 
     def _crossed(self, position_m: Vec3) -> frozenset[str]:
-        return frozenset(
-            fence.id for fence in self._fences if self._is_in(fence, position_m) != (fence.kind == "keep_in")
-        )
+        crossed = set[str]()
+        for fence in self._fences:
+            should_be_in = fence.kind == "keep_in"
+            if self._is_in(fence, position_m) != should_be_in:
+                crossed.add(fence.id)
+        return frozenset(crossed)
 
     def _is_in(self, fence: Fence, position_m: Vec3) -> bool:
         x, y, z = position_m
-        is_between = (fence.low_m is None or z >= fence.low_m) and (fence.high_m is None or z <= fence.high_m)
-        return is_between and self._areas[fence.id].contains((x, y))
+        is_above = fence.low_m is None or z >= fence.low_m
+        is_below = fence.high_m is None or z <= fence.high_m
+        if not is_above or not is_below:
+            return False
+        return self._areas[fence.id].contains((x, y))
 
 
 def score_lines(robots: dict[str, dict[str, Any]]) -> list[str]:
     """Return one sentence for each robot that landed, had a goal or crossed a fence."""
     lines: list[str] = []
     for name, score in robots.items():
-        did = [line for user, one in score["people"].items() for line in _person_lines(user, one)]
+        actions: list[str] = []
+        for user, person in score["people"].items():
+            actions += _person_lines(user, person)
         if score["fences_crossed"]:
-            did.append(f"crossed fences {_times(score['fences_crossed'])}")
-        if did:
-            lines.append(f"{name} {'; '.join(did)}.")
+            actions.append(f"crossed fences {_times(score['fences_crossed'])}")
+        if actions:
+            lines.append(f"{name} {'; '.join(actions)}.")
     return lines
 
 
@@ -184,24 +213,36 @@ def _person_lines(user: str, score: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     if score["landings"]:
         person = f" for {user}" if user else ""
-        lines.append(f"landed {_times(score['landings'])}{person}{_off(score['landed_off_m'], 'the place')}")
+        accuracy = _off(score["landed_off_m"], "the place")
+        lines.append(f"landed {_times(score['landings'])}{person}{accuracy}")
     if score["goals"]:
-        person = f" of {user}{_off(score['reached_off_m'], 'them')}" if user else ""
-        lines.append(f"reached {score['goals_reached']} of {score['goals']} goals{person}")
+        person = ""
+        if user:
+            accuracy = _off(score["reached_off_m"], "them")
+            person = f" of {user}{accuracy}"
+        reached = score["goals_reached"]
+        lines.append(f"reached {reached} of {score['goals']} goals{person}")
     return lines
 
 
 def _off(distances_m: Sequence[float], target: str) -> str:
-    return f", {_distances([f'{each:.2f}' for each in distances_m])} m from {target}" if distances_m else ""
+    if not distances_m:
+        return ""
+    shown = _distances([f"{distance_m:.2f}" for distance_m in distances_m])
+    return f", {shown} m from {target}"
 
 
 def goal_lines(goals: Mapping[str, Sequence[Sequence[float]]]) -> list[str]:
     """Return one sentence for each person whose goals no robot could reach, with the last of them."""
-    return [
-        f"{user} sent a robot {_times(len(sent))}, last to {sent[-1][0]:.2f}, {sent[-1][1]:.2f} m "
-        f"(1 sigma {max(each[2] for each in sent):.2f} m at most); none drives here."
-        for user, sent in sorted(goals.items())
-    ]
+    lines: list[str] = []
+    for user, sent in sorted(goals.items()):
+        x_m, y_m, _ = sent[-1]
+        max_sigma_m = max(goal[2] for goal in sent)
+        lines.append(
+            f"{user} sent a robot {_times(len(sent))}, last to {x_m:.2f}, {y_m:.2f} m "
+            f"(1 sigma {max_sigma_m:.2f} m at most); none drives here."
+        )
+    return lines
 
 
 def _times(count: int) -> str:
@@ -212,7 +253,8 @@ def _distances(words: Sequence[str]) -> str:
     """Return numbers as text, or the median and the largest of more than eight."""
     if len(words) > 8:
         numbers = sorted(float(word) for word in words)
-        return f"median {numbers[len(numbers) // 2]:.2f}, largest {numbers[-1]:.2f}"
+        median = numbers[len(numbers) // 2]
+        return f"median {median:.2f}, largest {numbers[-1]:.2f}"
     return all_of(words)
 
 
@@ -259,7 +301,9 @@ class RobotWatcher:
         self.score.on_state(name, state)
         if self._on_event is None:
             return
-        if state.user != ("" if previous is None else previous.user):
-            self._on_event(f"{name}: {state.user or 'nobody'} steers it", state.user)
+        previous_user = "" if previous is None else previous.user
+        if state.user != previous_user:
+            person = state.user or "nobody"
+            self._on_event(f"{name}: {person} steers it", state.user)
         if state.has_new_reason(previous):
             self._on_event(f"{name}: {state.reason}", state.user)

@@ -93,13 +93,15 @@ def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Set
     for source, values in below.items():
         layers.add(values, f"{source}, {instance}")
     for path in chosen.files:
-        for each in names:
-            layers.add(_section(path, each), f"{path}, {each}")
+        for target_name in names:
+            layers.add(_section(path, target_name), f"{path}, {target_name}")
     layers.add_environment(os.environ, environment_prefix(name))
-    for each in names:
+
+    # the settings of one service come after those of its kind, whichever stands first
+    for target_name in names:
         for setting in chosen.settings:
             target, path_in, text = _split(setting)
-            if target == each:
+            if target == target_name:
                 layers.add_text(path_in, text, f"--set {setting}")
     return layers
 
@@ -115,10 +117,11 @@ def check_settings(running: Collection[Launch], chosen: Settings, *others: str) 
     for setting in chosen.settings:
         target, _, _ = _split(setting)
         if target not in services | named:
-            there = services if target in registry.names() else named or services
-            raise ConfigError(
-                f"--set {setting!r}: {target} is not among what this starts: {', '.join(sorted(there))}"
-            )
+            candidates = named or services
+            if target in registry.names():
+                candidates = services
+            listed = ", ".join(sorted(candidates))
+            raise ConfigError(f"--set {setting!r}: {target} is not among what this starts: {listed}")
 
 
 def service_of(setting: str) -> str:
@@ -148,25 +151,29 @@ def _split(setting: str) -> tuple[str, list[str], str]:
         raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
     path[0] = registry.with_service_name(path[0])
     _check_service(path[0], f"--set {setting!r}")
-    if len(path) > 2 and registry.process(path[0]).several and not _is_parameter(path[0], path[1]):
-        return instance_of(path[0], path[1]), path[2:], text
+    may_name_instance = len(path) > 2 and registry.process(path[0]).several
+    if may_name_instance and not _is_parameter(path[0], path[1]):
+        instance = instance_of(path[0], path[1])
+        return instance, path[2:], text
     return path[0], path[1:], text
 
 
 def _is_parameter(service: str, name: str) -> bool:
     config = registry.process(service).config()
-    return name in config.model_fields or (
-        issubclass(config, PluginConfig) and name in config.plugins().names
-    )
+    if name in config.model_fields:
+        return True
+    return issubclass(config, PluginConfig) and name in config.plugins().names
 
 
 def _check_service(instance: str, source: str) -> None:
     name, which = split_instance(instance)
     known = registry.names()
     if name not in known:
-        raise ConfigError(f"{source}: {name!r} is no service; {nearest(name, known)}")
+        problem = f"{name!r} is no service"
+        raise ConfigError(f"{source}: {problem}; {nearest(name, known)}")
     if which and not registry.process(name).several:
-        raise ConfigError(f"{source}: {instance!r}: a site has one {name}; leave out {which!r}")
+        problem = f"{instance!r}: a site has one {name}"
+        raise ConfigError(f"{source}: {problem}; leave out {which!r}")
 
 
 def seed_of(seed: int, part: str) -> int:
@@ -175,7 +182,8 @@ def seed_of(seed: int, part: str) -> int:
     The streams of different parts are independent (numpy's `SeedSequence`) and do not change when other
     parts are added or removed.
     """
-    return int(np.random.SeedSequence([seed, zlib.crc32(part.encode())]).generate_state(1)[0])
+    sequence = np.random.SeedSequence([seed, zlib.crc32(part.encode())])
+    return int(sequence.generate_state(1)[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,11 +216,13 @@ class Choices(Settings):
 
     def of_one(self, index: int) -> "Choices":
         """Return these choices, made for one person, as choices for the person `index`."""
-        return replace(
-            self,
-            imu=["sim"] * index + list(self.imu) if self.imu else (),
-            poses=[None] * index + list(self.poses) if self.poses else (),
-        )
+        imu: Sequence[str] = ()
+        if self.imu:
+            imu = ["sim"] * index + list(self.imu)
+        poses: Sequence[FloorPose | None] = ()
+        if self.poses:
+            poses = [None] * index + list(self.poses)
+        return replace(self, imu=imu, poses=poses)
 
 
 def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
@@ -221,6 +231,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     Raises:
         ConfigError: a service or parameter is wrong.
     """
+    # The command line, which the scenario must have a service for
     extra: dict[str, dict[str, Any]] = {}
     if choices.output:
         kind, parameters = _choose("--output", choices.output, OUTPUTS)
@@ -234,18 +245,24 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     if choices.localize and choices.robot is not None:
         places = [place.position_m for place in scenario.places]
         followed = followed_robot(scenario, choices.robot)
-        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places}}
-    usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
+        instance = ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"
+        extra[instance] = {"figure": {"people_m": places}}
+
+    # A seed of its own for the simulation, which the scenario may replace
+    seed = seed_of(choices.seed, "conveyor-sim")
+    usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed}}
     services = dict(scenario.site)
     for name in added_services(choices, "site"):
         services.setdefault(name, {})
     if choices.ros2:
         services.setdefault(ROS2, {})
-    return [
-        _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices)
-        for name, parameters in services.items()
-        if name != PAGE
-    ]
+    launches: list[Launch] = []
+    for name, parameters in services.items():
+        if name == PAGE:  # runs beside the scenario
+            continue
+        layered = (usual.get(name, {}), parameters, extra.get(name, {}))
+        launches.append(_launch(scenario, name, layered, choices))
+    return launches
 
 
 def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 0) -> list[Launch]:
@@ -256,14 +273,16 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     """
     check_user(user)
     device = choices.imu[index] if index < len(choices.imu) else "sim"
+
+    # Defaults, which the scenario may replace
+    profile = {
+        "cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)],
+        "pattern": PATTERNS[index % len(PATTERNS)],
+    }
+    target_kinds = {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {}
     usual: dict[str, dict[str, Any]] = {
-        "supervisor": {
-            "profile": {
-                "cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)],
-                "pattern": PATTERNS[index % len(PATTERNS)],
-            }
-        },
-        "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
+        "supervisor": {"profile": profile},
+        "user-sim": target_kinds,
         "imu-bridge": {"simulated": SWEEP},
     }
     if device == "sim" and "user-sim" in scenario.user:
@@ -271,6 +290,8 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     if choices.localize:
         usual["user-sim"] |= REALISTIC
     extra = _person(scenario, choices, index, is_simulated=device == "sim")
+
+    # A person with a device is not simulated, and needs an imu-bridge
     services = dict(scenario.user)
     for name in added_services(choices, "user"):
         services.setdefault(name, {})
@@ -279,12 +300,13 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         services.setdefault("imu-bridge", {})
         extra["imu-bridge"] = _chosen("--imu", device, SOURCES, "source")
         extra["supervisor"]["autostart"] = True  # many devices have no button
-    elif choices.page or choices.ros2 or ROS2 in scenario.site:
+    elif choices.page or choices.ros2 or ROS2 in scenario.site:  # they may bring a device later
         services.setdefault("imu-bridge", {})
-    return [
-        _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)
-        for name, parameters in services.items()
-    ]
+    launches: list[Launch] = []
+    for name, parameters in services.items():
+        layered = (usual.get(name, {}), parameters, extra.get(name, {}))
+        launches.append(_launch(scenario, name, layered, choices, user))
+    return launches
 
 
 def shard_launches(scenario: Scenario, choices: Choices, user: str) -> list[Launch]:
@@ -295,20 +317,15 @@ def shard_launches(scenario: Scenario, choices: Choices, user: str) -> list[Laun
     Raises:
         ConfigError: a parameter is wrong.
     """
-    return [
-        _launch(
-            scenario,
-            instance_of(row.name, user),
-            (
-                {},
-                {key: value for key, value in scenario.site[row.name].items() if key != "map"},
-                {"people": [user]},
-            ),
-            choices,
-        )
-        for row in registry.PROCESSES
-        if row.shard_serves is not None and row.name in scenario.site
-    ]
+    launches: list[Launch] = []
+    for row in registry.PROCESSES:
+        if row.shard_serves is None or row.name not in scenario.site:
+            continue
+        parameters = dict(scenario.site[row.name])
+        parameters.pop("map", None)
+        layered = ({}, parameters, {"people": [user]})
+        launches.append(_launch(scenario, instance_of(row.name, user), layered, choices))
+    return launches
 
 
 def _person(
@@ -321,12 +338,14 @@ def _person(
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is not None:
         if choices.localize and not is_simulated:
+            given = f"--pose {pose.x_m:g},{pose.y_m:g}"
             raise ConfigError(
-                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds the pose of people with a device; "
-                "leave one of the two out"
+                f"{given}: --localize finds the pose of people with a device; leave one of the two out"
             )
         position_m = [pose.x_m, pose.y_m, 0.0]
         yaw_deg = pose.yaw_deg if choices.localize else pose.yaw_deg or 0.0
+
+    # Only the localizer finds the pose if there is one to find: by a robot, or by lamps
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
     supervisor: dict[str, Any] = {"localize": choices.localize}
     if choices.localize and choices.robot is not None:
@@ -349,15 +368,18 @@ def _person(
     if choices.stature_m is not None:
         profile["stature_m"] = choices.stature_m
         body |= body_of(choices.stature_m)
+
+    # The simulated person stands where the localizer may only find them
+    user_sim = {
+        "position_m": position_m,
+        "yaw_deg": yaw_deg,
+        "seed": choices.seed + index,
+        "body": body,
+    }
     return {
         "localizer": localizer,
         "supervisor": supervisor | {"profile": profile},
-        "user-sim": {
-            "position_m": position_m,
-            "yaw_deg": yaw_deg,
-            "seed": choices.seed + index,
-            "body": body,
-        },
+        "user-sim": user_sim,
     }
 
 
@@ -369,7 +391,12 @@ def robot_of(localization: str | None) -> str | None:
 
 def robots_of(scenario: Scenario) -> list[str]:
     """Return the names of the robots of a scenario."""
-    return [name or ROBOT for service, name in map(split_instance, scenario.site) if service == ROBOT]
+    robots: list[str] = []
+    for instance in scenario.site:
+        service, name = split_instance(instance)
+        if service == ROBOT:
+            robots.append(name or ROBOT)
+    return robots
 
 
 def followed_robot(scenario: Scenario, robot: str) -> str:
@@ -378,17 +405,16 @@ def followed_robot(scenario: Scenario, robot: str) -> str:
     Raises:
         ConfigError: If it is not there.
     """
-    there = robots_of(scenario)
-    if not there:
+    robots = robots_of(scenario)
+    if not robots:
         raise ConfigError(
             f"--localize robot: {scenario.source} has no robot; add one to its site (robot.NAME), or leave "
             "`robot` out to point at lamps"
         )
-    if robot and robot not in there:
-        raise ConfigError(
-            f"--localize robot:{robot}: {scenario.source} has no such robot; it has {', '.join(there)}"
-        )
-    return robot or there[0]
+    if robot and robot not in robots:
+        listed = ", ".join(robots)
+        raise ConfigError(f"--localize robot:{robot}: {scenario.source} has no such robot; it has {listed}")
+    return robot or robots[0]
 
 
 def place_of(scenario: Scenario, choices: Choices, index: int) -> ScenarioPlace:
@@ -420,7 +446,8 @@ def _row(instance: str, where: str) -> Process:
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
     if which and not row.several:
-        raise ConfigError(f"{where}: {instance}: a site has one {name}; leave out {which!r}")
+        problem = f"{instance}: a site has one {name}"
+        raise ConfigError(f"{where}: {problem}; leave out {which!r}")
     return row
 
 
@@ -442,10 +469,12 @@ def _launch(
     scope = "user" if user else "site"
     row = _row(name, f"{scenario.source}: {scope}")
     if row.scope != scope:
-        raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
+        problem = f"{name} must stand under {row.scope}"
+        raise ConfigError(f"{scenario.source}: {scope}: {problem}")
     service = row.load()
-    named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
-    config = layers_of(name, named, choices).build(service.CONFIG)
+    sources = ("defaults of scenarios", scenario.source, "command line")
+    below = dict(zip(sources, layered, strict=True))
+    config = layers_of(name, below, choices).build(service.CONFIG)
     which = split_instance(name)[1]
     return Launch(service=service, config=config, user=user, name=which, plugin=row.label)
 
@@ -457,17 +486,23 @@ def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0)
     """
     simulated = {launch.user for launch in launches if launch.service.NAME == "user-sim"}
     users = list(dict.fromkeys(launch.user for launch in launches if launch.user))
-    places = {launch.user: launch.config for launch in launches if isinstance(launch.config, LocalizerConfig)}
+    localizers: dict[str, LocalizerConfig] = {}
+    for launch in launches:
+        if isinstance(launch.config, LocalizerConfig):
+            localizers[launch.user] = launch.config
     source = "the scenario or a file of --config says" if choices.files else "the scenario says"
     is_set = any(setting.startswith("localizer.") for setting in choices.settings)
     for index, user in enumerate(users, start=first):
-        config = places.get(user)
-        is_given = is_set or (index < len(choices.poses) and choices.poses[index] is not None)
-        if user in simulated or config is None or config.method != "fixed" or is_given:
+        config = localizers.get(user)
+        if config is None or config.method != "fixed":
+            continue
+        has_pose = index < len(choices.poses) and choices.poses[index] is not None
+        if is_set or has_pose or user in simulated:
             continue
         x_m, y_m, _ = config.position_m
+        pose = f"{x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°"
         yield (
-            f"{user} is assumed to stand at {x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°, as {source}; "
+            f"{user} is assumed to stand at {pose}, as {source}; "
             "give --pose X,Y,YAW or --localize to change that"
         )
 

@@ -99,7 +99,9 @@ class Scenario(Config):
         """Return the scenario in the file at `path`, called `source` in errors."""
         layers = Layers()
         content = read_yaml(path)
-        if content.keys() & MapFile.model_fields.keys() and not content.keys() & cls.model_fields.keys():
+        has_map_fields = content.keys() & MapFile.model_fields.keys()
+        has_scenario_fields = content.keys() & cls.model_fields.keys()
+        if has_map_fields and not has_scenario_fields:
             if content.get("things") or content.get("paced_from"):  # a home may have none yet
                 return cls._of_things(path, source)
             raise ConfigError(
@@ -108,7 +110,8 @@ class Scenario(Config):
             )
         for scope in content.keys() & {"site", "user"}:
             if isinstance(content[scope], dict):
-                content[scope] = registry.sections_by_service(content[scope], f"{source}: {scope}")
+                section_source = f"{source}: {scope}"
+                content[scope] = registry.sections_by_service(content[scope], section_source)
         layers.add(content, source)
         scenario = layers.build(cls)
         scenario._source = source  # noqa: SLF001 - its own
@@ -124,15 +127,16 @@ class Scenario(Config):
             scenario = cls.read(shipped, source)
         things = read_map_file(path).things
         scenario.site["pui"]["map"] = str(path)
-        scenario.user["user-sim"]["target_kinds"] = [each.label or name for name, each in things.items()]
+        target_kinds = [thing.label or name for name, thing in things.items()]
+        scenario.user["user-sim"]["target_kinds"] = target_kinds
         own = {"title": "", "about": "your own map of things: point at them", "goal": "", "duration_s": None}
         return scenario.model_copy(update=own)
 
 
 def scenario_names() -> list[str]:
     """Return the names of the shipped scenarios."""
-    names = (entry.name for entry in SHIPPED.iterdir())
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+    files = [entry.name for entry in SHIPPED.iterdir()]
+    return sorted(file.removesuffix(".yaml") for file in files if file.endswith(".yaml"))
 
 
 def read_scenario(name: str) -> Scenario:
@@ -155,7 +159,8 @@ def read_scenario(name: str) -> Scenario:
     if name not in scenario_names():
         known = scenario_names()
         all_names = f"there are {', '.join(known)}; or give a .yaml file"
-        raise ConfigError(f"no scenario {name!r}; {did_you_mean(name, known) or all_names}")
+        hint = did_you_mean(name, known) or all_names
+        raise ConfigError(f"no scenario {name!r}; {hint}")
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
         return Scenario.read(path, path.name)
 
@@ -172,7 +177,8 @@ class FloorPose:
 
 def body_of(stature_m: float) -> dict[str, float]:
     """Return the body measures, as parameters, of a person `stature_m` tall."""
-    return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}
+    values = measures(stature_m, {}).model_dump()
+    return {name: round(value, 4) for name, value in values.items()}
 
 
 class Watcher(Protocol):
@@ -301,7 +307,8 @@ class Plan:
     @property
     def instances(self) -> list[str]:
         """Return the instance names of all that it starts."""
-        return [launch.instance for launch in self.launches] + [each.instance for each in self.beside]
+        own = [launch.instance for launch in self.launches]
+        return own + [beside.instance for beside in self.beside]
 
 
 WATCHERS: tuple[OptionalPart[MakeWatcher], ...] = (

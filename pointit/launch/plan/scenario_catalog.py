@@ -44,7 +44,9 @@ def scenario_launches(scenario: Scenario, choices: Choices, people: int | Sequen
         ConfigError: a service or parameter is wrong, or the map lacks what they need.
     """
     launches = site_launches(scenario, choices)
-    names = [name_of(index) for index in range(people)] if isinstance(people, int) else people
+    names = people
+    if isinstance(people, int):
+        names = [name_of(index) for index in range(people)]
     for index, name in enumerate(names):
         launches += user_launches(scenario, choices, name, index)
     check_map_fits(launches)
@@ -53,7 +55,10 @@ def scenario_launches(scenario: Scenario, choices: Choices, people: int | Sequen
 
 def places(scenario: Scenario, choices: Choices) -> dict[str, dict[str, Any]]:
     """Return the assumed places of people by user, for the page."""
-    return {name_of(index): place_of(scenario, choices, index).model_dump() for index in range(PLACES)}
+    by_user: dict[str, dict[str, Any]] = {}
+    for index in range(PLACES):
+        by_user[name_of(index)] = place_of(scenario, choices, index).model_dump()
+    return by_user
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +100,7 @@ class ScenarioCatalog:
         """
         source = self.sources.get(query.scenario)
         if source is None:
-            names = ", ".join(each.name for each in self.offered)
+            names = ", ".join(offer.name for offer in self.offered)
             raise ConfigError(f"no scenario {query.scenario!r}; there are {names}")
         scenario = read_scenario(source)
         localizes = plan.localizes if query.localizes is None else query.localizes
@@ -103,15 +108,19 @@ class ScenarioCatalog:
         people = len(plan.users) if query.users is None else query.users
         launches = scenario_launches(scenario, choices, people)
         check_launches(launches, plan.link.addresses)
+
+        # An end that was asked for is that of the whole run
+        duration_s = plan.duration_s if plan.is_limited else scenario.duration_s
+        name = Path(source).stem
         return dataclasses.replace(
             plan,
-            name=Path(source).stem,
-            scenario=Path(source).stem,
+            name=name,
+            scenario=name,
             launches=launches,
             target_kinds=scenario.target_kinds,
             goal=scenario.goal,
             title=scenario.title_as(query.scenario),
-            duration_s=plan.duration_s if plan.is_limited else scenario.duration_s,
+            duration_s=duration_s,
             localizes=localizes,
             notes=(*self._ignored(scenario), *assumed_places(launches, choices)),
         )
@@ -126,30 +135,37 @@ class ScenarioCatalog:
         poses = choices.poses if _room(scenario) == self.room else ()
         if localize:  # the poses of people with a device are found by pointing
             devices = [*choices.imu, *["sim"] * len(poses)]
-            poses = [pose if device == "sim" else None for pose, device in zip(poses, devices, strict=False)]
+            pairs = zip(poses, devices, strict=False)
+            poses = [pose if device == "sim" else None for pose, device in pairs]
+
+        # Choices for services that this scenario has not are left out, and reported by `_ignored`
+        robot = choices.robot if robots_of(scenario) else None
+        targets = choices.targets if localize else None
+        method = choices.method if "selector" in scenario.site else ""
+        output = choices.output if "led-driver" in scenario.site else ""
+        services = {*_services(scenario), *choices.services}
+        settings = [setting for setting in choices.settings if service_of(setting) in services]
         return dataclasses.replace(
             choices,
             localize=localize,
-            robot=choices.robot if robots_of(scenario) else None,
-            targets=choices.targets if localize else None,
+            robot=robot,
+            targets=targets,
             poses=poses,
-            method=choices.method if "selector" in scenario.site else "",
-            output=choices.output if "led-driver" in scenario.site else "",
-            settings=[
-                setting
-                for setting in choices.settings
-                if service_of(setting) in {*_services(scenario), *choices.services}
-            ],
+            method=method,
+            output=output,
+            settings=settings,
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:
         choices = self.choices
-        there = _services(scenario)
+        services = _services(scenario)
         setting_services = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
-        setting_services += [(f"--method {choices.method}", "selector")] if choices.method else []
-        setting_services += [(f"--output {choices.output}", "led-driver")] if choices.output else []
+        if choices.method:
+            setting_services.append((f"--method {choices.method}", "selector"))
+        if choices.output:
+            setting_services.append((f"--output {choices.output}", "led-driver"))
         for option, service in setting_services:
-            if service not in there and service != PAGE:
+            if service not in services and service != PAGE:
                 yield f"{option} is ignored: {scenario.source} has no {service}"
         if any(choices.poses) and _room(scenario) != self.room:
             yield f"--pose is ignored: it is for another map; people stand where {scenario.source} says"
@@ -157,7 +173,8 @@ class ScenarioCatalog:
 
 def _services(scenario: Scenario) -> set[str]:
     """Return the services that may run in a scenario; every person may have an imu-bridge."""
-    return {*(split_instance(name)[0] for name in scenario.site), *scenario.user, "imu-bridge"}
+    site_services = [split_instance(instance)[0] for instance in scenario.site]
+    return {*site_services, *scenario.user, "imu-bridge"}
 
 
 def _room(scenario: Scenario) -> str:
@@ -188,9 +205,12 @@ def room_of(launches: Sequence[Launch]) -> Environment | None:
     Raises:
         ConfigError: If it cannot be read.
     """
-    configs = [launch.config for launch in launches]
-    maps = (config.map_to_read for config in configs if isinstance(config, PuiConfig))
-    return next((_map_without_points(name) for name in maps if name), None)
+    for launch in launches:
+        if isinstance(launch.config, PuiConfig):
+            name_or_path = launch.config.map_to_read
+            if name_or_path:
+                return _map_without_points(name_or_path)
+    return None
 
 
 def _map_without_points(name_or_path: str) -> Environment | None:

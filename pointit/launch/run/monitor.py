@@ -127,10 +127,11 @@ class RunScore:
 
         It may contain objects selected in the previous run that have not been seen again yet.
         """
-        now = {thing.id for thing in selection.objects if not thing.is_pending}
-        known = now & self.kinds.keys()
-        self.unknown = now - known
-        self.selected = (known - self.bays.keys()) | (self.selected & self.left)
+        selected = {thing.id for thing in selection.objects if not thing.is_pending}
+        known = selected & self.kinds.keys()
+        self.unknown = selected - known
+        still_listed = known - self.bays.keys()
+        self.selected = still_listed | (self.selected & self.left)
 
     def _know(self, name: str, kind: str) -> None:
         if self.kinds.get(name, UNKNOWN) == UNKNOWN:
@@ -142,11 +143,12 @@ class RunScore:
         kind = self.kinds.pop(name)
         self.past["corrected"] += self.corrected.pop(name, 0)
         is_target = kind in self.target_kinds or not self.target_kinds
+        was_wanted = bool(self.target_kinds) and is_target
         if name in self.bays:
             self.past_bays[self.bays.pop(name), kind] += 1
         if name in self.selected:
             self.past["selected" if is_target else "wrong"] += 1
-        elif name in self.left and self.target_kinds and is_target:
+        elif was_wanted and name in self.left:
             self.past["missed"] += 1
         self.selected.discard(name)
         self.left.discard(name)
@@ -156,18 +158,25 @@ class RunScore:
 
         Pending are those still listed. Objects that vanished with their tracker or a reset do not count.
         """
-        # each at one go
+        # Each is copied at one go: the view calls this on another thread
         kinds = dict(self.kinds)
         selected = set(self.selected)
         left = set(self.left)
-        there = frozenset[str]().union(*list(self.listed.values()))
+        present = frozenset[str]().union(*list(self.listed.values()))
         targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
+        right = selected
+        wrong: set[str] = set()
+        if self.target_kinds:
+            right = targets & selected
+            wrong = selected - targets
+        missed = (targets & left) - selected
+        pending = (targets & present) - left - selected
         past = self.past
         return {
-            "selected": past["selected"] + len(targets & selected if self.target_kinds else selected),
-            "missed": past["missed"] + len((targets & left) - selected),
-            "pending": len((targets & there) - left - selected),
-            "wrong": past["wrong"] + len(selected - targets if self.target_kinds else ()),
+            "selected": past["selected"] + len(right),
+            "missed": past["missed"] + len(missed),
+            "pending": len(pending),
+            "wrong": past["wrong"] + len(wrong),
             "corrected": past["corrected"] + sum(self.corrected.copy().values()),
         }
 
@@ -176,11 +185,12 @@ class RunScore:
         kinds = dict(self.kinds)
         bays = dict(self.bays)
         total = Counter(self.past_bays)
-        total.update((bay, kinds.get(name, UNKNOWN)) for name, bay in bays.items())
-        found: dict[str, dict[str, int]] = {}
+        current = [(bay, kinds.get(name, UNKNOWN)) for name, bay in bays.items()]
+        total.update(current)
+        counts: dict[str, dict[str, int]] = {}
         for (bay, kind), count in sorted(total.items()):
-            found.setdefault(bay, {})[kind] = count
-        return found
+            counts.setdefault(bay, {})[kind] = count
+        return counts
 
 
 class Latency:
@@ -203,7 +213,8 @@ class Latency:
         if frame.stamp_ns in self._pending:
             del self._pending[frame.stamp_ns]
             value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed + frame.light_s
-            self._classes[round(math.log(max(value_s, MIN_S), LATENCY_STEP))] += 1
+            step = round(math.log(max(value_s, MIN_S), LATENCY_STEP))
+            self._classes[step] += 1
 
     @property
     def count(self) -> int:
@@ -280,12 +291,13 @@ class Monitor:
         self.profiles = site.all(topics.PROFILE)
         self.lamps = site.all(topics.LAMP_COLOR)
         self.health = site.all(topics.HEALTH)
+        # By the row of the table: what is not here is not subscribed to
         self._handlers: dict[AnyTopic, Callable[[Any, str, Any], None]] = {
             topics.MAP: self._on_map,
-            topics.OBJECTS: lambda message, tracker, _: self.score.on_objects(tracker, message),
+            topics.OBJECTS: self._on_objects,
             topics.SELECTION_EVENTS: self._on_event,
             topics.OUTCOMES: self._on_outcome,
-            topics.SELECTION: lambda state, *_: self.score.on_selection(state),
+            topics.SELECTION: self._on_selection,
             topics.INTERACTION: self._on_interaction,
             topics.POSE: self._on_pose,
             topics.LOCALIZATION: self._on_localization,
@@ -315,7 +327,9 @@ class Monitor:
     def acts(self) -> Mapping[str, int]:
         """Number of acts by their last result: started, done, failed. Empty without acts."""
         started = self.site.act_results.pending
-        return {"started": started, **self._results} if started or self._results else {}
+        if not started and not self._results:
+            return {}
+        return {"started": started, **self._results}
 
     def people(self) -> list[str]:
         """Return the people whose activity is shown."""
@@ -323,32 +337,46 @@ class Monitor:
 
     def light_rates(self) -> dict[str, float]:
         """Return the mean frame rate of each controller's link by port, frames/s."""
-        return {port: sum_hz / count for port, (sum_hz, count) in dict(self._light_hz).items()}
+        sums = dict(self._light_hz)
+        return {port: sum_hz / count for port, (sum_hz, count) in sums.items()}
 
     def warnings(self) -> list[str]:
         """Return the services' last warnings, each prefixed with the instance."""
-        return [f"{name}: {said}" for name, health in list(self.health.items()) for said in health.warnings]
+        sentences: list[str] = []
+        for name, health in list(self.health.items()):
+            sentences += [f"{name}: {warning}" for warning in health.warnings]
+        return sentences
 
     @property
     def lost_router(self) -> str:
         """Return the address of the router that a service has lost, or `""`."""
-        problems = (each for health in list(self.health.values()) for each in health.problems)
-        return next((each.subject for each in problems if each.code == ROUTER_LOST), "")
+        for health in list(self.health.values()):
+            for problem in health.problems:
+                if problem.code == ROUTER_LOST:
+                    return problem.subject
+        return ""
 
     def lost(self, silent_s: float) -> set[str]:
         """Return services that have left, or have been silent for `silent_s`, but of people who have left."""
         now_s = time.monotonic()
-        received_s = {name: self.site.received_s(topics.HEALTH, name) or now_s for name in list(self.health)}
-        silent = {name for name, at_s in received_s.items() if now_s - at_s > silent_s}
+        silent = set[str]()
+        for name in list(self.health):
+            received_s = self.site.received_s(topics.HEALTH, name) or now_s
+            if now_s - received_s > silent_s:
+                silent.add(name)
         people = ("", *self.site.people)
-        return silent | {each for each in self.site.former_services if person_of(each) in people}
+        return silent | {name for name in self.site.former_services if person_of(name) in people}
 
     def refusal(self, user: str) -> str:
         """Return the reason of a person's last refusal, or `""` once they try again."""
         interaction = self.interactions.get(user)
         cue = self.cues.get(user, "")
-        by_supervisor = cue if interaction is not None and cue == interaction.reason else ""
-        return self.refusals.get(user, "") or by_supervisor
+        refusal = self.refusals.get(user, "")
+        if refusal:
+            return refusal
+        if interaction is None or cue != interaction.reason:
+            return ""
+        return cue
 
     def _add_event(self, text: str) -> None:
         line = one_line(text)
@@ -383,32 +411,57 @@ class Monitor:
         if outcome.result != "started":
             self._results[outcome.result] += 1
         if outcome.result == "failed":
-            self.failures.append(f"{outcome.kind or outcome.object_id}: {outcome.text}")
+            name = outcome.kind or outcome.object_id
+            self.failures.append(f"{name}: {outcome.text}")
 
     def _on_event(self, event: SelectionEvent, *_: object) -> None:
         self.score.on_event(event)
-        if event.event == "deselected" and not (event.cause or event.reason):
+        is_unexplained = not event.cause and not event.reason
+        if event.event == "deselected" and is_unexplained:
             return  # a button is over
         kind = self.score.kinds.get(event.object_id, "object")
-        word = "for" if event.event == "refused" else "by"
-        where = f" at bay {event.bay}" if event.bay else event.user and f" {word} {event.user}"
-        room = self.environment
-        has_label = room is not None and any(thing.id == event.object_id for thing in room.things)
-        number = "" if has_label or event.object_id == kind else f" {event.object_id.rpartition('-')[2]}"
+        preposition = "for" if event.event == "refused" else "by"
+        origin = ""
+        if event.bay:
+            origin = f" at bay {event.bay}"
+        elif event.user:
+            origin = f" {preposition} {event.user}"
+
+        # Objects of a tracker are numbered. Things of the map have a name that says enough.
+        number = ""
+        if event.object_id != kind and not self._has_label(event.object_id):
+            suffix = event.object_id.rpartition("-")[2]
+            number = f" {suffix}"
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
-            self._add_event(f"{kind}{number} {event.event}{where}{reason}")
+            name = f"{kind}{number}"
+            self._add_event(f"{name} {event.event}{origin}{reason}")
 
-    def _on_interaction(self, interaction: Interaction, user: str, before: Interaction | None) -> None:
-        if before is not None and before.state == "idle" != interaction.state:
-            self._try_again(user)
-        begins = before is None and interaction.state == "idle" and not interaction.reason
-        if not begins and (before is None or before.state != interaction.state):
-            self._add_event(
-                f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip()
-            )
+    def _has_label(self, object_id: str) -> bool:
+        """Return True for a thing of the map."""
+        if self.environment is None:
+            return False
+        return any(thing.id == object_id for thing in self.environment.things)
 
-    def _on_pose(self, pose: UserPose, user: str, _before: UserPose | None) -> None:
+    def _on_objects(self, objects: TrackedObjects, tracker: str, _: object) -> None:
+        self.score.on_objects(tracker, objects)
+
+    def _on_selection(self, selection: Selection, *_: object) -> None:
+        self.score.on_selection(selection)
+
+    def _on_interaction(self, interaction: Interaction, user: str, previous: Interaction | None) -> None:
+        is_idle = interaction.state == "idle"
+        if previous is None:
+            has_changed = not is_idle or bool(interaction.reason)  # all begin idle
+        else:
+            has_changed = previous.state != interaction.state
+            if previous.state == "idle" and not is_idle:
+                self._try_again(user)
+        if has_changed:
+            explanation = interaction.reason or interaction.next_step
+            self._add_event(f"{user}: {interaction.state}. {explanation}".rstrip())
+
+    def _on_pose(self, pose: UserPose, user: str, _previous: UserPose | None) -> None:
         if pose.method == "fixed":  # given since then
             self.found.pop(user, None)
             return
@@ -420,18 +473,18 @@ class Monitor:
         """Store the pose of a finished localization; the two messages arrive in any order."""
         solved_ns = self.solved.get(user)
         pose = self.poses.get(user)
-        if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
+        if solved_ns is None or pose is None:
+            return
+        if pose.stamp_ns < solved_ns - TOGETHER_NS:
             return
         del self.solved[user]
         if pose.method in FOUND:
             self.found[user] = pose
 
-    def _on_localization(self, localization: Localization, user: str, before: Localization | None) -> None:
-        if (
-            localization.phase == "solved"
-            and localization.purpose == "pose"
-            and (before is None or before.phase != "solved")
-        ):
+    def _on_localization(self, localization: Localization, user: str, previous: Localization | None) -> None:
+        is_solution = localization.phase == "solved" and localization.purpose == "pose"
+        is_new = previous is None or previous.phase != "solved"
+        if is_solution and is_new:
             self.solved[user] = localization.stamp_ns
             self._take_found(user)
         if localization.phase in {"sampling", "solved"}:
@@ -439,15 +492,16 @@ class Monitor:
         elif localization.phase == "refused" and localization.reason:
             self.refusals[user] = localization.reason
 
-    def _on_anchor(self, anchor: Anchor, user: str, _before: object) -> None:
-        at = f" at {anchor.target_id}" if anchor.target_id else ""
+    def _on_anchor(self, anchor: Anchor, user: str, _previous: object) -> None:
+        target = f" at {anchor.target_id}" if anchor.target_id else ""
         if anchor.accepted:
-            off_deg = math.degrees(anchor.azimuth_error_rad)
-            self._add_event(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
+            error_deg = math.degrees(anchor.azimuth_error_rad)
+            self._add_event(f"{user}: anchor{target}, the yaw was off by {error_deg:+.1f}°")
         else:
-            self._add_event(f"{user}: anchor{at} rejected: {anchor.reason}".rstrip(": "))
+            sentence = f"{user}: anchor{target} rejected: {anchor.reason}"
+            self._add_event(sentence.rstrip(": "))
 
-    def _on_feedback(self, feedback: Feedback, user: str, _before: object) -> None:
+    def _on_feedback(self, feedback: Feedback, user: str, _previous: object) -> None:
         if feedback.cue == "refused":
             self.cues[user] = feedback.text
         elif feedback.cue == "localized":
@@ -470,9 +524,8 @@ class Monitor:
             if self.first_cursor_unix_s is None:
                 self.first_cursor_unix_s = time.time()
         if cursor.surface == "lamp":
-            self.lamp_misses_rad[cursor.surface_id] = min(
-                cursor.miss_rad, self.lamp_misses_rad.get(cursor.surface_id, math.inf)
-            )
+            min_miss_rad = self.lamp_misses_rad.get(cursor.surface_id, math.inf)
+            self.lamp_misses_rad[cursor.surface_id] = min(cursor.miss_rad, min_miss_rad)
         self.latency.on_cursor(cursor)
 
     def _on_frame(self, frame: StripsFrame, *_: object) -> None:

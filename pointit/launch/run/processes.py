@@ -73,7 +73,8 @@ class Processes:
     def command(self, launch: Launch) -> tuple[str, ...]:
         """Return the command that starts `launch`."""
         row = registry.process(launch.service.NAME)
-        command = [sys.executable, *row.command, "--config", str(self.folder / f"{launch.instance}.yaml")]
+        file = str(self.folder / f"{launch.instance}.yaml")
+        command = [sys.executable, *row.command, "--config", file]
         if launch.user:
             command += ["--user", launch.user]
         if launch.name:
@@ -103,9 +104,9 @@ class Processes:
             watch.cancel()
         await asyncio.gather(*self._watches, return_exceptions=True)
 
-        failed = self._failed | {
-            instance for instance, child in self._children.items() if child.returncode is not None
-        }
+        # the others, which end by the signal, have not failed
+        ended = {instance for instance, child in self._children.items() if child.returncode is not None}
+        failed = self._failed | ended
         waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
         for child in self._children.values():
             if child.returncode is None:
@@ -126,13 +127,14 @@ class Processes:
 
     async def _start(self, launch: Launch) -> None:
         child = await self._start_child(launch)
-        watching = self._supervise(launch, child) if self._is_supervised else self._watch(launch, child)
-        self._watches.append(asyncio.create_task(watching, name=f"watch {launch.instance}"))
+        watch = self._supervise if self._is_supervised else self._watch
+        self._watches.append(asyncio.create_task(watch(launch, child), name=f"watch {launch.instance}"))
 
     async def _start_child(self, launch: Launch) -> asyncio.subprocess.Process:
         with self._log_path(launch).open("ab") as output:
+            command = self.command(launch)
             child = await asyncio.create_subprocess_exec(
-                *self.command(launch),
+                *command,
                 "--while-parent-lives",
                 stdin=asyncio.subprocess.PIPE,
                 stdout=output,
@@ -149,13 +151,10 @@ class Processes:
         """Report the child's end."""
         code = await child.wait()
         self._failed.add(launch.instance)
-        log.error(
-            "%s %s; start it again with: %s (its log: %s)",
-            launch.instance,
-            end_sentence(code, self._log_path(launch)),
-            shlex.join(self.command(launch)),
-            self._log_path(launch),
-        )
+        path = self._log_path(launch)
+        restart = shlex.join(self.command(launch))
+        end = end_sentence(code, path)
+        log.error("%s %s; start it again with: %s (its log: %s)", launch.instance, end, restart, path)
 
     async def _supervise(self, launch: Launch, child: asyncio.subprocess.Process) -> None:
         """Start the child again whenever it ends, until its parameters are refused."""
@@ -223,7 +222,8 @@ def last_log_error(path: Path) -> str:
     except OSError:
         return ""
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-    return (errors or lines or [""])[-1].rstrip(".")
+    last = (errors or lines or [""])[-1]
+    return last.rstrip(".")
 
 
 def read_warnings(path: Path, position: int) -> tuple[Warnings, int]:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection
 
 from pointit.launch.plan.launches import CURSOR_COLORS, PAGE
-from pointit.launch.plan.plan import USUAL, Plan, scenario_names
+from pointit.launch.plan.plan import USUAL, Beside, Plan, scenario_names
 from pointit.launch.run.running_scenario import PRESENCE_TIMEOUT_S, RunningScenario
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
@@ -48,15 +48,17 @@ async def open_bus(plan: Plan) -> ZenohBus:
             if not plan.may_move or number == PORTS_TO_TRY - 1:
                 raise
             address, _, port = link.listen[0].rpartition(":")
-            link = Link(site=link.site, listen=(f"{address}:{int(port) + 1}",))
+            next_address = f"{address}:{int(port) + 1}"
+            link = Link(site=link.site, listen=(next_address,))
         else:
             if number:
+                new_address = link.listen[0]
                 log.warning(
                     "%s is in use, probably by another run; listening at %s: give other commands "
                     "--connect %s, and each of two runs on a machine a --site NAME of its own",
                     plan.link.listen[0],
-                    link.listen[0],
-                    link.listen[0],
+                    new_address,
+                    new_address,
                 )
             return bus
     raise AssertionError("unreachable: the last try raises")
@@ -81,15 +83,18 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     """
     if not bus.link.connect:
         return plan
-    there, _, _ = await asyncio.gather(
+    present_names, _, _ = await asyncio.gather(
         list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S),
         claim_names(bus, USER_ALIVE, plan.users),
         check_names(bus, plan.users),
     )
-    doubled = [each for each in plan.beside if each.ONE_IS_ENOUGH and each.instance in there]
-    for each in doubled:
-        log.warning("site %s has a %s already; this run opens none of its own", bus.site, each.WHAT)
-    return dataclasses.replace(plan, beside=[each for each in plan.beside if each not in doubled])
+    needed: list[Beside] = []
+    for beside in plan.beside:
+        if beside.ONE_IS_ENOUGH and beside.instance in present_names:
+            log.warning("site %s has a %s already; this run opens none of its own", bus.site, beside.WHAT)
+        else:
+            needed.append(beside)
+    return dataclasses.replace(plan, beside=needed)
 
 
 async def surroundings(bus: Bus) -> Found:
@@ -110,7 +115,8 @@ async def surroundings(bus: Bus) -> Found:
         for subscription in listening:
             subscription.close()
     shipped = sorted(set(running.values()) & set(scenario_names()))
-    return (shipped[0] if len(shipped) == 1 else USUAL), free_place(colors.values())
+    scenario = shipped[0] if len(shipped) == 1 else USUAL
+    return scenario, free_place(colors.values())
 
 
 async def check_names(bus: Bus, people: Collection[str]) -> None:
@@ -121,15 +127,16 @@ async def check_names(bus: Bus, people: Collection[str]) -> None:
     Raises:
         ConfigError: If there is such a shard.
     """
-    taken = {instance_of(service, person): person for service in sorted(SHARDED) for person in people}
+    rivals = {instance_of(service, person): person for service in sorted(SHARDED) for person in people}
     for wait_s in (LISTEN_S, SILENT_S):
-        there, serving = await asyncio.gather(
+        present_names, serving = await asyncio.gather(
             list_present(bus, SERVICE_ALIVE, wait_s), list_present(bus, SHARD_ALIVE, wait_s)
         )
-        taken = {shard: person for shard, person in taken.items() if shard in there - serving}
-        if not taken:
+        idle = present_names - serving
+        rivals = {shard: person for shard, person in rivals.items() if shard in idle}
+        if not rivals:
             return
-    for shard, person in taken.items():
+    for shard, person in rivals.items():
         raise ConfigError(
             f"{person}: {shard} on site {bus.site} is a shard that serves nobody of this name; choose another"
         )
@@ -190,7 +197,8 @@ class ViewerPresence:
 
     def on_health(self, health: Health, now_s: float) -> bool:
         """Update from a service's Health. Return True if it changes whether viewers are present."""
-        is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
+        counts = [figure.value for figure in health.figures if figure.name == VIEWERS]
+        is_open = any(count > 0 for count in counts)
         if is_open and health.service == PAGE:
             self.until_s = max(self.until_s, now_s + VIEWER_SILENT_S)
             return True

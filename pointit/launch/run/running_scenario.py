@@ -79,7 +79,8 @@ class ServiceGroup:
     def commands(self) -> list[tuple[str, ...]]:
         """Return the command that restarts each launch, without secrets because it is published."""
         if self._children is None:
-            return [("pointit", *redact_secrets(sys.argv[1:]))] * len(self.launches)
+            command = ("pointit", *redact_secrets(sys.argv[1:]))
+            return [command] * len(self.launches)
         return [self._children.command(launch) for launch in self.launches]
 
     async def begin(self) -> None:
@@ -94,21 +95,22 @@ class ServiceGroup:
         missing = {launch.instance for launch in self.launches}
         settled = asyncio.Event()
 
-        def look(name: str, *, present: bool) -> None:
+        def on_presence(name: str, *, present: bool) -> None:
             if present:
                 missing.discard(name)
             if not missing:
                 settled.set()
 
-        def ended(_work: asyncio.Task[None]) -> None:
+        def on_end(_work: asyncio.Task[None]) -> None:
             settled.set()
             self._on_end()
 
-        watching = self._bus.watch(SERVICE_ALIVE, look)
+        # watched from before the start, and until all are present or one has ended
+        watching = self._bus.watch(SERVICE_ALIVE, on_presence)
         try:
             running = run_services(self.launches, self._bus, self._clock)
             self._work = asyncio.create_task(running, name="services")
-            self._work.add_done_callback(ended)
+            self._work.add_done_callback(on_end)
             if missing:
                 await settled.wait()
         finally:
@@ -121,8 +123,11 @@ class ServiceGroup:
         Raises:
             Exception: That error.
         """
-        if self._work is not None and self._work.done() and not self._work.cancelled():
-            self._work.result()
+        work = self._work
+        if work is None or not work.done():
+            return
+        if not work.cancelled():
+            work.result()
 
     async def end(self) -> None:
         """Stop and clean up all started services, also those that have ended by themselves."""
@@ -154,6 +159,7 @@ class DeploymentPublisher:
     def post(self, plan: Plan, lines: Sequence[Line]) -> None:
         """Publish the services of `plan`, which replaces the last deployment."""
         name = plan.name if plan.person else f"{RUN}{plan.name}"
+        # Another person, or none, has another key. The last writer takes its deployment along.
         if self._publisher is None or self._name != name:
             self.retract()
             self._publisher = self._bus.publisher(DEPLOYMENT, name)
@@ -161,24 +167,24 @@ class DeploymentPublisher:
             self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, retained=False)
         self._stamp_ns = time.time_ns()
         self._is_anothers = False
-        services = tuple(
-            ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
-            for launch, command in lines
+        services: list[ExpectedService] = []
+        for launch, command in lines:
+            kind = launch.service.NAME
+            service = ExpectedService(service=kind, user=launch.user, name=launch.name, command=command)
+            services.append(service)
+        deployment = Deployment(
+            stamp_ns=self._stamp_ns,
+            name=plan.name,
+            services=tuple(services),
+            scenario=plan.scenario,
+            title=plan.title,
+            scenarios=tuple(offer.name for offer in plan.offers),
+            offers=tuple(plan.offers),
+            localizes=plan.localizes,
+            target_kinds=tuple(plan.target_kinds),
+            goal=plan.goal,
         )
-        self._publisher.put(
-            Deployment(
-                stamp_ns=self._stamp_ns,
-                name=plan.name,
-                services=services,
-                scenario=plan.scenario,
-                title=plan.title,
-                scenarios=tuple(each.name for each in plan.offers),
-                offers=tuple(plan.offers),
-                localizes=plan.localizes,
-                target_kinds=tuple(plan.target_kinds),
-                goal=plan.goal,
-            )
-        )
+        self._publisher.put(deployment)
 
     def retract(self) -> None:
         """Publish that nothing should run any more, unless another process has taken over the name."""
@@ -218,8 +224,8 @@ class _Companion:
 
     def give_up(self, error: Exception) -> None:
         if not self.is_lost:
-            what = self.beside.WHAT
-            log.error("the %s has ended (%s); the run continues without it", what, _sentence(error))
+            kind = self.beside.WHAT
+            log.error("the %s has ended (%s); the run continues without it", kind, _sentence(error))
         self.is_lost = True
 
 
@@ -277,7 +283,8 @@ class RunningScenario:
     def address(self) -> str:
         """Return the URL of a service beside the scenario, such as the page, or `""`."""
         for companion in self._companions:
-            if companion.has_begun and not companion.is_lost and companion.beside.address:
+            is_running = companion.has_begun and not companion.is_lost
+            if is_running and companion.beside.address:
                 return companion.beside.address
         return ""
 
@@ -316,8 +323,9 @@ class RunningScenario:
         except Exception as error:
             await self._stop()
             await self._start(previous)
+            reason = _sentence(error)
             raise ConfigError(
-                f"{plan.name} could not start ({_sentence(error)}); {previous.name} was restarted"
+                f"{plan.name} could not start ({reason}); {previous.name} was restarted"
             ) from error
         for note in plan.notes:
             self._show_message(note)
@@ -349,7 +357,8 @@ class RunningScenario:
     async def _start(self, plan: Plan) -> None:
         """Start the services of `plan` with a new monitor, and publish the deployment."""
         self.plan = plan
-        watchers = [watcher(plan.launches) for watcher in (*present(WATCHERS), *plan.watchers)]
+        kinds = (*present(WATCHERS), *plan.watchers)
+        watchers = [kind(plan.launches) for kind in kinds]
         self.monitor = Monitor(
             RunScore(plan.target_kinds),
             self.clock,

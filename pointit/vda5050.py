@@ -92,13 +92,15 @@ def agv_of_topic(topic: str, prefix: str = "") -> AgvTopic | None:
     if len(last) < 3 or not is_below:
         return None
     manufacturer, serial_number, kind = last
-    is_of_agv = manufacturer and serial_number and kind in KINDS
-    return AgvTopic(first, manufacturer, serial_number, kind) if is_of_agv else None
+    if not manufacturer or not serial_number or kind not in KINDS:
+        return None
+    return AgvTopic(first, manufacturer, serial_number, kind)
 
 
 def agv_topics(prefix: str = "") -> tuple[str, ...]:
     """Return the patterns of the topics of every AGV below `prefix`, by default as in the standard."""
-    return tuple(f"{prefix or '+/+'}/+/+/{kind}" for kind in KINDS)
+    root = prefix or "+/+"
+    return tuple(f"{root}/+/+/{kind}" for kind in KINDS)
 
 
 def _time(text: object) -> float:
@@ -111,7 +113,9 @@ def _time(text: object) -> float:
 
 def _whole(value: object) -> object:
     """Return 5 for 5.0, which is an integer in JSON too."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
 
 
 Count = Annotated[int, BeforeValidator(_whole), Field(ge=0, lt=COUNTS)]
@@ -137,7 +141,7 @@ class TolerantModel(BaseModel):
     def _without_nulls(cls, data: Json) -> Json:
         if not isinstance(data, dict):
             return data
-        return {name: each for name, each in data.items() if each is not None}
+        return {name: value for name, value in data.items() if value is not None}
 
     @property
     def unreadable(self) -> Mapping[str, str]:
@@ -195,10 +199,13 @@ class UnreadableFields:
 
     def describe(self, topic: str, model: TolerantModel) -> str:
         """Return a sentence with a remedy if fields of the newest `model` are unreadable, else `""`."""
-        self._first = {name: self._first.get(name, what) for name, what in model.unreadable.items()}
+        # a field keeps its first description: one that changes with each message would be logged each time
+        unreadable = model.unreadable
+        self._first = {name: self._first.get(name, problem) for name, problem in unreadable.items()}
         if not self._first:
             return ""
-        listed = first_of((f"{name} {what}" for name, what in self._first.items()), MAX_NAMES)
+        problems = [f"{name} {problem}" for name, problem in self._first.items()]
+        listed = first_of(problems, MAX_NAMES)
         return f"{topic[:200]}: {listed}; correct it at the AGV, or update its software to keep VDA 5050"
 
 
@@ -206,12 +213,14 @@ def _remove(
     data: Any, error: ValidationError, problems: dict[str, str], if_unreadable: Mapping[str, object]
 ) -> bool:
     """Remove from `data` what is in `error`, and add it to `problems`. Return False if nothing is left."""
+    # What is to be removed: of a missing field, the object that lacks it
     paths: set[tuple[str | int, ...]] = set()
-    for each in error.errors(include_url=False):
-        path = each["loc"]
-        value = each["input"]
-        name = next((step for step in reversed(path) if isinstance(step, str)), "")
-        if each["type"] == "missing":
+    for detail in error.errors(include_url=False):
+        path = detail["loc"]
+        value = detail["input"]
+        names = (step for step in reversed(path) if isinstance(step, str))
+        name = next(names, "")
+        if detail["type"] == "missing":
             path = path[:-1]
             value = "missing"
             problems.setdefault(name, "is missing")
@@ -220,7 +229,9 @@ def _remove(
         if not path:
             return False
         paths.add(path)
-    for path in sorted(paths, reverse=True):  # the last items of lists first, which keeps the other indices
+
+    # The last items of lists first, which keeps the other indices
+    for path in sorted(paths, reverse=True):
         part = data
         for step in path[:-1]:
             part = part[step]
@@ -244,8 +255,10 @@ class TimestampCheck:
         Args:
             stamp_s: its timestamp, Unix s, or None if it states none.
         """
-        if self._stamp_s is not None and stamp_s is not None and -LATE_S <= stamp_s - self._stamp_s < 0.0:
-            return False
+        if self._stamp_s is not None and stamp_s is not None:
+            passed_s = stamp_s - self._stamp_s
+            if -LATE_S <= passed_s < 0.0:
+                return False
         self._stamp_s = stamp_s
         return True
 
@@ -305,7 +318,8 @@ class AgvPosition(TolerantModel):
             return data
         if False not in (data.get("positionInitialized"), data.get("localized")):
             return data
-        unused = {name: 0.0 for name in ("x", "y", "theta") if data.get(name) is None}
+        names = ("x", "y", "theta")
+        unused = {name: 0.0 for name in names if data.get(name) is None}
         return data | unused | {"positionInitialized": False}
 
 
@@ -370,7 +384,8 @@ class AgvError(TolerantModel):
 
     def is_about(self, key: str, value: str, *, default: bool = False) -> bool:
         """Return True if a reference of the error has this key and value; `default` if none has the key."""
-        values = [each.reference_value for each in self.error_references if each.reference_key == key]
+        references = self.error_references
+        values = [reference.reference_value for reference in references if reference.reference_key == key]
         return value in values if values else default
 
 
@@ -443,7 +458,9 @@ def parse(kind: type[M], payload: object) -> M | None:
         message = read_tolerantly(kind, from_json(bytes(payload)), IF_UNREADABLE)
     except ValueError:  # no JSON
         return None
-    return message if message and message.model_fields_set else None
+    if not message or not message.model_fields_set:
+        return None
+    return message
 
 
 def blocked_by(state: AgvState) -> str:
@@ -462,6 +479,7 @@ def blocked_by(state: AgvState) -> str:
         )
     if "errors" in state.unreadable:
         return f"errors {state.unreadable['errors']}: look after the AGV, and update its software"
+    # errors of unknown levels may be fatal, too
     fatal = next((error for error in state.errors if error.error_level not in HARMLESS_LEVELS), None)
     if fatal is None:
         return ""

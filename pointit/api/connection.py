@@ -91,7 +91,8 @@ async def _join(
     bus = await ZenohBus.open(link, patience_s=timeout_s)
     try:
         await _check_site(bus)
-        if not (address or site or link.credentials):
+        is_default = not address and not site
+        if is_default and not link.credentials:
             people = ", ".join(sorted(await bus.list_present(USER_ALIVE))) or "nobody"
             _tell_joined(f"site {bus.site} at {DEFAULT_ENDPOINT}, with {people}")
         async with Site.on(bus, SiteClock(bus)) as joined:
@@ -108,16 +109,16 @@ def _tell_joined(what: str) -> None:
 def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:
     folder = folder or os.environ.get(VARIABLE)
     if not folder:
-        return Link(site=site or DEFAULT_SITE, connect=tuple(connect) or (DEFAULT_ENDPOINT,))
+        addresses = tuple(connect) or (DEFAULT_ENDPOINT,)
+        return Link(site=site or DEFAULT_SITE, connect=addresses)
     known = _credentials(Path(folder))
     if site and site != known.link.site:
         raise ConfigError(
             f"site {site}: the credentials in {known.folder} are of site {known.link.site}; leave the site "
             "out, or use that site's credentials"
         )
-    return Link(
-        site=known.link.site, connect=tuple(connect) or tuple(known.link.endpoints), credentials=known
-    )
+    addresses = tuple(connect) or tuple(known.link.endpoints)
+    return Link(site=known.link.site, connect=addresses, credentials=known)
 
 
 def _credentials(folder: Path) -> Credentials:
@@ -137,12 +138,15 @@ async def _check_site(bus: ZenohBus) -> None:
     """
     if await bus.list_present(SERVICE_ALIVE):
         return
-    where = " or ".join(bus.link.connect)
+    addresses = " or ".join(bus.link.connect)
     if bus.is_restricted:
         if denied := await bus.denial_reason("reads", HEALTH, ANY):
             raise AccessDeniedError(denied)
-    elif (others := await sites_at(bus.link)) and bus.site not in others:  # it may have come meanwhile
+        return
+    others = await sites_at(bus.link)
+    if others and bus.site not in others:  # it may have come meanwhile
+        listed = ", ".join(others)
         raise WrongSiteError(
-            f"nothing runs on site {bus.site} at {where}; there is site {', '.join(others)}: give its name, "
+            f"nothing runs on site {bus.site} at {addresses}; there is site {listed}: give its name, "
             f"or start `pointit run --site {bus.site}`"
         )

@@ -74,7 +74,8 @@ class ReceiveBuffer(Generic[U]):
     def put(self, item: U, name: str) -> None:
         """Add a message of `name`. It replaces a pending one of `name`, unless all are queued."""
         self._has_received = True
-        self._items[next(self._numbers) if self._keeps_all else name] = (name, item)
+        key = next(self._numbers) if self._keeps_all else name
+        self._items[key] = (name, item)
         if self._keeps_all and len(self._items) > EVENT_CAPACITY:
             self._items.popitem(last=False)
             self._overflowed += 1
@@ -167,7 +168,11 @@ class Feed(AsyncIterator[T], Generic[T]):
     def items(self) -> "Feed[tuple[str, T]]":
         """Return the same with the name of each item: the person, tracker, service or lamp."""
         pick = self._pick
-        return Feed(self._buffer, lambda pair: (pair[0], pick(pair)), self._speed, self._duration_s)
+
+        def pick_with_name(pair: tuple[str, Any]) -> tuple[str, T]:
+            return pair[0], pick(pair)
+
+        return Feed(self._buffer, pick_with_name, self._speed, self._duration_s)
 
     def during(self, seconds: float) -> "Feed[T]":
         """Return this feed with an end `seconds` of the site's time after the first step.
@@ -272,10 +277,14 @@ class Newest(Mapping[str, M], Generic[M]):
         self._check_open()
         self._state.tick(self._now_s())
         self._topic.at(name)
-        which = (self._bus.is_restricted and name) or ANY
-        if which not in self._subscriptions:
-            self._subscriptions[which] = self._bus.subscribe(self._topic, self._on_message, which)
-        return self._subscriptions[which]
+        # With access rules, a reader may be allowed one name only
+        reader_name = ANY
+        if self._bus.is_restricted and name:
+            reader_name = name
+        if reader_name not in self._subscriptions:
+            subscription = self._bus.subscribe(self._topic, self._on_message, reader_name)
+            self._subscriptions[reader_name] = subscription
+        return self._subscriptions[reader_name]
 
     def _on_message(self, message: M, name: str) -> None:
         self._state.take(self._topic, name, message, self._now_s())
@@ -321,7 +330,10 @@ def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment
         return False
     if room is None:
         return bool(names) and event.is_reaction("button")
-    return any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in room.things)
+    for thing in room.things:
+        if thing.id == event.object_id and event.is_reaction(thing.mode):
+            return True
+    return False
 
 
 async def react(
@@ -346,6 +358,7 @@ async def react(
     except PointItError as error:
         fail(error)
     finally:
+        # calls in threads go on: a thread cannot be cancelled
         ending = list(running)
         for task in ending:
             task.cancel()
@@ -373,8 +386,13 @@ class FunctionTarget:
         Raises:
             ActFailedError: If it raises.
         """
-        acts = self._running.items()
-        if earlier := [call for call, each in acts if each.thing == act.thing and each.on != act.on]:
+        # A call of a thread may go on after its act has ended: without the wait, it could switch back later
+        earlier: list[asyncio.Task[None]] = []
+        for running_call, running_act in self._running.items():
+            is_same_thing = running_act.thing == act.thing
+            if is_same_thing and running_act.on != act.on:
+                earlier.append(running_call)
+        if earlier:
             await asyncio.wait(earlier)
         act.check_in_time()
         call = asyncio.create_task(_call(self._function, act.event, self._name))
@@ -386,7 +404,8 @@ class FunctionTarget:
             raise
         except Exception as error:
             log.exception("%s failed for %s", self._name, act.thing)
-            raise ActFailedError("error", f"{self._name} failed ({type(error).__name__}: {error})") from error
+            cause = f"{type(error).__name__}: {error}"
+            raise ActFailedError("error", f"{self._name} failed ({cause})") from error
 
 
 async def carry(
@@ -419,7 +438,8 @@ async def _call(function: Reaction, event: SelectionEvent, name: str) -> None:
     if inspect.iscoroutinefunction(function):
         await function(event)
         return
-    result = await in_daemon_thread(functools.partial(_checked, function, event), f"reaction {name}")
+    call = functools.partial(_checked, function, event)
+    result = await in_daemon_thread(call, f"reaction {name}")
     if inspect.isawaitable(result):
         await result
 

@@ -41,7 +41,9 @@ def add_or_similar(user: str, there: Collection[str]) -> str:
     """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
     add = f"add them with `pointit person add {user}`"
     similar = did_you_mean(user, there)
-    return f"{similar[:-1]}, or {add}?" if similar else add
+    if not similar:
+        return add
+    return f"{similar[:-1]}, or {add}?"
 
 
 async def press(
@@ -79,19 +81,30 @@ class _Person:
 
     async def first(self, patience_s: float) -> Interaction:
         """Return the interaction as soon as it and the supervisor are known."""
-        await self._until(lambda: bool(self._newest and self.supervisor in self._site.services), patience_s)
+
+        def is_known() -> bool:
+            return self._newest is not None and self.supervisor in self._site.services
+
+        await self._until(is_known, patience_s)
         if self._newest is None or self.supervisor not in self._site.services:
             raise NoAnswerError(f"{self._user} has no supervisor: {self._advice()}")
         return self._newest
 
     async def next(self, patience_s: float) -> Interaction | None:
         """Return the interaction after the next Interaction or cue, or None if neither arrives."""
-        before = self._newest
+        previous = self._newest
         self._is_cued = False
-        await self._until(lambda: self._newest is not before or self._is_cued, patience_s)
+
+        def has_changed() -> bool:
+            return self._newest is not previous
+
+        # A cue may come shortly before the Interaction that it is about
+        await self._until(lambda: has_changed() or self._is_cued, patience_s)
         if self._is_cued:
-            await self._until(lambda: self._newest is not before, CUE_FIRST_S)
-        return None if self._newest is before and not self._is_cued else self._newest
+            await self._until(has_changed, CUE_FIRST_S)
+        if not self._is_cued and not has_changed():
+            return None
+        return self._newest
 
     @property
     def _newest(self) -> Interaction | None:
@@ -106,7 +119,8 @@ class _Person:
 
     def _advice(self) -> str:
         services = self._site.services
-        people = sorted(user for service, user in map(split_instance, services) if service == "supervisor")
+        instances = map(split_instance, services)
+        people = sorted(user for service, user in instances if service == "supervisor")
         if self.supervisor in services:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
@@ -114,8 +128,10 @@ class _Person:
 
     def _on_change(self, change: Change) -> None:
         cue = change.message
-        if isinstance(cue, Feedback) and cue.cue not in ("selected", "deselected") and cue.turn_rad is None:
-            self._is_cued = True
+        if isinstance(cue, Feedback):
+            is_selection = cue.cue in ("selected", "deselected")
+            if not is_selection and cue.turn_rad is None:
+                self._is_cued = True
         self._changed.set()
 
 
@@ -169,7 +185,10 @@ class Tracker:
         """
         if self._denial is not None:
             raise self._denial
-        stamp_ns = self._now_ns() - self._latency_ns if stamp_ns is None else stamp_ns
+        if stamp_ns is None:
+            stamp_ns = self._now_ns() - self._latency_ns
+
+        # The number of a refused message is used again: a gap would count as a loss
         listed = tuple(objects)
         try:
             if self._frame and listed:

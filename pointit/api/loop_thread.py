@@ -43,6 +43,7 @@ class LoopThread:
             counted.close()
             work.close()
             raise closed_error() from error
+        # The loop may end between the two steps, and would then never run the call
         self._calls.add(call)
         try:
             if not self._thread.is_alive():

@@ -336,9 +336,8 @@ class HomeRequests(_Requests[D], Generic[D, R]):
         step: HomeStep | None = None,
     ) -> R:
         """Do one act at the cards of `pointit home`, and return what they show. For operators only."""
-        reply: R = self._ask(
-            topics.SET_UP_HOME, act=act, url=url, lamps=lamps, hand=hand, user=user, place=place, step=step
-        )
+        fields = {"url": url, "lamps": lamps, "hand": hand, "user": user, "place": place, "step": step}
+        reply: R = self._ask(topics.SET_UP_HOME, act=act, **fields)
         return reply
 
 

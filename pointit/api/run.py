@@ -111,27 +111,33 @@ def run(
     if isinstance(localize, str) and not LOCALIZATIONS.fullmatch(localize):
         raise ConfigError(f"localize: {localize!r} is no way to localize; write lamps, robot or robot:NAME")
 
+    # Called in a thread, since plug-ins are imported and files are read
     def launches() -> list[Launch]:
+        chosen = [_setting(name, value) for name, value in (settings or {}).items()]
+        robot = robot_of(localize) if isinstance(localize, str) else None
         choices = Choices(
             seed=seed,
             localize=bool(localize),
-            robot=robot_of(localize) if isinstance(localize, str) else None,
+            robot=robot,
             imu=as_sequence(imu),
             output=output or leds,
-            settings=[_setting(name, value) for name, value in (settings or {}).items()],
+            settings=chosen,
         )
         people = users if isinstance(users, int) else as_sequence(users)
         planned = scenario_launches(read_scenario(str(scenario)), choices, people)
         check_settings(planned, choices)
-        check_launches(planned, (listen,) if listen else ())
+        addresses = (listen,) if listen else ()
+        check_launches(planned, addresses)
         return planned
 
     return Run(launches, listen, virtual=virtual)
 
 
 def _setting(name: str, value: object) -> str:
+    if isinstance(value, WrittenInt | WrittenFloat):  # as they were written
+        return f"{name}={value}"
     try:
-        return f"{name}={value if isinstance(value, WrittenInt | WrittenFloat) else json.dumps(value)}"
+        return f"{name}={json.dumps(value)}"
     except (TypeError, ValueError) as error:
         raise ConfigError(f"settings: {name} cannot be {value!r}: {error}") from error
 
@@ -141,8 +147,13 @@ async def _running_site(launches: Callable[[], list[Launch]], listen: str) -> As
     if listen and is_virtual():
         raise ConfigError(f"listen={listen!r}: nobody can join a site in virtual time; leave it out")
     planned = await asyncio.to_thread(launches)
-    bus = await ZenohBus.open(Link(listen=(listen,)), patience_s=0.0) if listen else MemoryBus()
+    if listen:
+        bus = await ZenohBus.open(Link(listen=(listen,)), patience_s=0.0)
+    else:
+        bus = MemoryBus()
     clock = VirtualClock() if is_virtual() else WallClock()
+
+    # A state directory of its own, since a run must not depend on the one before
     try:
         with tempfile.TemporaryDirectory(prefix="pointit-") as folder:
             async with Site.on(bus, clock) as site:

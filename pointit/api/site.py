@@ -25,6 +25,7 @@ from pointit.schemas import (
     AddPackageReply,
     Cursor,
     Done,
+    Environment,
     Health,
     HomeSetup,
     Hover,
@@ -73,10 +74,14 @@ class Site:
         self._failure: Exception | None = None
         self._is_closed = False
         self._ended = asyncio.Event()
-        self._state = SiteState(
-            on_person=lambda *_: self._publish_names(topics.USER_ALIVE),
-            on_service=lambda *_: self._publish_names(topics.SERVICE_ALIVE),
-        )
+
+        def on_person(*_: object) -> None:
+            self._publish_names(topics.USER_ALIVE)
+
+        def on_service(*_: object) -> None:
+            self._publish_names(topics.SERVICE_ALIVE)
+
+        self._state = SiteState(on_person=on_person, on_service=on_service)
         self._followers: defaultdict[Presence, weakref.WeakSet[ReceiveBuffer[frozenset[str]]]] = defaultdict(
             weakref.WeakSet
         )
@@ -85,6 +90,7 @@ class Site:
         self._speech = functools.cache(functools.partial(bus.publisher, topics.SPEECH))
         self.latest = Latest(bus, self._check_open, self._state)
         """The newest messages by topic and name."""
+        # Requests by the service that answers them, with the types of their replies
         send = self.call
         self.select = requests.SelectRequests[
             Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]
@@ -191,14 +197,17 @@ class Site:
         Raises, at once, or in the loop if the map comes later:
             ConfigError: If the map has no such thing.
         """
-        if (room := self.latest.map.get("")) is not None:  # received from now on
+        check: Coroutine[Any, Any, None] | None = None
+        room = self.latest.map.get("")  # received from now on
+        if room is not None:
             check_things(things, room)
-        return self._feed(
-            topics.SELECTION_EVENTS,
-            "",
-            lambda event: is_reaction(event, things, self.latest.map.get("")),
-            self._check_things(things) if things and room is None else None,
-        )
+        elif things:
+            check = self._check_things(things)
+
+        def is_wanted(event: SelectionEvent) -> bool:
+            return is_reaction(event, things, self.latest.map.get(""))
+
+        return self._feed(topics.SELECTION_EVENTS, "", is_wanted, check)
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`.
@@ -225,15 +234,18 @@ class Site:
             ValueError: If `limit_s` is not above 0 s, or above 3600 s.
         """
         if not 0.0 < limit_s <= MAX_ACT_S:
-            raise ValueError(f"limit_s is {limit_s:g} s; give more than 0 s, and at most {MAX_ACT_S:g} s")
+            given = f"limit_s is {limit_s:g} s"
+            raise ValueError(f"{given}; give more than 0 s, and at most {MAX_ACT_S:g} s")
 
         def register(function: F) -> F:
-            letters = re.sub(r"[^A-Za-z0-9]", "", getattr(function, "__name__", ""))
+            function_name = getattr(function, "__name__", "")
+            letters = re.sub(r"[^A-Za-z0-9]", "", function_name)[:40]
             number = zlib.crc32(" ".join(things).encode())
-            name = f"{letters[:40] or 'function'}-{number:08x}"  # the same after a restart
+            name = f"{letters or 'function'}-{number:08x}"  # the same after a restart
             target = FunctionTarget(function, limit_s)
             targets = dict.fromkeys(things, (target,))
-            self._start(carry(self._bus, self._clock, name, targets, self._check_things(things)))
+            check = self._check_things(things)
+            self._start(carry(self._bus, self._clock, name, targets, check))
             return function
 
         return register
@@ -263,9 +275,11 @@ class Site:
 
     def messages(self, topic: Topic[M], name: str | None = None) -> Feed[M]:
         """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
-        if name is not None:
+        if name is None:
+            name = ANY if topic.placeholder else ""
+        else:
             topic.at(name)
-        return self._feed(topic, (ANY if topic.placeholder else "") if name is None else name, None)
+        return self._feed(topic, name, None)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -316,12 +330,16 @@ class Site:
                 unknown.
         """
         self._check_open()
+
+        def room() -> Environment:
+            return self.latest.map.value
+
         tracker = Tracker(
             self._bus,
             name,
             self._clock.now_ns,
             self._trackers.discard,
-            room=lambda: self.latest.map.value,
+            room=room,
             frame=frame,
             latency_s=latency_s,
             latency_sigma_s=latency_sigma_s,
@@ -391,22 +409,25 @@ class Site:
         """Return the messages that fit. If `check` fails, they end with its error."""
         self._check_open()
         buffer = ReceiveBuffer[M](topic.delivery, one_writer=name != ANY)
+        # The subscription must not keep the buffer of a reader that has stopped iterating
         reference = weakref.ref(buffer)
 
         def on_message(message: M, its_name: str) -> None:
-            here = reference()
-            if here is None:  # the reader has stopped iterating
+            receiver = reference()
+            if receiver is None:
                 subscription.close()
             elif fits is None or fits(message):
-                here.put(message, its_name)
+                receiver.put(message, its_name)
 
         subscription: Subscription = self._bus.subscribe(topic, on_message, name or ANY)
         buffer.source = subscription
         self._buffers.add(buffer)
         if check is not None:
-            self._bus.spawn(self._end_unless(check, buffer), f"check of {topic.key}")
+            checking = self._end_unless(check, buffer)
+            self._bus.spawn(checking, f"check of {topic.key}")
         if self._bus.is_restricted:
-            self._bus.spawn(self._check_access(buffer, topic, name), f"access to {topic.key}")
+            access = self._check_access(buffer, topic, name)
+            self._bus.spawn(access, f"access to {topic.key}")
         return Feed(buffer, itemgetter(1), self._speed)
 
     @staticmethod

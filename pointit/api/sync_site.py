@@ -122,11 +122,12 @@ def _iterating(
 
     @functools.wraps(method)
     def iterating(self: "SyncSite", /, *args: P.args, **kwargs: P.kwargs) -> SyncFeed[T]:
-        return SyncFeed(self._thread.call(lambda: method(self._site, *args, **kwargs)), self._thread)
+        feed = self._thread.call(lambda: method(self._site, *args, **kwargs))
+        return SyncFeed(feed, self._thread)
 
     shown = inspect.signature(method)
-    feed = types.GenericAlias(SyncFeed, typing.get_args(shown.return_annotation))
-    vars(iterating)["__signature__"] = shown.replace(return_annotation=feed)
+    returned = types.GenericAlias(SyncFeed, typing.get_args(shown.return_annotation))
+    vars(iterating)["__signature__"] = shown.replace(return_annotation=returned)
     return iterating
 
 
@@ -149,6 +150,7 @@ class SyncSite:
         except BaseException:
             thread.close()
             raise
+        # at the end of Python, the loop's thread is gone before the objects are
         atexit.register(self.close)
         self.latest = SyncLatest(self._site.latest, thread)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
@@ -238,7 +240,11 @@ class SyncSite:
             NoMessageError: If the map does not come within 2 s.
         """
         self.latest.map.wait()
-        return lambda function: self._thread.call(lambda: self._site.on_pointed(*things)(function))
+
+        def register(function: F) -> F:
+            return self._thread.call(lambda: self._site.on_pointed(*things)(function))
+
+        return register
 
     def carries(self, *things: str, limit_s: float = 5.0) -> Callable[[F], F]:
         """Return a decorator: the function carries out the acts on these things; see `Site.carries`.
@@ -248,19 +254,21 @@ class SyncSite:
             NoMessageError: If the map does not come within 2 s.
         """
         check_things(things, self.latest.map.wait())
-        return lambda function: self._thread.call(
-            lambda: self._site.carries(*things, limit_s=limit_s)(function)
-        )
+
+        def register(function: F) -> F:
+            return self._thread.call(lambda: self._site.carries(*things, limit_s=limit_s)(function))
+
+        return register
 
     def tracker(
         self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None
     ) -> SyncTracker:
         """Return the tracker `name`, which publishes objects; see `Site.tracker`. Waits for a frame's map."""
-        tracker = self._thread.call(
-            lambda: self._site.tracker(
-                name, frame=frame, latency_s=latency_s, latency_sigma_s=latency_sigma_s
-            )
-        )
+
+        def make() -> Tracker:
+            return self._site.tracker(name, frame=frame, latency_s=latency_s, latency_sigma_s=latency_sigma_s)
+
+        tracker = self._thread.call(make)
         if frame:
             self._thread.run(self._site.latest.map.wait())
         return SyncTracker(tracker, self._thread)

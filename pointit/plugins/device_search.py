@@ -41,7 +41,10 @@ class ShippedDevices(PluginGroup[DevicePlugin]):
 
     def find(self) -> dict[str, tuple[EntryPoint, ...]]:
         """Return the devices by name."""
-        return {name: (EntryPoint(name, path, self.group),) for name, path in self._paths.items()}
+        entries: dict[str, tuple[EntryPoint, ...]] = {}
+        for name, path in self._paths.items():
+            entries[name] = (EntryPoint(name, path, self.group),)
+        return entries
 
     def package(self, name: str) -> str:
         """Return the package that brings `name`."""
@@ -62,7 +65,10 @@ class SearchResult:
 
 def words(result: SearchResult, device: FoundDevice) -> str:
     """Return `NAME:ADDRESS`, as a word of a shell, that chooses a found device."""
-    return shlex.quote(f"{result.name}:{device.address}" if device.address else result.name)
+    word = result.name
+    if device.address:
+        word = f"{result.name}:{device.address}"
+    return shlex.quote(word)
 
 
 def search(
@@ -78,29 +84,39 @@ def search(
         seconds: time for each search.
         tell: called with the number of finished plug-ins.
     """
-    asked = [(kind, name) for kind, group in groups.items() for name in group.names]
+    searches: list[tuple[str, str]] = []
+    for kind, group in groups.items():
+        searches += [(kind, name) for name in group.names]
     answers = queue.SimpleQueue[tuple[tuple[str, str], SearchResult | None]]()
     results: dict[tuple[str, str], SearchResult | None] = {}
-    for kind, name in asked:
-        thread = threading.Thread(
-            target=_run, args=(groups[kind], kind, name, seconds, answers), name=f"search {name}", daemon=True
-        )
-        thread.start()
+    for kind, name in searches:
+        arguments = (groups[kind], kind, name, seconds, answers)
+        threading.Thread(target=_run, args=arguments, name=f"search {name}", daemon=True).start()
+
+    # Report progress until all have answered, or the last one has exceeded its time
     until_s = time.monotonic() + seconds + 2 * TIMEOUT_S
-    while len(results) < len(asked):
+    while len(results) < len(searches):
         tell(len(results))
-        left_s = until_s - time.monotonic()
+        remaining_s = until_s - time.monotonic()
         try:
-            which, result = answers.get(timeout=max(0.0, min(left_s, LONGEST_WAIT_S)))
+            search_key, result = answers.get(timeout=max(0.0, min(remaining_s, LONGEST_WAIT_S)))
         except queue.Empty:
-            if left_s <= 0.0:
+            if remaining_s <= 0.0:
                 break
             continue
-        results[which] = result
-    for kind, name in asked:
+        results[search_key] = result
+
+    # In the order of the searches, not of the answers
+    ordered: list[SearchResult] = []
+    for kind, name in searches:
         if (kind, name) not in results:
-            results[kind, name] = SearchResult(kind=kind, name=name, problem=_hangs(groups[kind], name))
-    return [result for which in asked if (result := results[which]) is not None]
+            problem = _hangs(groups[kind], name)
+            ordered.append(SearchResult(kind=kind, name=name, problem=problem))
+            continue
+        result = results[kind, name]
+        if result is not None:
+            ordered.append(result)
+    return ordered
 
 
 def _hangs(group: PluginGroup[Any], name: str) -> str:
@@ -116,11 +132,12 @@ def _run(
 ) -> None:
     """Search with one plug-in in this thread, and put the result: None if the plug-in has no search."""
 
-    async def searched() -> None:
-        answers.put(((kind, name), await _searched(group, kind, name, seconds)))
+    async def put_result() -> None:
+        result = await _searched(group, kind, name, seconds)
+        answers.put(((kind, name), result))
 
     with contextlib.suppress(BaseException):  # of loops that do not close: the result is known by then
-        asyncio.run(searched())
+        asyncio.run(put_result())
 
 
 async def _searched(group: PluginGroup[Any], kind: str, name: str, seconds: float) -> SearchResult | None:
@@ -131,25 +148,27 @@ async def _searched(group: PluginGroup[Any], kind: str, name: str, seconds: floa
             return None
         async with limit:
             limit.reschedule(asyncio.get_running_loop().time() + seconds + TIMEOUT_S)
-            found = cast("object", await plugin.discover(seconds))
+            results = cast("object", await plugin.discover(seconds))
     except ConfigError as error:
         return SearchResult(kind=kind, name=name, problem=str(error))
     except BaseException as error:  # noqa: BLE001 - code of others; its result is a sentence
         if limit.expired():
             return SearchResult(kind=kind, name=name, problem=_hangs(group, name))
-        problem = f"search of {group.label(name)} failed ({type(error).__name__}: {error})"
+        reason = f"{type(error).__name__}: {error}"
+        problem = f"search of {group.label(name)} failed ({reason})"
         return SearchResult(kind=kind, name=name, problem=problem)
-    if not isinstance(found, Sequence):
-        return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, found))
-    devices = cast("Sequence[object]", found)
-    strange = [each for each in devices if not isinstance(each, FoundDevice)]
-    if strange:
-        return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, strange[0]))
+    if not isinstance(results, Sequence):
+        return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, results))
+    devices = cast("Sequence[object]", results)
+    for device in devices:
+        if not isinstance(device, FoundDevice):
+            return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, device))
     return SearchResult(kind=kind, name=name, found=tuple(cast("Sequence[FoundDevice]", devices)))
 
 
-def _no_devices(group: PluginGroup[Any], name: str, found: object) -> str:
-    return f"search of {group.label(name)} found a {type(found).__name__} instead of a FoundDevice"
+def _no_devices(group: PluginGroup[Any], name: str, result: object) -> str:
+    kind = type(result).__name__
+    return f"search of {group.label(name)} found a {kind} instead of a FoundDevice"
 
 
 async def find_home_assistants(seconds: float) -> Sequence[FoundDevice]:
@@ -158,7 +177,7 @@ async def find_home_assistants(seconds: float) -> Sequence[FoundDevice]:
     Raises:
         ConfigError: If the extra `discovery` is missing.
     """
-    return [announced_home(each) for each in await browse(SERVICE, seconds)]
+    return [announced_home(service) for service in await browse(SERVICE, seconds)]
 
 
 def announced_home(service: NetworkService) -> FoundDevice:
@@ -166,7 +185,8 @@ def announced_home(service: NetworkService) -> FoundDevice:
     name = service.properties.get("location_name") or service.name
     version = service.properties.get("version") or ""
     address = _url_of(service)
-    label = one_line(f"{name}, {version}" if version else name, MAX_LABEL)
+    shown_name = f"{name}, {version}" if version else name
+    label = one_line(shown_name, MAX_LABEL)
     label += f", announced by {service.address}"
     host = urlsplit(address).hostname
     if host not in (service.address, service.host.rstrip(".").lower()):
@@ -189,11 +209,13 @@ def _url_of(service: NetworkService) -> str:
     stated = service.properties.get("internal_url") or ""
     try:
         parts = urlsplit(stated)
-        is_usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        is_web = parts.scheme in ("http", "https") and bool(parts.hostname)
+        is_usable = is_web and parts.port != 0
     except ValueError:
         parts = urlsplit("")
         is_usable = False
-    if is_usable and "@" not in parts.netloc and stated.isprintable():
+    has_user = "@" in parts.netloc
+    if is_usable and not has_user and stated.isprintable():
         return f"{parts.scheme}://{parts.netloc}"
     return f"http://{format_address(service.address, service.port)}"
 

@@ -83,7 +83,8 @@ async def until(
     while not condition():
         if asyncio.get_running_loop().time() > end_s if is_over is None else is_over():
             sentence = description if isinstance(description, str) else description()
-            raise WaitError(f"waited {timeout_s:g} s in vain{': ' + sentence if sentence else ''}")
+            shown = f": {sentence}" if sentence else ""
+            raise WaitError(f"waited {timeout_s:g} s in vain{shown}")
         await asyncio.sleep(wait_s)
         wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
 
@@ -102,8 +103,9 @@ class Bench:
     ) -> asyncio.Task[None]:
         """Run `service` in the background until `end` or `stop` is called. Returns its task."""
         launch = Launch(service=service, config=config or service.CONFIG(), user=user, name=name)
-        self._launches.append(asyncio.create_task(run_service(launch, self.bus, self.clock)))
-        return self._launches[-1]
+        task = asyncio.create_task(run_service(launch, self.bus, self.clock))
+        self._launches.append(task)
+        return task
 
     async def end(self, launch: asyncio.Task[None]) -> None:
         """Cancel the service of the task that `start` returned, and wait until it has ended."""
@@ -120,9 +122,9 @@ class Bench:
 
     def collect(self, topic: Topic[M], name: str = ANY) -> list[M]:
         """Return a list that grows with the messages on `topic`."""
-        seen: list[M] = []
-        self.bus.subscribe(topic, lambda message, _name: seen.append(message), name)
-        return seen
+        messages: list[M] = []
+        self.bus.subscribe(topic, lambda message, _name: messages.append(message), name)
+        return messages
 
     async def settle(self, rounds: int = 10) -> None:
         """Wait until all messages on their way have arrived and been handled. Raise what a service raised."""
@@ -151,13 +153,15 @@ async def no_task_left() -> AsyncGenerator[None]:
     """
     before = asyncio.all_tasks()
     yield
-    mine = {asyncio.current_task()}
-    left = [task for task in asyncio.all_tasks() - before - mine if not task.done()]
-    for task in left:
+    own = {asyncio.current_task()}
+    new_tasks = asyncio.all_tasks() - before - own
+    running = [task for task in new_tasks if not task.done()]
+    for task in running:
         task.cancel()
-    await asyncio.gather(*left, return_exceptions=True)
-    if left:
-        raise AssertionError(f"tasks left running: {', '.join(sorted(task.get_name() for task in left))}")
+    await asyncio.gather(*running, return_exceptions=True)
+    if running:
+        names = ", ".join(sorted(task.get_name() for task in running))
+        raise AssertionError(f"tasks left running: {names}")
 
 
 @asynccontextmanager

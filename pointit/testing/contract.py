@@ -76,7 +76,8 @@ def called(function: str) -> Generator[None]:
     try:
         yield
     except Exception as error:
-        raise CheckFailedError(f"`{function}` raised {type(error).__name__}: {error}") from error
+        problem = f"{type(error).__name__}: {error}"
+        raise CheckFailedError(f"`{function}` raised {problem}") from error
 
 
 def promise(
@@ -95,7 +96,8 @@ def promise(
             require_plugin(type(self))
             if not applies(self):
                 raise SkipTest("the device of the contract cannot show it")
-            loop = VirtualTimeLoop() if self.virtual_time and not real_time else asyncio.new_event_loop()
+            has_virtual_time = self.virtual_time and not real_time
+            loop = VirtualTimeLoop() if has_virtual_time else asyncio.new_event_loop()
             _run(loop, method(self), TIMEOUT_FACTORS * self.timeout_s)
 
         return test
@@ -122,11 +124,11 @@ def _run(loop: asyncio.AbstractEventLoop, test: Coroutine[Any, Any, None], limit
         except TimeoutError as error:
             raise CheckFailedError(f"did not come to an end within {limit_s:g} s") from error
         finally:
-            left = asyncio.all_tasks() - {asyncio.current_task()}
-            for task in left:
+            remaining = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in remaining:
                 task.cancel()
-            if left:
-                await asyncio.wait(left, timeout=STUBBORN_S)
+            if remaining:
+                await asyncio.wait(remaining, timeout=STUBBORN_S)
 
     loop.set_exception_handler(on_error)
     try:
@@ -136,8 +138,9 @@ def _run(loop: asyncio.AbstractEventLoop, test: Coroutine[Any, Any, None], limit
         loop.close()
     for error in raised:
         line = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{line.filename}, line {line.lineno}, in {line.name}"
-        raise CheckFailedError(f"a callback raised {type(error).__name__}: {error}, in {where}") from error
+        position = f"{line.filename}, line {line.lineno}, in {line.name}"
+        problem = f"{type(error).__name__}: {error}"
+        raise CheckFailedError(f"a callback raised {problem}, in {position}") from error
 
 
 def require_parameters(contract: Contract, make: Callable[[Any], object]) -> None:
@@ -145,24 +148,26 @@ def require_parameters(contract: Contract, make: Callable[[Any], object]) -> Non
     plugin = contract.plugin
     summary = plugin.summary
     fields = plugin.config.model_fields
+    is_line = bool(summary.strip()) and "\n" not in summary
     require(
-        summary.strip() and "\n" not in summary and len(summary) <= MAX_SUMMARY,
+        is_line and len(summary) <= MAX_SUMMARY,
         f"the summary is no line of 1 to {MAX_SUMMARY} characters: {summary!r}",
         "Operators see it in `pointit plugin list`",
     )
-    require(
-        not plugin.argument or plugin.argument in fields,
-        f"the argument {plugin.argument!r} is no parameter; there are {[*fields]}",
-    )
+    has_parameter = not plugin.argument or plugin.argument in fields
+    names = [*fields]
+    require(has_parameter, f"the argument {plugin.argument!r} is no parameter; there are {names}")
     lacking = ", ".join(_undescribed(plugin.config))
     require(not lacking, f"parameters without a description: {lacking}", "Operators see it in the help")
+    # A plug-in may refuse parameters when it is made, but only as a mistake of the configuration
     for values in ({}, *contract.wrong_parameters):
         try:
             make(plugin.config.model_validate(dict(values)))
         except (ConfigError, ValidationError):
             continue
         except Exception as error:
-            sentence = f"the parameters {dict(values)!r} raised {type(error).__name__} instead of ConfigError"
+            kind = type(error).__name__
+            sentence = f"the parameters {dict(values)!r} raised {kind} instead of ConfigError"
             remedy = "Raise it where the plug-in is made, with one sentence; connect in `run`"
             raise CheckFailedError(f"{sentence}: {error}. {remedy}") from error
         require(
@@ -189,10 +194,12 @@ async def require_bounded_memory(act: Callable[[], Awaitable[None]], action: str
         before, _ = tracemalloc.get_traced_memory()
         await act()
         gc.collect()
-        growth = tracemalloc.get_traced_memory()[0] - before
+        after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    require(growth <= MAX_MEMORY_BYTES, f"after {action} it held {growth / 1e6:.1f} MB more", remedy)
+    growth = after - before
+    growth_mb = growth / 1e6
+    require(growth <= MAX_MEMORY_BYTES, f"after {action} it held {growth_mb:.1f} MB more", remedy)
 
 
 async def require_nothing_left(act: Callable[[], Awaitable[None]]) -> None:
@@ -201,27 +208,35 @@ async def require_nothing_left(act: Callable[[], Awaitable[None]]) -> None:
     gc.collect()
     gc.disable()  # an object that only the collector closes is one that nobody closed
     try:
-        before, files_before = _present()
+        names_before, files_before = _present()
         await act()
         end_s = time.monotonic() + SETTLED_S
         names, files = _present()
-        while (names - before or files > files_before) and time.monotonic() < end_s:
+        # threads and sockets may end a moment later
+        while names - names_before or files > files_before:
+            if time.monotonic() >= end_s:
+                break
             await asyncio.sleep(0.01)
             names, files = _present()
     finally:
         gc.enable()
-    left = sorted(names - before)
+    remaining = sorted(names - names_before)
     if files > files_before:
-        left.append(f"{files - files_before} open files or sockets")
-    require(not left, f"these were left when it had ended: {', '.join(left)}", CLOSE)
+        remaining.append(f"{files - files_before} open files or sockets")
+    listed = ", ".join(remaining)
+    require(not remaining, f"these were left when it had ended: {listed}", CLOSE)
 
 
 def _present() -> tuple[set[str], int]:
     """Return the threads and tasks, without those of the loop, and the number of files that are open."""
-    threads = [each.name for each in threading.enumerate() if not each.name.startswith("asyncio_")]
-    tasks = asyncio.all_tasks() - {asyncio.current_task()}
-    names = {f"thread {name!r}" for name in threads} | {f"task {each.get_coro()}" for each in tasks}
-    return names, len(list(FILES.iterdir())) if FILES.is_dir() else 0
+    names = set[str]()
+    for thread in threading.enumerate():
+        if not thread.name.startswith("asyncio_"):
+            names.add(f"thread {thread.name!r}")
+    for task in asyncio.all_tasks() - {asyncio.current_task()}:
+        names.add(f"task {task.get_coro()}")
+    file_count = len(list(FILES.iterdir())) if FILES.is_dir() else 0
+    return names, file_count
 
 
 async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
@@ -241,7 +256,8 @@ async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
         finally:
             loop.set_debug(False)
             logger.removeHandler(records)
-        slow = [each.getMessage() for each in records.buffer if each.msg.startswith("Executing ")]
+        messages = [record.getMessage() for record in records.buffer if record.msg.startswith("Executing ")]
+        slow = messages
         if not slow:
             return
     require(

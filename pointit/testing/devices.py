@@ -112,7 +112,9 @@ class PtyDevice(FakeDevice):
         loop = asyncio.get_running_loop()
         end_s = loop.time() + LOST_AFTER_S
         rest = memoryview(data)
-        while rest and self._device >= 0 and loop.time() < end_s:
+        while rest and self._device >= 0:
+            if loop.time() >= end_s:
+                break
             try:
                 rest = rest[os.write(self._device, rest) :]
                 end_s = loop.time() + LOST_AFTER_S
@@ -196,9 +198,9 @@ class UdpDevice(NetworkDevice):
 
     def take_program_port(self) -> socket.socket:
         """Return a socket that has the program's port until it is closed, like that of another program."""
-        taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        taken.bind((self.host, self.program_port))
-        return taken
+        program_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        program_socket.bind((self.host, self.program_port))
+        return program_socket
 
     def _unused_port(self) -> int:
         """Return a port that stays free until the program opens it: systems assign none of `PROGRAM_PORTS`.
@@ -213,7 +215,8 @@ class UdpDevice(NetworkDevice):
                 probe.bind((self.host, port))
                 self._numbered.bind((self.host, port))
                 return port
-        raise OSError(f"no port of {PROGRAM_PORTS.start} to {PROGRAM_PORTS.stop - 1} is free")
+        last_port = PROGRAM_PORTS.stop - 1
+        raise OSError(f"no port of {PROGRAM_PORTS.start} to {last_port} is free")
 
     def close(self) -> None:
         """Free both ports."""
@@ -224,9 +227,8 @@ class UdpDevice(NetworkDevice):
         """Start to send and receive."""
         self._reserved.close()
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(
-            lambda: _Receiver(self), local_addr=(self.host, self.port)
-        )
+        address = (self.host, self.port)
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: _Receiver(self), local_addr=address)
 
     async def unplug(self) -> None:
         """Fall silent and receive nothing."""

@@ -85,8 +85,9 @@ class ImuTrial(Trial):
                 self.require_running()
                 if not self.readings:
                     raise
-                other = f"{situation} and sent {POSTURE}, and {self.readings[-1]} was delivered"
-                raise CheckFailedError(f"{other}. {ORDER}") from error
+                delivered = self.readings[-1]
+                problem = f"{situation} and sent {POSTURE}, and {delivered} was delivered"
+                raise CheckFailedError(f"{problem}. {ORDER}") from error
         elif self.contract.delivers:
             await self.until(lambda: self.count > 0, failure)
 
@@ -112,7 +113,7 @@ class ImuTrial(Trial):
         self.readings.clear()
 
         def is_received() -> bool:
-            return any(shows(each, orientation_xyzw) for each in self.readings)
+            return any(shows(reading, orientation_xyzw) for reading in self.readings)
 
         await self.until(is_received, failure, remedy, lambda: self.send(orientation_xyzw))
         self.require_running()
@@ -136,18 +137,19 @@ def problem(reading: Reading | RawReading) -> str:
     """Return an error message if the orientation, or the raw values, of `reading` are none, else `""`."""
     if isinstance(reading, RawReading):
         raw = (*reading.angular_velocity_radps, *reading.acceleration_mps2)
-        is_good = len(raw) == 6 and all(isinstance(value, float) and math.isfinite(value) for value in raw)
-        return (
-            ""
-            if is_good
-            else f"delivered the raw values {raw!r}, which are not two times three finite floats"
-        )
+        are_finite = all(isinstance(value, float) and math.isfinite(value) for value in raw)
+        if len(raw) == 6 and are_finite:
+            return ""
+        return f"delivered the raw values {raw!r}, which are not two times three finite floats"
     values = reading.world_from_sensor
-    if len(values) != 4 or not all(isinstance(value, float) for value in values):
+    are_floats = all(isinstance(value, float) for value in values)
+    if len(values) != 4 or not are_floats:
         return f"delivered the orientation {values!r}, which is not four floats x, y, z, w"
     norm = sum(value * value for value in values) ** 0.5
     is_unit = abs(norm - 1.0) < 1e-3  # not NaN either
-    return "" if is_unit else f"delivered the orientation {values!r}, whose norm is {norm:.4g}, not 1"
+    if is_unit:
+        return ""
+    return f"delivered the orientation {values!r}, whose norm is {norm:.4g}, not 1"
 
 
 def shows(reading: Reading | RawReading, orientation_xyzw: Quaternion) -> bool:
@@ -161,7 +163,8 @@ def shows(reading: Reading | RawReading, orientation_xyzw: Quaternion) -> bool:
 
 def is_near(one: Quaternion, other: Quaternion) -> bool:
     """Return True if two orientations differ by less than 0.05 rad."""
-    return abs(sum(a * b for a, b in zip(one, other, strict=True))) > math.cos(NEAR_RAD / 2)
+    dot = sum(a * b for a, b in zip(one, other, strict=True))
+    return abs(dot) > math.cos(NEAR_RAD / 2)
 
 
 def _sends(contract: "ImuSourceContract") -> bool:
@@ -198,13 +201,13 @@ class ImuSourceContract(DeviceContract):
                 lambda: trial.count > 4, "fewer than five readings were delivered", "", trial.send
             )
             now_ns = trial.clock.now_ns()
-            for each in trial.readings:
+            for reading in trial.readings:
                 require(
-                    last_ns <= each.stamp_ns <= now_ns,
-                    f"a reading has the stamp {each.stamp_ns!r}, expected {last_ns} to {now_ns}",
+                    last_ns <= reading.stamp_ns <= now_ns,
+                    f"a reading has the stamp {reading.stamp_ns!r}, expected {last_ns} to {now_ns}",
                     "Take it from `surroundings.clock.now_ns()`; the device's own is `device_time_ns`",
                 )
-                last_ns = each.stamp_ns
+                last_ns = reading.stamp_ns
             if self.sends:
                 await trial.hear("a second orientation was not delivered", OTHER_POSTURE, ORDER)
 
@@ -213,22 +216,26 @@ class ImuSourceContract(DeviceContract):
         """Survives bytes that are no reading or no orientation, and goes on with the next that is one."""
         async with self.trial() as trial:
             await trial.begin()
-            good, noise = trial.encoded(POSTURE), random.Random(0)  # noqa: S311 - the same bytes in each run
+            good = trial.encoded(POSTURE)
+            half = len(good) // 2
+            noise = random.Random(0)  # noqa: S311 - the same bytes in each run
+            odd = [trial.encoded(orientation) for orientation in NO_ORIENTATIONS]
+            random_pieces = [noise.randbytes(size) for size in (1, 7, 16, 100, 4096)]
             pieces = (
-                *(trial.encoded(each) for each in NO_ORIENTATIONS),
+                *odd,
                 b"\n",
                 b"\0",
                 b"\xff" * 64,
-                good[: len(good) // 2],
-                good[len(good) // 2 :],
+                good[:half],
+                good[half:],
                 good[:-1],
-                good + good[: len(good) // 2],
+                good + good[:half],
                 b"1,2,3\n",
                 b"nonsense,,,,\r\n",
                 b"x" * 100_000,
                 b"\n" * 100,
                 re.sub(rb"\d+", b"9" * 400, good),
-                *(noise.randbytes(size) for size in (1, 7, 16, 100, 4096)),
+                *random_pieces,
             )
             for piece in filter(None, pieces):
                 await trial.device.send(piece)
@@ -243,6 +250,7 @@ class ImuSourceContract(DeviceContract):
         remedy = (
             "Keep no list of readings; bound every buffer (`deque(maxlen=…)`), also of an unfinished message"
         )
+        # After a burst, the newest reading must not wait behind all others
         async with self.trial() as trial:
             await trial.begin()
             data = trial.encoded(POSTURE)
@@ -293,10 +301,10 @@ class ImuSourceContract(DeviceContract):
         async with self.trial() as trial:
             await trial.begin()
             for _ in range(2):
-                before = trial.reconnections
+                count = trial.reconnections
                 await trial.replug()
                 require(
-                    trial.reconnections > before or not trial.device.is_connected,
+                    trial.reconnections > count or not trial.device.is_connected,
                     "the device came back and no `Reconnected` was delivered before its reading",
                     "Deliver it when a connection is open: a restarted device may have turned its yaw",
                 )
@@ -314,7 +322,8 @@ class ImuSourceContract(DeviceContract):
                 began_s = time.monotonic()
                 cpu_s = time.process_time()
                 await asyncio.sleep(SILENCE_S)
-                shares.append((time.process_time() - cpu_s) / (time.monotonic() - began_s))
+                used_s = time.process_time() - cpu_s
+                shares.append(used_s / (time.monotonic() - began_s))
             used = statistics.median(shares)  # a garbage collection is no polling
             require(
                 used <= MAX_CPU,

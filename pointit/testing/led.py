@@ -40,7 +40,8 @@ ODD_FRAMES: tuple[tuple[StripFrame, ...], ...] = (
 
 def pattern(number: int) -> bytes:
     """Return the pixels of all strips that show `number`, from 1, in binary; no two are the same."""
-    return bytes(255 * (number >> bit & 1) for bit in range(3 * PIXELS))
+    bits = (number >> bit & 1 for bit in range(3 * PIXELS))
+    return bytes(255 * bit for bit in bits)
 
 
 class LedTrial(Trial):
@@ -72,7 +73,11 @@ class LedTrial(Trial):
     async def exchange(self, situation: str = "the device was connected") -> None:
         """Wait until the newest frame of the device is the pattern that was shown last."""
         failure = f"{situation}, and did not get the newest frame"
-        await self.until(lambda: self.shown()[-1:] == [self._newest], failure, AGAIN)
+
+        def has_newest() -> bool:
+            return self.shown()[-1:] == [self._newest]
+
+        await self.until(has_newest, failure, AGAIN)
 
     async def live(self) -> None:
         """Show another pattern, let the device vanish and come back, and let it read no more."""
@@ -95,15 +100,18 @@ class LedTrial(Trial):
             took_s.append(time.perf_counter() - began_s)
         median_s = statistics.median(took_s)
         remedy = "Keep the frame in `show` and send it from `run`"
-        require(median_s <= SHOW_S, f"while {state}, `show` took {median_s * 1e3:.0f} ms", remedy)
+        median_ms = median_s * 1e3
+        require(median_s <= SHOW_S, f"while {state}, `show` took {median_ms:.0f} ms", remedy)
 
     def show(self, number: int) -> None:
         """Show the pattern of a number."""
-        self._newest = rest = pattern(number)
+        rest = pattern(number)
+        self._newest = rest
         frames: list[StripFrame] = []
         for strip in STRIPS:
-            frames.append(StripFrame(id=strip.id, rgb=rest[: 3 * strip.pixels]))
-            rest = rest[3 * strip.pixels :]
+            size = 3 * strip.pixels
+            frames.append(StripFrame(id=strip.id, rgb=rest[:size]))
+            rest = rest[size:]
         self.show_frames(frames)
 
     def show_frames(self, frames: Sequence[StripFrame]) -> None:
@@ -137,20 +145,19 @@ class LampsAsStrips:
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
         """Set a lamp for each pixel."""
-        self._lamps.set_lamps(
-            [
-                Lamp(id=lamp_id(strip.id, pixel), position_m=strip.line_m[0])
-                for strip in strips
-                for pixel in range(strip.pixels)
-            ]
-        )
+        lamps: list[Lamp] = []
+        for strip in strips:
+            for pixel in range(strip.pixels):
+                lamps.append(Lamp(id=lamp_id(strip.id, pixel), position_m=strip.line_m[0]))
+        self._lamps.set_lamps(lamps)
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         """Show the pixels of `frame` on their lamps."""
         del age_s
         for strip in frame.strips:
             for pixel in range(len(strip.rgb) // 3):
-                red, green, blue = strip.rgb[3 * pixel : 3 * pixel + 3]
+                first = 3 * pixel
+                red, green, blue = strip.rgb[first : first + 3]
                 self._lamps.show_lamp(lamp_id(strip.id, pixel), (red, green, blue))
 
     async def run(self) -> None:
@@ -190,19 +197,25 @@ class LedOutputContract(DeviceContract):
             await asyncio.sleep(0.05)  # it may be measured after the last byte has arrived here
             light_s = trial.output.light_s
             passed_s = loop.time() - began_s
+            duration = f"{passed_s:.2f} s"
             require(
                 0.0 <= light_s <= passed_s,
-                f"{passed_s:.2f} s after the first `show` `light_s` was {light_s!r}",
+                f"{duration} after the first `show` `light_s` was {light_s!r}",
                 "It is the time from `show` to the last byte sent, s; leave 0.0 if it is not measured",
             )
             await trial.end()
             remedy = "Send a dark frame in `finally` of `run`, and wait until it has left"
-            await trial.until(lambda: trial.shown()[-1:] == [DARK], "the strips were left lit", remedy)
+
+            def is_dark() -> bool:
+                return trial.shown()[-1:] == [DARK]
+
+            await trial.until(is_dark, "the strips were left lit", remedy)
 
     @promise()
     async def test_newest_wins(self) -> None:
         """Returns at once from `show`, and keeps the newest frame alone while the device is away or slow."""
         async with self.trial() as trial:
+            # Without a device, frames must not pile up
             await trial.begin(is_plugged=False)
             trial.show_often("the device was away")
 
@@ -213,15 +226,16 @@ class LedOutputContract(DeviceContract):
                         await asyncio.sleep(0)
 
             await require_bounded_memory(show_many, f"{MANY} frames without a device", NEWEST)
+            # With a device, and with one that does not read, `show` must not wait for it
             await trial.plug()
             trial.show_often("the device was connected")
             if trial.device.can_stall:
                 await trial.exchange()
-                before = len(trial.shown())
+                count = len(trial.shown())
                 for number in range(2, FRAMES + 2):
                     trial.show(number)
                 await trial.exchange("many frames were shown")
-                sent = len(trial.shown()) - before
+                sent = len(trial.shown()) - count
                 require(
                     sent <= FRAMES / 2,
                     f"of {FRAMES} frames shown at once, {sent} were sent, not just the newest",

@@ -76,11 +76,12 @@ class Person:
         Raises:
             CheckFailedError: If the method raises.
         """
-        before = len(self.results)
+        count = len(self.results)
         for _ in range(max(1, round(duration_s * RATE_HZ))):
             self.now_ns += NS_PER_S // RATE_HZ
             self.step(target, prefix)
-        return [result.fired for result in self.results[before:] if result.fired is not None]
+        new_results = self.results[count:]
+        return [result.fired for result in new_results if result.fired is not None]
 
     def step(self, target: str, prefix: str = "object ", *, has_ray: bool = True) -> SelectionProgress:
         """Process one cursor now. Return the method's result.
@@ -88,27 +89,46 @@ class Person:
         Raises:
             CheckFailedError: If the method raises.
         """
-        number = 0.5 if target == BESIDE else float(target.rpartition(" ")[2])
+        # A cursor on the belt or beside all objects, with or without its ray
+        number = 0.5
+        surface = "none"
+        surface_id = ""
+        if target != BESIDE:
+            number = float(target.rpartition(" ")[2])
+            surface = "belt"
+            surface_id = "1"
         direction = vector.direction(number * APART_RAD, 0.0)
+        point_m = None if target == BESIDE else vector.scale(direction, RANGE_M)
         cursor = Cursor(
             stamp_ns=self.now_ns,
             seq=len(self.results),
-            surface="none" if target == BESIDE else "belt",
-            surface_id="" if target == BESIDE else "1",
-            point_m=None if target == BESIDE else vector.scale(direction, RANGE_M),
+            surface=surface,
+            surface_id=surface_id,
+            point_m=point_m,
             range_m=RANGE_M,
             origin_m=(0.0, 0.0, 0.0) if has_ray else None,
             direction=direction if has_ray else None,
         )
-        view = _view(direction, prefix) if self._by_angle and has_ray else None
-        under = None if target == BESIDE or view is not None else f"{prefix}{number:g}"
+
+        # A method by angle sees all objects near the ray, another one only the object under the cursor
+        view = None
+        if self._by_angle and has_ray:
+            view = _view(direction, prefix)
+        under = None
+        if target != BESIDE and view is None:
+            under = f"{prefix}{number:g}"
         with called("step"):
             result = self.method.step(PointingSample(cursor, under, view, _acts))
         self.results.append(result)
+
+        # An object may only fire while it is pointed at, or shortly after
         self._pointed_ns[target] = self.now_ns
         fired = result.fired
-        if fired is not None and abs(self.now_ns - self._pointed_ns.get(fired, 0)) > RECENT_NS:
-            self.unprovoked = self.unprovoked or f"the person pointed at {target!r}, and {fired!r} fired"
+        if fired is not None:
+            passed_ns = self.now_ns - self._pointed_ns.get(fired, 0)
+            if abs(passed_ns) > RECENT_NS:
+                problem = f"the person pointed at {target!r}, and {fired!r} fired"
+                self.unprovoked = self.unprovoked or problem
         return result
 
     def select(self, target: str) -> list[str]:
@@ -119,7 +139,8 @@ class Person:
         """Point at random objects for random times."""
         chance = random.Random(seed)  # noqa: S311 - the same path in each run
         for _ in range(40):
-            target = BESIDE if chance.random() < 0.3 else f"object {chance.randrange(4)}"
+            is_beside = chance.random() < 0.3
+            target = BESIDE if is_beside else f"object {chance.randrange(4)}"
             self.stay(target, chance.uniform(0.02, 3.0 * self.dwell_s))
 
 
@@ -128,16 +149,16 @@ def _acts(_object_id: str) -> bool:
 
 
 def _view(direction: Vec3, prefix: str) -> View:
-    seen: list[VisibleObject] = []
+    visible: list[VisibleObject] = []
     for number, center_m in enumerate(CENTERS_M):
         if vector.dot(direction, center_m) > RANGE_M * math.cos(NEAR_RAD):
             angle_rad = vector.angle_between(direction, center_m)
             still = (0.0, 0.0, 0.0)
             half_rad = math.atan(HALF_M / RANGE_M)
             tracked = TrackedObject(id=f"{prefix}{number}", kind="", position_m=center_m, length_m=2 * HALF_M)
-            around = (center_m, still, still, HALF_M, RANGE_M, None, tracked)
-            seen.append(VisibleObject(tracked.id, angle_rad, half_rad, *around))
-    return View(direction, seen)
+            geometry = (center_m, still, still, HALF_M, RANGE_M, None, tracked)
+            visible.append(VisibleObject(tracked.id, angle_rad, half_rad, *geometry))
+    return View(direction, visible)
 
 
 class SelectionMethodContract(Contract):
@@ -149,7 +170,8 @@ class SelectionMethodContract(Contract):
     @promise()
     async def test_parameters(self) -> None:
         """Describes itself and its parameters, has a dwell time, and refuses what cannot work."""
-        dwell_s = getattr(self.plugin.config.model_validate(dict(self.parameters)), "dwell_s", None)
+        config = self.plugin.config.model_validate(dict(self.parameters))
+        dwell_s = getattr(config, "dwell_s", None)
         require(
             isinstance(dwell_s, float) and 0.0 < dwell_s <= 10.0,
             f"`dwell_s` is {dwell_s!r}, expected seconds, above 0 and up to 10",
@@ -160,6 +182,7 @@ class SelectionMethodContract(Contract):
     @promise()
     async def test_selects(self) -> None:
         """Selects the object that a person stays on, once until it was left; tells progress from 0 to 1."""
+        # Staying fires once, and nothing else does
         person = Person(self)
         person.stay(BESIDE, 1.0)
         fired = person.select("object 3")
@@ -175,13 +198,14 @@ class SelectionMethodContract(Contract):
         odd = [value for value in values if not 0.0 <= value <= 1.0]  # NaN, too
         require(not odd, f"a progress was {odd[:1]}", "Return the share of the dwell time, at most 1.0")
         require(any(0.0 < value < 1.0 for value in values), "no progress between 0 and 1 was reported")
+        # A latch of others counts like one's own, until the person has left the object
         person = Person(self)
         person.stay("object 3", 0.1)
         person.method.latch("object 3")
         require(not person.select("object 3"), "'object 3' was latched, and fired all the same", latch)
         person.stay(BESIDE, SLOWEST_S)
-        left = set(person.method.latched)
-        require(not left, f"the person left 'object 3', and {left} stayed latched", latch)
+        latched = set(person.method.latched)
+        require(not latched, f"the person left 'object 3', and {latched} stayed latched", latch)
         require(
             person.select("object 3") == ["object 3"],
             "the person left 'object 3' and came back, and it did not fire",
@@ -191,6 +215,7 @@ class SelectionMethodContract(Contract):
     @promise()
     async def test_selects_nothing_else(self) -> None:
         """Selects nothing that is not pointed at, that is passed, or at which cursors only begin and end."""
+        # Nothing but the object under the cursor
         for seed in range(5):
             person = Person(self)
             person.wander(seed)
@@ -198,14 +223,17 @@ class SelectionMethodContract(Contract):
         person = Person(self)
         fired = person.stay(BESIDE, 10 * person.dwell_s)
         require(not fired, f"the person pointed at nothing, and {fired} fired", "Fire only what is hovered")
+        # Many objects, each for less than the dwell time
         person = Person(self)
         for number in range(4 * COUNT):
-            fired = person.stay(f"object {number % COUNT}", PASSING_SHARE * person.dwell_s)
+            duration_s = PASSING_SHARE * person.dwell_s
+            fired = person.stay(f"object {number % COUNT}", duration_s)
             require(
                 not fired,
                 f"the person spent {PASSING_SHARE:.0%} of the dwell time on each of many: {fired} fired",
                 "Count only time that is spent on the same object, and forget it when the object is left",
             )
+        # Two cursors that are far apart in time: nobody knows where the person pointed in between
         person = Person(self)
         for _ in range(5):
             fired = person.stay("object 3", 1 / RATE_HZ)
@@ -261,4 +289,5 @@ class SelectionMethodContract(Contract):
         remedy = "Keep only what concerns objects that are near or were just left"
         await require_bounded_memory(pass_by, f"{MANY} objects", remedy)
         median_s = statistics.median(took_s)
-        require(median_s <= STEP_S, f"a `step` took {median_s * 1e3:.1f} ms", remedy)
+        median_ms = median_s * 1e3
+        require(median_s <= STEP_S, f"a `step` took {median_ms:.1f} ms", remedy)

@@ -42,7 +42,8 @@ class Check:
 
 def checks(contract: type[Contract]) -> list[Check]:
     """Return the tests of `contract`."""
-    return [Check(contract, name.removeprefix("test_")) for name in dir(contract) if name.startswith("test_")]
+    names = [name for name in dir(contract) if name.startswith("test_")]
+    return [Check(contract, name.removeprefix("test_")) for name in names]
 
 
 def run_checks(checks: Sequence[Check]) -> Iterator[tuple[Check, str]]:

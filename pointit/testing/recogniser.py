@@ -1,6 +1,7 @@
 """The contract of recognisers of speech: samples in, words with their times out."""
 
 import asyncio
+import itertools
 from collections.abc import AsyncIterator, Mapping
 from contextlib import aclosing
 from types import MappingProxyType
@@ -38,7 +39,8 @@ class SampleAudio:
     async def blocks(self) -> AsyncIterator[tuple[int, bytes]]:
         """Yield blocks of samples, each with the time of its first one, Unix ns."""
         for start in range(0, len(self._samples), self._block_bytes):
-            yield START_NS + start * NS_PER_S // (2 * RATE_HZ), self._samples[start:][: self._block_bytes]
+            stamp_ns = START_NS + start * NS_PER_S // (2 * RATE_HZ)
+            yield stamp_ns, self._samples[start:][: self._block_bytes]
             await asyncio.sleep(0)
         if self._is_endless:
             self.is_waiting.set()
@@ -83,20 +85,23 @@ class RecogniserContract(Contract):
         end_ns = START_NS + len(self.samples) * NS_PER_S // (2 * RATE_HZ)
         for block_s in (BLOCK_S, 0.01, 1.0):
             utterances = await self.recognise(SampleAudio(self.samples, block_s))
-            words = [word for speech in utterances for word in speech.words]
+            words = list(itertools.chain.from_iterable(speech.words for speech in utterances))
             result = " ".join(word.text for word in words)
             expected = " ".join(self.words)
+            # Whatever the blocks, the words are the same
             require(
                 result == expected,
                 f"in blocks of {block_s:g} s it recognised {result!r}, expected {expected!r}",
                 "Yield a `Speech` when an utterance or the audio has ended; buffer short blocks yourself",
             )
             times_ns = [START_NS, *(word.start_ns for word in words), end_ns]
-            stamps_ns = [(each.stamp_ns, each.words[-1].end_ns) for each in utterances if each.words]
+            is_ordered = times_ns == sorted(times_ns)
+            are_within = all(word.start_ns <= word.end_ns <= end_ns for word in words)
+            spoken = [speech for speech in utterances if speech.words]
+            have_ends = all(speech.stamp_ns == speech.words[-1].end_ns for speech in spoken)
+            is_right = is_ordered and are_within
             require(
-                times_ns == sorted(times_ns)
-                and all(word.start_ns <= word.end_ns <= end_ns for word in words)
-                and all(stamp_ns == last_ns for stamp_ns, last_ns in stamps_ns),
+                is_right and have_ends,
                 "the words are not in order within the audio, or `stamp_ns` is not the end of the last one",
                 "Compute the times of words from those of the blocks, not from a clock",
             )

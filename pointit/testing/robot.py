@@ -59,13 +59,14 @@ class RobotTrial(Trial):
 
     def make(self, config: Any) -> Any:
         """Create a driver of a robot at the origin."""
+        hover_m = self.height_m or 0.2
         spec = RobotSpec(
             name="checked",
             kind=self.contract.kind,
             start_m=(0.0, 0.0, 0.0),
             start_yaw_rad=0.0,
             radius_m=0.2,
-            hover_m=self.height_m or 0.2,
+            hover_m=hover_m,
             max_speed_mps=1.0,
             max_acceleration_mps2=1.0,
         )
@@ -77,8 +78,9 @@ class RobotTrial(Trial):
 
     async def exchange(self, situation: str = "the robot was connected") -> None:
         """Wait for a report that comes from now on."""
-        before = len(self.reports)
-        await self.until(lambda: len(self.reports) > before, f"{situation}, and nothing was reported")
+        count = len(self.reports)
+        failure = f"{situation}, and nothing was reported"
+        await self.until(lambda: len(self.reports) > count, failure)
 
     async def live(self) -> None:
         """Move and stop the robot. Disconnect and reconnect it, if the driver can notice that."""
@@ -130,36 +132,42 @@ class RobotTrial(Trial):
         order = self.next()
         start_m = self.reports[-1][1].position_m
         self.tell(FollowPath(order, (self.place(self.contract.far_m),)))
-        await self.until(
-            lambda: math.dist(start_m, self.reports[-1][1].position_m) > self.contract.near_m,
-            "it was sent far away, and no report said that it moves",
-        )
+
+        def has_moved() -> bool:
+            position_m = self.reports[-1][1].position_m
+            return math.dist(start_m, position_m) > self.contract.near_m
+
+        await self.until(has_moved, "it was sent far away, and no report said that it moves")
         return order
 
     async def done(self, order: int, situation: str) -> None:
         """Wait until an order is done."""
-        await self.until(lambda: "done" in self.states(order), f"{situation}, and was never done", DONE)
+        failure = f"{situation}, and was never done"
+        await self.until(lambda: "done" in self.states(order), failure, DONE)
         await self.exchange()
 
     async def still(self, situation: str) -> None:
         """Wait until the robot reports that it stands, and goes on standing."""
-        await self.until(lambda: self.speed_mps() < STILL_MPS, f"{situation}, and it did not stand still")
+        failure = f"{situation}, and it did not stand still"
+        await self.until(lambda: self.speed_mps() < STILL_MPS, failure)
         place = self.reports[-1][1].position_m
         for _ in range(5):
             await self.exchange()
+        # a robot that only passed through standing still would be elsewhere by now
         moved_m = math.dist(place, self.reports[-1][1].position_m)
         require(moved_m <= self.contract.near_m, f"{situation}, and it went on after it had stood still")
 
     def speed_mps(self) -> float:
         """Return the last reported speed."""
-        return math.hypot(*self.reports[-1][1].velocity_mps) if self.reports else 0.0
+        if not self.reports:
+            return 0.0
+        return math.hypot(*self.reports[-1][1].velocity_mps)
 
     def require_near(self, place_m: Vec3) -> None:
         """Raise CheckFailedError unless the robot is at a place."""
         away_m = math.dist(self.reports[-1][1].position_m, place_m)
-        require(
-            away_m <= self.contract.near_m, f"it was said to be done {away_m:.2f} m away from {place_m}", DONE
-        )
+        failure = f"it was said to be done {away_m:.2f} m away from {place_m}"
+        require(away_m <= self.contract.near_m, failure, DONE)
 
     def _report(self, item: ReportItem) -> None:
         self.health.note_thread("report")
@@ -212,9 +220,12 @@ class RobotContract(DeviceContract):
                 age_s = (now_ns - report.stamp_ns) / NS_PER_S
                 is_new = -0.1 <= age_s <= MAX_POSE_AGE_S
                 require(is_new, f"the stamp of a report was {age_s:.1f} s old by the given clock", remedy)
-            span_s = (trial.reports[-1][0] - trial.reports[0][0]) / NS_PER_S
+            first_ns = trial.reports[0][0]
+            last_ns = trial.reports[-1][0]
+            span_s = (last_ns - first_ns) / NS_PER_S
             count = len(trial.reports)
-            require(span_s * MIN_RATE_HZ <= count, f"{count} reports came in {span_s:.1f} s", remedy)
+            failure = f"{count} reports came in {span_s:.1f} s"
+            require(span_s * MIN_RATE_HZ <= count, failure, remedy)
             require(not trial.reports[-1][1].is_flying, "a robot on the ground was reported to fly")
 
     @promise()
@@ -232,7 +243,8 @@ class RobotContract(DeviceContract):
             await trial.still("it was told to stop")
             done = "done" in trial.states(replaced) + trial.states(stopped)
             require(not done, "an order that was replaced or stopped was reported as done", DONE)
-            await trial.go(trial.place(trial.reports[-1][1].position_m[0] + 0.5))
+            x_m = trial.reports[-1][1].position_m[0]
+            await trial.go(trial.place(x_m + 0.5))
 
     @promise(lambda self: self.follows)
     async def test_follows(self) -> None:
@@ -241,11 +253,16 @@ class RobotContract(DeviceContract):
             await trial.begin()
             await trial.rise()
             for step in range(20):
-                trial.tell(Follow(trial.next(), trial.place(0.03 * step)))
+                place_m = trial.place(0.03 * step)
+                trial.tell(Follow(trial.next(), place_m))
                 await asyncio.sleep(0.02)
             target = trial.place(0.57)
+
+            def is_near() -> bool:
+                return math.dist(trial.reports[-1][1].position_m, target) < self.near_m
+
             await trial.until(
-                lambda: math.dist(trial.reports[-1][1].position_m, target) < self.near_m,
+                is_near,
                 f"it was to follow to {target}, and did not get there",
                 "Take each Follow as the place to be at, and stay there when no further one comes",
             )
@@ -280,8 +297,9 @@ class RobotContract(DeviceContract):
                 trial.tell(TakeOff(trial.next(), math.nan))
                 await trial.exchange("commands made no sense")
             place = trial.reports[-1][1].position_m
+            away_m = math.dist(place, (0.0, 0.0, 0.0))
             require(
-                math.dist(place, (0.0, 0.0, 0.0)) <= self.near_m,  # not if it is no number
+                away_m <= self.near_m,  # not if it is no number
                 f"commands made no sense, and it went to {place}",
                 "Report OrderStatus(order, 'refused', reason) for what the robot cannot do",
             )
@@ -295,7 +313,8 @@ class RobotContract(DeviceContract):
             await trial.begin(is_plugged=False)
             began_s = time.monotonic()
             for _ in range(1000):
-                trial.tell(FollowPath(trial.next(), (trial.place(self.far_m),)))
+                path_m = (trial.place(self.far_m),)
+                trial.tell(FollowPath(trial.next(), path_m))
             took_s = time.monotonic() - began_s
             require(took_s <= MAX_COMMANDS_S, f"1000 commands took {took_s:.1f} s", "Keep the newest alone")
             await trial.plug()

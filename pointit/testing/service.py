@@ -28,7 +28,8 @@ class NotedBus(MemoryBus):
 
     def __init__(self, broker: LocalBroker) -> None:
         super().__init__(broker)
-        self.used: dict[str, set[str]] = {"reads": set(), "writes": set(), "serves": set(), "asks": set()}
+        fields = ("reads", "writes", "serves", "asks")
+        self.used: dict[str, set[str]] = {field: set() for field in fields}
         """Keys of rows by the field of `ServicePlugin` that must declare them."""
 
     def publisher(self, topic: Any, name: str = "") -> Any:
@@ -106,11 +107,10 @@ class ServiceTrial(Trial):
         """Put a message of each topic that it reads, those of the contract instead where there are some."""
         given = {topic.key for topic, _ in self.contract.messages}
         now_ns = self.clock.now_ns()
-        others = [
-            (topic, _default(topic.message, stamp_ns=now_ns, seq=1))
-            for topic in self.contract.plugin.reads
-            if topic.key not in given
-        ]
+        others: list[tuple[Any, Any]] = []
+        for topic in self.contract.plugin.reads:
+            if topic.key not in given:
+                others.append((topic, _default(topic.message, stamp_ns=now_ns, seq=1)))
         for topic, message in (*self.contract.messages, *others):
             if message is not None:
                 self.bus.publisher(topic, self._name(topic)).put(message)
@@ -121,8 +121,8 @@ class ServiceTrial(Trial):
         Raises:
             CheckFailedError: If there is none, or the service fails on it.
         """
-        given = [query for each, query in self.contract.queries if each.key == request.key]
-        query = given[0] if given else _default(request.query)
+        queries = [query for row, query in self.contract.queries if row.key == request.key]
+        query = queries[0] if queries else _default(request.query)
         if query is None:
             return
         try:
@@ -130,12 +130,15 @@ class ServiceTrial(Trial):
         except RefusedError as refusal:
             fault = refusal.__cause__
             if fault is not None:
-                raise CheckFailedError(f"{request.key} raised {type(fault).__name__}: {fault}") from fault
+                problem = f"{type(fault).__name__}: {fault}"
+                raise CheckFailedError(f"{request.key} raised {problem}") from fault
         except Exception as error:
             raise CheckFailedError(f"{request.key}: {error}") from error
 
     def _name(self, row: Any) -> str:
-        return (self.user or "anna") if row.placeholder else ""
+        if not row.placeholder:
+            return ""
+        return self.user or "anna"
 
     def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == self._launch.instance:

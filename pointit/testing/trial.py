@@ -66,7 +66,7 @@ class TrialHealth(NullHealth):
         """Show a warning until it is cleared, by `clear` or `""`."""
         self.note_thread("health.warn")
         self.warnings[f"{code} {subject}".rstrip()] = sentence
-        self.warnings = {key: each for key, each in self.warnings.items() if each}
+        self.warnings = {key: text for key, text in self.warnings.items() if text}
 
     def clear(self, code: str, subject: str = "") -> None:
         """Clear a warning."""
@@ -124,9 +124,10 @@ class DeviceContract(Contract):
             while took_s[-1] >= CANCEL_S and len(took_s) < TRIES:
                 took_s.append(await round_trip(is_plugged=is_plugged))
             state = "the device was connected" if is_plugged else "it waited for the device"
+            shortest_s = min(took_s)
             require(
-                min(took_s) < CANCEL_S,
-                f"while {state}, it ended {min(took_s):.1f} s after it was cancelled",
+                shortest_s < CANCEL_S,
+                f"while {state}, it ended {shortest_s:.1f} s after it was cancelled",
                 "Await only what can be cancelled, do not catch CancelledError, and limit what is sent last",
             )
         await require_nothing_left(end)
@@ -138,13 +139,13 @@ class Trial(ABC):
     def __init__(self, contract: DeviceContract) -> None:
         self.device = contract.device()
         self.timeout_s = contract.timeout_s
-        self.config = contract.plugin.config.model_validate(dict(contract.parameters(self.device)))
+        parameters = dict(contract.parameters(self.device))
+        self.config = contract.plugin.config.model_validate(parameters)
         self.clock = TrialClock()
         self.health = TrialHealth()
         self._folder = TemporaryDirectory()
-        self.surroundings = Surroundings(
-            clock=self.clock, health=self.health, folder=Path(self._folder.name) / "state", user="anna"
-        )
+        folder = Path(self._folder.name) / "state"
+        self.surroundings = Surroundings(clock=self.clock, health=self.health, folder=folder, user="anna")
         self.task: asyncio.Task[None] | None = None
 
     @abstractmethod
@@ -198,7 +199,8 @@ class Trial(ABC):
 
     async def warned(self, situation: str = "the device was away") -> None:
         """Wait for a warning. Raises CheckFailedError if none comes in the `situation`, a clause."""
-        await self.until(lambda: bool(self.health.warnings), f"{situation} and no warning said so", WARN)
+        failure = f"{situation} and no warning said so"
+        await self.until(lambda: bool(self.health.warnings), failure, WARN)
 
     async def __aenter__(self) -> Self:
         """Enter."""
@@ -212,9 +214,10 @@ class Trial(ABC):
             if kind is None:
                 self.require_running()
                 await self.end()
+                foreign_call = self.health.foreign_call
                 require(
-                    not self.health.foreign_call,
-                    f"`{self.health.foreign_call}` was called from another thread than the event loop's",
+                    not foreign_call,
+                    f"`{foreign_call}` was called from another thread than the event loop's",
                     "From there use `loop.call_soon_threadsafe`",
                 )
             elif self.task is not None:
@@ -229,8 +232,10 @@ class Trial(ABC):
         """Raise CheckFailedError if `run` has returned or raised."""
         if self.task is not None and self.task.done():
             error = failure_of(self.task)
-            verb = "returned by itself" if error is None else f"raised {type(error).__name__}: {error}"
-            raise CheckFailedError(f"`run` {verb}. {RETRY}") from error
+            end = "returned by itself"
+            if error is not None:
+                end = f"raised {type(error).__name__}: {error}"
+            raise CheckFailedError(f"`run` {end}. {RETRY}") from error
 
     async def until(
         self,
@@ -249,7 +254,8 @@ class Trial(ABC):
         end_s = loop.time() + self.timeout_s
         while not condition():
             self.require_running()
-            require(loop.time() <= end_s, f"{failure} (waited {self.timeout_s:g} s)", remedy)
+            is_in_time = loop.time() <= end_s
+            require(is_in_time, f"{failure} (waited {self.timeout_s:g} s)", remedy)
             if act is not None:
                 await act()
             await asyncio.sleep(POLL_S)

@@ -107,6 +107,7 @@ class ReceiveBuffer(Generic[U]):
         return self._items.popitem(last=False)[1]
 
     async def _wait(self) -> None:
+        # Until the first message, the reason of the silence may be that none can be read
         if self._has_received or self.source is None:
             await self._changed.wait()
             return
@@ -193,6 +194,7 @@ class Feed(AsyncIterator[T], Generic[T]):
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout_at(self._end_s):
                     return self._pick(await self._buffer.take())
+        # The time is over: what has come until now is still returned, but nothing that comes later
         if self._left is None:
             self._left = len(self._buffer)
         if not self._left or not len(self._buffer):
@@ -266,6 +268,8 @@ class Newest(Mapping[str, M], Generic[M]):
         self._check_open()
         if name in self._values:
             return self._values[name]
+
+        # Nothing came: find out why, the most certain reason first
         if denied := await self._bus.denial_reason("reads", self._topic, name):
             raise AccessDeniedError(denied)
         if subscription.traffic.invalid and not self._values:

@@ -55,6 +55,7 @@ async def press(
         NoAnswerError: If `user` has no supervisor, or it does not reply within `patience_s`.
     """
     with contextlib.ExitStack() as declared:
+        # Declared before the press: the answer may come at once
         person = _Person(bus, user, declared)
         button = bus.publisher(BUTTON, user)
         declared.callback(button.close)

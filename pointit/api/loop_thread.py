@@ -70,6 +70,7 @@ class LoopThread:
 
     def close(self) -> None:
         """End the loop with all its tasks, and the thread."""
+        # `_stop` belongs to the loop, which is the only one that may set it
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._end)
             self._thread.join()

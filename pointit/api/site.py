@@ -116,6 +116,7 @@ class Site:
         """Yield the site of `bus`, as soon as it is known who is there."""
         site = cls(bus, clock)
         try:
+            # who is present is listed after the watch began: nobody is missed in between
             site._watches += follow_site(site._state, bus, asyncio.get_running_loop().time, ())
             for user in await bus.list_present(topics.USER_ALIVE) - site._state.former_people:
                 site._state.set_person(user, present=True)
@@ -368,12 +369,14 @@ class Site:
 
     def fail(self, error: Exception) -> None:
         """End all iterators with `error`."""
+        # The error comes first: whoever is woken looks at it
         self._failure = error
         self._ended.set()
         for buffer in list(self._buffers):
             buffer.close(error)
 
     def _close(self) -> None:
+        # Trackers end while the site is open, since they publish that all objects have left
         for tracker in list(self._trackers):
             if not self._bus.is_closed:
                 tracker.close()

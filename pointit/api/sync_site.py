@@ -73,6 +73,7 @@ class SyncFeed(Iterator[T], Generic[T]):
         self._thread.call(self._feed.close)
 
     def __next__(self) -> T:
+        # A tuple, since StopAsyncIteration cannot be the result of a task
         async def step() -> tuple[T, ...]:
             async for item in self._feed:
                 return (item,)
@@ -92,7 +93,8 @@ class SyncTracker:
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; see `Tracker.update`."""
-        listed = tuple(objects)  # here: a generator may use the site
+        # Listed in this thread: a generator may use the site, which waits for the loop
+        listed = tuple(objects)
         self._thread.call(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
         checked = self._tracker.checked
         if checked is not None and not checked.done():  # afterwards: these objects are seen now
@@ -150,7 +152,7 @@ class SyncSite:
         except BaseException:
             thread.close()
             raise
-        # at the end of Python, the loop's thread is gone before the objects are
+        # for programs that end without `close`
         atexit.register(self.close)
         self.latest = SyncLatest(self._site.latest, thread)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""

@@ -84,7 +84,9 @@ def parse_config(text: str, folder: Path) -> zenoh.Config:
             users_file = str(folder.absolute() / users)
             config.insert_json5(key, json.dumps(users_file))
     except (zenoh.ZError, ValueError) as error:
-        raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
+        raise ConfigError(
+            f"the router's configuration is none that Zenoh takes: {_config_mistake(error)}"
+        ) from None
     return config
 
 
@@ -132,7 +134,7 @@ class Router:
             ConfigError: the configuration cannot be used.
             ListenError: an address is taken or not ours.
         """
-        self._stamp = self._look()
+        self._stamp = self._file_stamps()
         config = await asyncio.to_thread(self._read)
         self._begin(await _open(config))
 
@@ -178,7 +180,7 @@ class Router:
         while True:
             await asyncio.sleep(LOOK_S)
             set_tcp_timeouts(ports_of(self._listens), LEASE_MS)  # each that was accepted lingers before this
-            stamp = self._look()
+            stamp = self._file_stamps()
             is_written = stamp != previous
             previous = stamp
             if is_written or stamp == self._stamp:  # a change replaces several files, and is one
@@ -255,7 +257,7 @@ class Router:
         self.former = _former_names(subjects)
         return config
 
-    def _look(self) -> Stamp:
+    def _file_stamps(self) -> Stamp:
         stamps: list[tuple[int, int, int]] = []
         for file in self._files:
             with contextlib.suppress(OSError):
@@ -328,7 +330,7 @@ async def _open(config: zenoh.Config) -> zenoh.Session:
     return session
 
 
-def _where(error: Exception) -> str:
+def _config_mistake(error: Exception) -> str:
     """Return where a configuration is wrong, and no value of it: it may be a password."""
     text = str(error)
     if place := re.search(r"--> (\d+):(\d+)", text):

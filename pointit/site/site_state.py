@@ -243,12 +243,15 @@ class SiteState:
             self._services.add(instance)
             self._former_services.pop(instance, None)
             self._on_service(instance, True)
+
+            # Messages return after their writer
             for topic, name in list(self._orphans):
                 if present_writers(topic, name, (instance,)):
                     del self._orphans[topic, name]
             self._show_valid()
             return
 
+        # Messages end before their writer
         self._services.discard(instance)
         _remember(self._former_services, instance, None)
         service, _ = split_instance(instance)
@@ -337,6 +340,7 @@ def _ignore(*_: object) -> None:
 
 
 def _remember(ordered: OrderedDict[K, V], key: K, value: V) -> None:
+    # The oldest entry is evicted first, which bounds memory
     ordered[key] = value
     ordered.move_to_end(key)
     if len(ordered) > MAX_FORMER:

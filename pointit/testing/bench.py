@@ -78,6 +78,7 @@ async def until(
     Raises:
         WaitError: If the condition does not come true in time. The message contains `description`.
     """
+    # the time of the loop: in virtual time, the wait takes none
     end_s = asyncio.get_running_loop().time() + timeout_s
     wait_s = SHORTEST_WAIT_S
     while not condition():

@@ -256,6 +256,8 @@ async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
         finally:
             loop.set_debug(False)
             logger.removeHandler(records)
+
+        # One quick try is enough: a busy machine may slow down the others
         messages = [record.getMessage() for record in records.buffer if record.msg.startswith("Executing ")]
         slow = messages
         if not slow:

@@ -92,6 +92,7 @@ class PtyDevice(FakeDevice):
             tty.setraw(end)
         os.set_blocking(self._device, False)
         asyncio.get_running_loop().add_reader(self._device, self._read)
+        # The rename replaces the link at once, so that the program never finds half of it
         fresh = self.path.with_suffix(".new")
         fresh.symlink_to(os.ttyname(self._program))
         fresh.replace(self.path)
@@ -153,6 +154,7 @@ class TcpDevice(NetworkDevice):
             return
         self._server.close()
         self._server = None
+        # abort, not close: the program must see a reset, not an orderly end
         for writer in self._writers:
             writer.transport.abort()
         self._writers.clear()

@@ -187,6 +187,7 @@ class LedOutputContract(DeviceContract):
         kind = self.plugin.config
         require(issubclass(kind, OutputConfig), f"{kind.__name__} is no OutputConfig of pointit.plugins")
         async with self.trial() as trial:
+            # Nothing is measured before the first frame
             light_s = trial.output.light_s
             began_s = loop.time()
             require(light_s == 0.0, f"before the first frame `light_s` was {light_s!r}, not 0.0")
@@ -203,6 +204,7 @@ class LedOutputContract(DeviceContract):
                 f"{duration} after the first `show` `light_s` was {light_s!r}",
                 "It is the time from `show` to the last byte sent, s; leave 0.0 if it is not measured",
             )
+            # The end is the last frame
             await trial.end()
             remedy = "Send a dark frame in `finally` of `run`, and wait until it has left"
 

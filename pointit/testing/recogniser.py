@@ -121,6 +121,7 @@ class RecogniserContract(Contract):
     @promise()
     async def test_ends(self) -> None:
         """Ends within 1 s of being cancelled while it waits for audio, and leaves no task, thread or file."""
+        # It is cancelled when it has taken all samples and waits for more, or has ended too early
         audio = SampleAudio(self.samples, is_endless=True)
         task = asyncio.create_task(self.recognise(audio))
         waiting = asyncio.create_task(audio.is_waiting.wait())
@@ -128,6 +129,6 @@ class RecogniserContract(Contract):
         waiting.cancel()
         require(not task.done() or task.result() is None, "`hear` ended before the audio")
         task.cancel()
-        late = (await asyncio.wait({task}, timeout=CANCEL_S))[1]
+        _, late = await asyncio.wait({task}, timeout=CANCEL_S)
         require(not late, f"it did not end within {CANCEL_S:g} s of being cancelled", "Await what you start")
         await require_nothing_left(self._recognise_samples)

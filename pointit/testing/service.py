@@ -181,6 +181,7 @@ class ServiceContract(DeviceContract):
             for _ in range(MESSAGES):
                 trial.put_messages()
                 await asyncio.sleep(0)
+            # errors of handlers are known by the next health report
             await asyncio.sleep(HEALTH_S)
             remedy = "Handle every message that its type allows; what a handler raises is logged"
             require(not trial.errors, f"{trial.errors} of its handlers or timers raised", remedy)

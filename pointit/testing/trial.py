@@ -262,6 +262,7 @@ class Trial(ABC):
 
     async def end(self) -> float:
         """Cancel `run`, and return the time until it ends, s. Raises CheckFailedError if it does not."""
+        # taken at once, or the end of the trial would end it a second time
         task = self.task
         self.task = None
         if task is None:

@@ -241,7 +241,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     if choices.method:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
-        extra["selector"] = _chosen("--method", choices.method, METHODS, "method")
+        extra["selector"] = _plugin_parameters("--method", choices.method, METHODS, "method")
     if choices.localize and choices.robot is not None:
         places = [place.position_m for place in scenario.places]
         followed = followed_robot(scenario, choices.robot)
@@ -298,7 +298,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     if device != "sim":
         services.pop("user-sim", None)
         services.setdefault("imu-bridge", {})
-        extra["imu-bridge"] = _chosen("--imu", device, SOURCES, "source")
+        extra["imu-bridge"] = _plugin_parameters("--imu", device, SOURCES, "source")
         extra["supervisor"]["autostart"] = True  # many devices have no button
     elif choices.page or choices.ros2 or ROS2 in scenario.site:  # they may bring a device later
         services.setdefault("imu-bridge", {})
@@ -458,7 +458,7 @@ def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[
         raise ConfigError(f"{option} {text!r}: {error}") from error
 
 
-def _chosen(option: str, text: str, group: PluginGroup[Any], parameter: str) -> dict[str, Any]:
+def _plugin_parameters(option: str, text: str, group: PluginGroup[Any], parameter: str) -> dict[str, Any]:
     name, parameters = _choose(option, text, group)
     return {parameter: name, **({name: parameters} if parameters else {})}
 

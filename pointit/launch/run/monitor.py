@@ -93,14 +93,14 @@ class RunScore:
         if len(self.listed) > MAX_TRACKERS:
             del self.listed[next(iter(self.listed))]
         for thing in message.objects:
-            self._know(thing.id, thing.kind)
+            self._add_object(thing.id, thing.kind)
             if thing.id in self.unknown:
                 self.unknown.discard(thing.id)
                 self.selected.add(thing.id)
 
     def on_event(self, event: SelectionEvent) -> None:
         """Count `event`."""
-        self._know(event.object_id, event.kind)
+        self._add_object(event.object_id, event.kind)
         if event.event in {"selected", "deselected"} and event.object_id in self.bays:
             return  # the bay is final
         if event.event == "selected":
@@ -133,13 +133,13 @@ class RunScore:
         still_listed = known - self.bays.keys()
         self.selected = still_listed | (self.selected & self.left)
 
-    def _know(self, name: str, kind: str) -> None:
+    def _add_object(self, name: str, kind: str) -> None:
         if self.kinds.get(name, UNKNOWN) == UNKNOWN:
             self.kinds[name] = kind or UNKNOWN
         if len(self.kinds) > MAX_OBJECTS:
-            self._forget(next(iter(self.kinds)))
+            self._remove_object(next(iter(self.kinds)))
 
-    def _forget(self, name: str) -> None:
+    def _remove_object(self, name: str) -> None:
         kind = self.kinds.pop(name)
         self.past["corrected"] += self.corrected.pop(name, 0)
         is_target = kind in self.target_kinds or not self.target_kinds
@@ -465,11 +465,11 @@ class Monitor:
         if pose.method == "fixed":  # given since then
             self.found.pop(user, None)
             return
-        self._take_found(user)
+        self._store_solution(user)
         if user not in self.found or pose.method == "external":
             self.found[user] = pose
 
-    def _take_found(self, user: str) -> None:
+    def _store_solution(self, user: str) -> None:
         """Store the pose of a finished localization; the two messages arrive in any order."""
         solved_ns = self.solved.get(user)
         pose = self.poses.get(user)
@@ -486,7 +486,7 @@ class Monitor:
         is_new = previous is None or previous.phase != "solved"
         if is_solution and is_new:
             self.solved[user] = localization.stamp_ns
-            self._take_found(user)
+            self._store_solution(user)
         if localization.phase in {"sampling", "solved"}:
             self._try_again(user)
         elif localization.phase == "refused" and localization.reason:

@@ -127,7 +127,7 @@ class Carrier:
         self._subscription.close()
         acts = list(self._running)
         for task in acts:
-            self._end(task, ActFailedError("error", f"{self._name} ended before it was done"))
+            self._cancel_act(task, ActFailedError("error", f"{self._name} ended before it was done"))
         await asyncio.gather(*acts, return_exceptions=True)
         self._pause_watch.stop()
         with contextlib.suppress(PointItError):  # the bus is closed
@@ -166,7 +166,7 @@ class Carrier:
             if running_act.on != act.on or task.cancelling():
                 replaced.append(task)
         for task in replaced:
-            self._end(task, ActFailedError("replaced", "it was switched again before it was done"))
+            self._cancel_act(task, ActFailedError("replaced", "it was switched again before it was done"))
 
         # The new one waits for their ends by itself, so that this handler returns at once
         self._pause_watch.start()
@@ -195,7 +195,7 @@ class Carrier:
         if asyncio.get_running_loop().time() - received_s >= limit_s:
             raise ActFailedError("no_answer", f"not done within {limit_s:g} s")
 
-    def _end(self, task: asyncio.Task[None], problem: ActFailedError) -> None:
+    def _cancel_act(self, task: asyncio.Task[None], problem: ActFailedError) -> None:
         if not task.cancelling() and task.cancel():
             self._tell_result(self._running[task].event, problem)
 

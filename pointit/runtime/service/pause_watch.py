@@ -35,14 +35,14 @@ class PauseWatch:
     def has_paused_since(self, time_s: float) -> bool:
         """Return True if a pause has ended after `time_s` of the loop, at which it was watching."""
         # After a pause, the caller may run before the beat that is overdue.
-        self._note()
+        self._note_pause()
         return self._resumed_s > time_s
 
     def _beat(self) -> None:
-        self._note()
+        self._note_pause()
         self._timer = self._loop.call_later(BEAT_S, self._beat)
 
-    def _note(self) -> None:
+    def _note_pause(self) -> None:
         now_s = self._loop.time()
         if now_s - self._beat_s > MAX_PAUSE_S:
             self._resumed_s = now_s

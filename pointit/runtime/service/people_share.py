@@ -117,31 +117,31 @@ class PeopleShare:
             log.warning("%s", problem)
             self._bus.warn("shards", problem)
         # Subscribe before the tokens: with them, the default instance stops to serve these users
-        self._follow(self._own_users)
+        self._subscribe_to(self._own_users)
         self._tokens = [self._bus.announce(SHARD_ALIVE, token) for token in tokens]
 
     def withdraw(self) -> None:
         """Return the users of a shard to the default instance, until `announce`."""
         while self._tokens:
             self._tokens.pop().close()
-            self._follow(())
+            self._subscribe_to(())
 
     def _add(self, declare: Callable[[str], Closable]) -> None:
         split = _Split(declare)
         self._splits.append(split)
         split.follow(self._names)
 
-    def _follow(self, names: Collection[str]) -> None:
+    def _subscribe_to(self, names: Collection[str]) -> None:
         self._names = names
         for split in self._splits:
             split.follow(names)
 
-    def _share(self) -> None:
+    def _update_share(self) -> None:
         if self._remote_users and ANY in self._names:
             for user in filter(_is_person, self._received_users()):
                 self._known_users.add(user)
                 self._forget_later(user)
-        self._follow(self._known_users - self._remote_users if self._remote_users else {ANY})
+        self._subscribe_to(self._known_users - self._remote_users if self._remote_users else {ANY})
         for figure, people in (("people heard", self._names), ("people of shards", self._remote_users)):
             self._bus.set_metric(figure, len(people) if self._remote_users else None)
 
@@ -155,7 +155,7 @@ class PeopleShare:
         if present and _is_person(user):
             self._present.add(user)
             self._known_users.add(user)
-            self._share()
+            self._update_share()
         elif user in self._known_users:
             self._present.discard(user)
             self._forget_later(user)
@@ -171,13 +171,13 @@ class PeopleShare:
             self._forget_later(user)
         elif user not in self._present:
             self._known_users.discard(user)
-            self._share()
+            self._update_share()
 
     def _is_subscribed(self, user: str) -> bool:
         """Record a message of `user` in the default instance. Return True if it serves them."""
         if user not in self._known_users and _is_person(user):
             self._known_users.add(user)
-            self._share()
+            self._update_share()
         return user not in self._remote_users
 
     def _on_shard(self, name: str, *, present: bool) -> None:
@@ -186,12 +186,12 @@ class PeopleShare:
             return
         if present:
             self._remote_users.add(user)
-            self._share()
+            self._update_share()
             if self._lost is not None:
                 self._lost(user)
             return
         self._remote_users.discard(user)
-        self._share()
+        self._update_share()
         for states in self._states:
             states.repeat(user)
 

@@ -227,7 +227,7 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
         # The options of parameters are those with a path
         values: dict[tuple[str, ...], str | None] = {}
         for option, value in options.items():
-            path = _path(option)
+            path = _parameter_path(option)
             if path:
                 values[path] = value
         files = [options["config"]] if options["config"] else []
@@ -394,7 +394,7 @@ async def _serve(launch: Launch, link: Link, clock_timeout_s: float | None) -> i
         link = Link(site=link.site, listen=link.listen)
     bus = await ZenohBus.open(link)
     try:
-        clock, _ = await asyncio.gather(_clock(bus, clock_timeout_s), _claim(bus, launch))
+        clock, _ = await asyncio.gather(_choose_clock(bus, clock_timeout_s), _claim_names(bus, launch))
         log.info("%s of site %s runs", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
@@ -402,14 +402,14 @@ async def _serve(launch: Launch, link: Link, clock_timeout_s: float | None) -> i
     return 0
 
 
-async def _claim(bus: ZenohBus, launch: Launch) -> None:
+async def _claim_names(bus: ZenohBus, launch: Launch) -> None:
     if launch.is_single and bus.link.connect:
         own = f"another --user than {launch.user}" if launch.user else "a --name of its own"
         advice = f"give this one {own}, or end the other one first"
         await claim_names(bus, SERVICE_ALIVE, {launch.instance}, advice)
 
 
-async def _clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
+async def _choose_clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
     if timeout_s is None:
         return WallClock()
     clock = SiteClock(bus)
@@ -418,7 +418,7 @@ async def _clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
     return clock
 
 
-def _path(parameter: str) -> tuple[str, ...]:
+def _parameter_path(parameter: str) -> tuple[str, ...]:
     if not parameter.startswith(SETS):
         return ()
     return tuple(parameter.removeprefix(SETS).split("__"))

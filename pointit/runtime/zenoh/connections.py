@@ -97,9 +97,9 @@ class Connections:
         is_router = event.transport.whatami == zenoh.WhatAmI.ROUTER
         up = event.kind == zenoh.SampleKind.PUT
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), is_router, up)
+            self._loop.call_soon_threadsafe(self._count_connection, str(event.transport.zid), is_router, up)
 
-    def _count(self, zid: str, is_router: bool, up: bool) -> None:
+    def _count_connection(self, zid: str, is_router: bool, up: bool) -> None:
         if not self._is_open:
             return
         if up:

@@ -67,7 +67,7 @@ class LivelinessSubscriber:
         step = 1 if sample.kind == zenoh.SampleKind.PUT else -1
         with self._lock:
             count = self._sums[token] + step
-            self._set(token, count)
+            self._count_token(token, count)
             if token in self._pending_replies or (count > 0) != (step > 0):
                 self._pending_replies[token] = None  # a pending answer may be older than this change
         self._wake()
@@ -80,10 +80,10 @@ class LivelinessSubscriber:
                 self._pending_replies[token] = None
             else:
                 del self._pending_replies[token]
-                self._set(token, int(bool(answers)))
+                self._count_token(token, int(bool(answers)))
         self._wake()
 
-    def _set(self, token: str, count: int) -> None:
+    def _count_token(self, token: str, count: int) -> None:
         self._sums[token] = count
         if not count:
             del self._sums[token]

@@ -150,14 +150,14 @@ class BoundedWorkQueue(Generic[T]):
             has_room = len(self._waiting) < MAX_WAITING
             if has_room:
                 if not self._is_awake:
-                    self._loop.call_soon_threadsafe(self._turn)
+                    self._loop.call_soon_threadsafe(self._work_one_slice)
                     self._is_awake = True
                 self._waiting.append(item)
         if not has_room:
             self._turned_away.add(self._key, time.monotonic())
         return has_room
 
-    def _turn(self) -> None:
+    def _work_one_slice(self) -> None:
         until_s = time.monotonic() + SLICE_S
         while True:
             if self._steps is None:
@@ -176,7 +176,7 @@ class BoundedWorkQueue(Generic[T]):
                 log.exception("a question for %s could not be answered", self._key)
             if time.monotonic() >= until_s:
                 break
-        self._loop.call_soon(self._turn)
+        self._loop.call_soon(self._work_one_slice)
 
 
 def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:

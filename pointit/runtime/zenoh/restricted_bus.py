@@ -125,7 +125,7 @@ class PermissionProbe:
                 return self._denial(right, is_unknown=self._is_unknown_identity)
 
         # Otherwise test this right alone. If nothing arrives, not even the right to join does.
-        arrived = await self._arrived({right})
+        arrived = await self._granted_rights({right})
         if arrived is None or right in arrived:
             return ""
         return self._denial(right, is_unknown=not arrived)
@@ -153,24 +153,24 @@ class PermissionProbe:
             await asyncio.sleep(SETTLE_S)
             self._is_due.clear()
             if self._untested and self._is_up():
-                await self._test()
+                await self._test_rights()
 
     def _is_pending(self, right: Right) -> bool:
         return right in self._untested or right in self._testing
 
-    async def _test(self) -> None:
+    async def _test_rights(self) -> None:
         rights = self._untested
         self._untested = set[Right]()
         self._testing = rights
         try:
-            self._learn(rights, await self._arrived(rights))
+            self._store_result(rights, await self._granted_rights(rights))
         finally:
             self._testing = set()
             tested = self._tested
             self._tested = asyncio.Event()
             tested.set()
 
-    def _learn(self, rights: set[Right], arrived: set[Right] | None) -> None:
+    def _store_result(self, rights: set[Right], arrived: set[Right] | None) -> None:
         if arrived is None:
             self._untested |= rights
             if self._is_up():  # otherwise `retest` follows when it is back
@@ -186,7 +186,7 @@ class PermissionProbe:
         if previous and not self._sentences():
             log.info("%s may do now what it needs", self._credentials.description)
 
-    async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
+    async def _granted_rights(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return the granted `rights` and the right to join, or None if the router did not answer all."""
         name = self._credentials.link.name
         prefix = f"{ROOM}/{name}"
@@ -343,7 +343,7 @@ class RestrictedBus(ZenohBus):
         await self._probe.close()
         await super().close()
 
-    def _want(self, verb: str, key: str) -> None:
+    def _add_right(self, verb: str, key: str) -> None:
         self._probe.add(verb, key)
 
     def _on_back(self) -> None:

@@ -138,7 +138,7 @@ class EventRecovery:
                         zid, eid = writer
                         gap = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
                         self._gaps[writer] = gap
-                        self._begin(writer, gap)
+                        self._start_query(writer, gap)
                     first = max(last + 1, number - EVENT_CAPACITY)
                     if is_first:
                         gap.first_counted = number
@@ -154,9 +154,9 @@ class EventRecovery:
                 return
             gap.samples[number] = sample
             if len(gap.samples) >= EVENT_CAPACITY:
-                self._end(writer, gap)
+                self._close_gap(writer, gap)
 
-    def _begin(self, writer: Writer, gap: _Gap) -> None:
+    def _start_query(self, writer: Writer, gap: _Gap) -> None:
         def spawn_query() -> None:
             if self._bus.is_closed:
                 return
@@ -193,9 +193,9 @@ class EventRecovery:
                     break
         with self._lock:
             if self._gaps.get(writer) is gap:
-                self._end(writer, gap)
+                self._close_gap(writer, gap)
 
-    def _end(self, writer: Writer, gap: _Gap) -> None:
+    def _close_gap(self, writer: Writer, gap: _Gap) -> None:
         del self._gaps[writer]
         for number in sorted(gap.samples):
             self._hand_on(gap.samples[number])
@@ -536,12 +536,12 @@ class RetainedStateFetcher:
             answers = await asyncio.gather(*queries)
             for (key, topic), samples in zip(batch, answers, strict=True):
                 if samples:
-                    self._hand_over(topic, samples)
+                    self._deliver_samples(topic, samples)
                 else:
                     unanswered[key] = topic
         return unanswered
 
-    def _hand_over(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
+    def _deliver_samples(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
         mailboxes: list[tuple[str, Mailbox]] = []
         for row, reader_name, mailbox in self._readers:
             if row is topic and mailbox.accepts_retained:

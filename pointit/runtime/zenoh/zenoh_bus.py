@@ -297,7 +297,7 @@ class ZenohBus(MemoryBus):
         if topic in ACCOUNTS and self._is_observer:
             return super().publisher(topic, name)
         if topic not in ACCOUNTS:
-            self._want("writes", topic.at(name))
+            self._add_right("writes", topic.at(name))
         return ZenohPublisher(self, self.session, topic, name)
 
     def subscribe(
@@ -330,7 +330,7 @@ class ZenohBus(MemoryBus):
         return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, retained=True)
 
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, retained: bool) -> Subscription:
-        self._want("reads", topic.at(name))
+        self._add_right("reads", topic.at(name))
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inputs=self._inputs, allowlist=self._allowlist
         )
@@ -350,7 +350,7 @@ class ZenohBus(MemoryBus):
         """Answer `request`, here and from other processes."""
         local = self.handler(request, server, name)
         key = request.at(name)
-        self._want("serves", key)
+        self._add_right("serves", key)
         return self._join(local, answer_others(self.session, local, key, self._turned_away))
 
     async def call(
@@ -430,7 +430,7 @@ class ZenohBus(MemoryBus):
 
         return Declaration(undo, self.declarations)
 
-    def _want(self, verb: str, key: str) -> None:
+    def _add_right(self, verb: str, key: str) -> None:
         """Note that a right is used. Without access rules all are granted."""
 
     def _on_back(self) -> None:

@@ -92,7 +92,9 @@ def agv_of_topic(topic: str, prefix: str = "") -> AgvTopic | None:
     if len(last) < 3 or not is_below:
         return None
     manufacturer, serial_number, kind = last
-    if not manufacturer or not serial_number or kind not in KINDS:
+    if not manufacturer or not serial_number:
+        return None
+    if kind not in KINDS:
         return None
     return AgvTopic(first, manufacturer, serial_number, kind)
 
@@ -384,8 +386,10 @@ class AgvError(TolerantModel):
 
     def is_about(self, key: str, value: str, *, default: bool = False) -> bool:
         """Return True if a reference of the error has this key and value; `default` if none has the key."""
-        references = self.error_references
-        values = [reference.reference_value for reference in references if reference.reference_key == key]
+        values: list[str] = []
+        for reference in self.error_references:
+            if reference.reference_key == key:
+                values.append(reference.reference_value)
         return value in values if values else default
 
 

@@ -369,7 +369,7 @@ class Site:
 
     def fail(self, error: Exception) -> None:
         """End all iterators with `error`."""
-        # The error comes first: whoever is woken looks at it
+        # The error comes first: the waiters read it when they wake
         self._failure = error
         self._ended.set()
         for buffer in list(self._buffers):

@@ -181,7 +181,8 @@ def compatibility_errors(committed: Files, kinds: Iterable[Kind] | None = None) 
     for path in committed:
         file = _VERSIONED.fullmatch(path)
         if file and file[1] == "messages":
-            versions.setdefault(file[2], set()).add(int(file[3]))
+            name = file[2]
+            versions.setdefault(name, set()).add(int(file[3]))
     for name in sorted(versions):
         if name in today:
             sentences += _broken(today[name], versions[name], committed)
@@ -323,8 +324,9 @@ def _losses(old: JsonSchema, new: JsonSchema, where: str) -> Iterator[str]:
             yield from _losses(field, grown[name], path)
         else:
             yield f"the field {path} is gone"
-    newly_required = set(new.get("required", ())) - set(old.get("required", ()))
-    for name in sorted(newly_required):
+    was_required = set(old.get("required", ()))
+    is_required = set(new.get("required", ()))
+    for name in sorted(is_required - was_required):
         path = f"{where}.{name}" if where else name
         yield f"the field {path} is required now, give it a default"
     rest = (old.keys() | new.keys()) - {"properties", "required", "default"}

@@ -44,9 +44,10 @@ def scenario_launches(scenario: Scenario, choices: Choices, people: int | Sequen
         ConfigError: a service or parameter is wrong, or the map lacks what they need.
     """
     launches = site_launches(scenario, choices)
-    names = people
     if isinstance(people, int):
-        names = [name_of(index) for index in range(people)]
+        names: Sequence[str] = [name_of(index) for index in range(people)]
+    else:
+        names = people
     for index, name in enumerate(names):
         launches += user_launches(scenario, choices, name, index)
     check_map_fits(launches)

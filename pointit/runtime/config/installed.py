@@ -76,7 +76,7 @@ class InstalledGroup(Generic[P]):
             others = by_name.get(entry.name, ())
             if others and _package(others[0]) in OURS:
                 continue
-            # a package that is installed twice, such as in a checkout, lists its entry points twice
+            # the same object listed twice is no conflict
             if entry.value not in [other.value for other in others]:
                 by_name[entry.name] = (*others, entry)
         if not by_name and self._has_ours:

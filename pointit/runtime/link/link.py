@@ -171,7 +171,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         _password(folder)
         return Credentials(folder=folder, link=link)
 
-    # A router refuses a certificate that is not valid now without saying why
+    # Checked here, with the remedy: a router's refusal arrives as a time-out
     certificate = folder / CERTIFICATE
     if now < link.valid_from:
         begin = f"{link.valid_from:%Y-%m-%d %H:%M} UTC"

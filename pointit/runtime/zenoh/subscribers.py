@@ -118,7 +118,7 @@ class EventRecovery:
         writer = (str(source.source_id.zid), source.source_id.eid)
         number = source.source_sn
         with self._lock:
-            # The last number of each writer. The oldest writer is evicted first, which bounds memory.
+            # The last number of each writer. The one that is silent longest is evicted, which bounds memory.
             last = self._last.pop(writer, None)
             self._last[writer] = number if last is None else max(last, number)
             if len(self._last) > MAX_WRITERS:
@@ -324,9 +324,10 @@ class EncodedMessage:
                 message = decoded(self._kind, self._sample.payload, self._sample.encoding)
                 self._message = message
             except Exception as error:
-                self._failure = str(error)
+                failure = str(error)
                 if not isinstance(error, DecodeError):
-                    self._failure = f"{type(error).__name__}: {error}"
+                    failure = f"{type(error).__name__}: {failure}"
+                self._failure = failure
                 raise
         return message
 

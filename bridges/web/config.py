@@ -114,4 +114,7 @@ def _is_encrypted_origin(url: str) -> bool:
         has_host = bool(parts.hostname) and parts.port != 0
     except ValueError:
         return False
-    return has_host and "@" not in parts.netloc and url == f"https://{parts.netloc}"
+    has_user = "@" in parts.netloc
+    if not has_host or has_user:
+        return False
+    return url == f"https://{parts.netloc}"

@@ -62,15 +62,17 @@ def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
         ConfigError: If a value cannot be read, used or written, or is locked for `LOCK_TIMEOUT_S`.
     """
     path = file.path
+    lock_path = path.with_suffix(".lock")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        lock = acquire_lock(path.with_suffix(".lock"), LOCK_TIMEOUT_S)
+        lock = acquire_lock(lock_path, LOCK_TIMEOUT_S)
     except (OSError, sqlite3.Error) as error:
         raise ConfigError(f"{path}: cannot be locked ({error})") from error
     if lock is None:
         raise ConfigError(f"{path}: another process is changing it; try again in a moment")
     with contextlib.closing(lock):
-        file.write(change(file.read()))
+        value = file.read()
+        file.write(change(value))
 
 
 def pattern(strip: str, pixels: int) -> tuple[LitPixels, ...]:
@@ -79,14 +81,24 @@ def pattern(strip: str, pixels: int) -> tuple[LitPixels, ...]:
     A dark pixel is between neighbours, where there is room.
     """
     end = max(1, round(ENDS * pixels))
+    parts: list[tuple[range, Rgb]] = [(range(end), GREEN)]
+
+    # Each third leaves its last pixel dark
     inner = range(end + 1, pixels - end - 1)
     third = len(inner) // 3
-    parts: list[tuple[range, Rgb]] = [(range(end), GREEN)]
     for number, color in enumerate((RED, GREEN, BLUE)):
-        parts.append((inner[number * third : (number + 1) * third - 1], color))
+        start = number * third
+        parts.append((inner[start : start + third - 1], color))
+
+    # A strip of one pixel has no other end
     if pixels > end:
         parts.append((range(pixels - end, pixels), RED))
-    return tuple(LitPixels(id=strip, pixels=tuple(lit), color=color) for lit, color in parts if len(lit))
+
+    patches: list[LitPixels] = []
+    for lit, color in parts:
+        if lit:
+            patches.append(LitPixels(id=strip, pixels=tuple(lit), color=color))
+    return tuple(patches)
 
 
 @dataclass(eq=False)
@@ -143,10 +155,11 @@ class Devices:
 
     def lines(self) -> tuple[DeviceLine, ...]:
         """Return the connected devices, in the order of their connection."""
-        return tuple(
-            each.device.line(is_on=self._is_on(each), progress=each.progress, problem=each.problem)
-            for each in self._running.values()
-        )
+        lines: list[DeviceLine] = []
+        for running in self._running.values():
+            is_on = self._is_on(running)
+            lines.append(running.device.line(is_on=is_on, progress=running.progress, problem=running.problem))
+        return tuple(lines)
 
     async def run(self) -> None:
         """Connect the stored devices, and end the processes of all when cancelled."""
@@ -155,7 +168,11 @@ class Devices:
                 self._begin_stored()
             await asyncio.Event().wait()
         finally:
-            tasks = [each.task for each in self._running.values() if each.task is not None]
+            tasks: list[asyncio.Task[None]] = []
+            for running in self._running.values():
+                if running.task is not None:
+                    tasks.append(running.task)
+            # All are cancelled before the first is awaited, so their processes end together
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -169,21 +186,24 @@ class Devices:
             that imports from them; `problems`, a sentence for each search that could not run;
             `can_connect`, True if `connect` is possible here.
         """
+        # One search at a time: a second one waits, and then searches again
         async with self._searching:
             from pointit.bridges.web.devices.search import find  # noqa: PLC0415 - see above
 
-            found = self._found = await in_daemon_thread(find, "search for devices")
-        listed = {"kind", "plugin", "address", "label", "pixels"}
+            result = await in_daemon_thread(find, "search for devices")
+            self._found = result
+
+        shown_fields = {"kind", "plugin", "address", "label", "pixels"}
+        devices: list[dict[str, Any]] = []
+        for device, use in zip(result.devices, result.uses, strict=True):
+            devices.append({**device.model_dump(include=shown_fields), "use": use})
+        homes: list[dict[str, str]] = []
+        for label, command, address in result.homes:
+            homes.append({"label": label, "command": command, "url": address})
         return {
-            "devices": [
-                {**device.model_dump(include=listed), "use": use}
-                for device, use in zip(found.devices, found.uses, strict=True)
-            ],
-            "homes": [
-                {"label": label, "command": command, "url": address}
-                for label, command, address in found.homes
-            ],
-            "problems": list(found.problems),
+            "devices": devices,
+            "homes": homes,
+            "problems": list(result.problems),
             "can_connect": bool(self.address),
         }
 
@@ -201,13 +221,17 @@ class Devices:
             return await self._connect(request)
 
     async def _connect(self, request: ConnectDevice) -> dict[str, Any]:
-        before = [each.device for each in self._running.values() if each.device.is_like(request)]
-        device = before[0] if before else None
+        """Connect a device as `connect`, while no other one is connected or forgotten."""
+        # The device: one that is connected already, for whatever name, or one of the last search
+        connected = [running.device for running in self._running.values() if running.device.is_like(request)]
+        device = connected[0] if connected else None
         if device is None and self._found is not None:
             device = self._found.device(request)
         if device is None:
             raise RefusedError(f"{request.plugin} {request.address} was not found: look for devices first")
         device = device.model_copy(update={"name": request.name})
+
+        # What may forbid it: nothing has been changed until here
         if device.id not in self._running and len(self._running) >= MAX_DEVICES:
             raise RefusedError(f"{MAX_DEVICES} devices are connected, which is the most: forget one first")
         note = ""
@@ -215,15 +239,20 @@ class Devices:
             self._check_wrist(device)
         else:
             note = await self._check_light(device)
-        ended = {device.id, *(each.id for each in before)}  # a device has one wearer, or one strip
+
+        # It is stored before anything ends, so that a file that cannot be written changes nothing
+        ended = {device.id}
+        ended.update(previous.id for previous in connected)  # a device has one wearer, or one strip
         self._store(ended, device)
         for device_id in ended:
             await self._end(device_id)
         self._begin(device)
-        what = (
-            f"{device.name} joins" if device.kind == "wrist" else f"strip {device.name} is on {device.label}"
-        )
-        return {"message": f"{what}; it is connected again at the next start{note}", "id": device.id}
+
+        if device.kind == "wrist":
+            outcome = f"{device.name} joins"
+        else:
+            outcome = f"strip {device.name} is on {device.label}"
+        return {"message": f"{outcome}; it is connected again at the next start{note}", "id": device.id}
 
     async def forget(self, device_id: str) -> dict[str, Any]:
         """Disconnect a device, and connect it no more.
@@ -248,7 +277,9 @@ class Devices:
         pixels = self._strips.get(device.name)
         if device.kind != "light" or pixels is None:
             raise RefusedError(f"the map has no strip {device.name}, on which a pattern could be shown")
-        lit = pattern(device.name, min(pixels, device.pixels or pixels))
+        if device.pixels:
+            pixels = min(pixels, device.pixels)
+        lit = pattern(device.name, pixels)
         await self.bus.call(SHOW_PIXELS, ShowPixels(lit=lit, for_s=PATTERN_S))
         return {
             "message": f"for {PATTERN_S:g} s, strip {device.name} begins green and ends red, with "
@@ -268,6 +299,7 @@ class Devices:
         running = self._running[device_id]
         if running.progress:
             raise RefusedError(f"the mounting of {device.name}'s wrist is being checked: {running.progress}")
+        # Set before the first await: a second request meanwhile is refused
         running.progress = "the check begins"
         result: JsonObject = {}
 
@@ -276,8 +308,9 @@ class Devices:
             self.changed()
 
         measure = ("person", "calibrate", "mounting", "--non-interactive", "--json", *self._link)
+        arguments = (*measure, "--", device.name)
         try:
-            problem = await run_command((*measure, "--", device.name), on_log_line, result.update)
+            problem = await run_command(arguments, on_log_line, result.update)
         finally:
             on_log_line("")
         if problem:
@@ -293,7 +326,9 @@ class Devices:
             self._is_damaged = True
             self.bus.warn("devices", f"connected devices are not known: {error}")
             return
-        for device in {each.id: each for each in stored.devices}.values():
+        # A file that was written by hand may have one twice: the last entry counts
+        devices = {device.id: device for device in stored.devices}
+        for device in devices.values():
             self._begin(device)
 
     def _begin(self, device: ConnectedDevice) -> None:
@@ -308,34 +343,39 @@ class Devices:
         self.changed()
 
     async def _serve(self, running: _Running) -> None:
+        """Run the process of a device until it ends, and report its problems."""
         device = running.device
+        arguments = self._arguments(device)
 
         def on_object(report: JsonObject) -> None:
             running.has_begun = True
-            self._set_problem(running, "; ".join(map(str, report.get("warnings", ()))))
+            warnings = map(str, report.get("warnings", ()))
+            self._set_problem(running, "; ".join(warnings))
 
-        log.info("connecting %s: pointit %s", device.label, " ".join(self._arguments(device)))
-        problem = await run_command(self._arguments(device), lambda _line: None, on_object)
+        log.info("connecting %s: pointit %s", device.label, " ".join(arguments))
+        problem = await run_command(arguments, lambda _line: None, on_object)
         running.has_begun = False
         self._set_problem(running, problem or "it has ended")
 
     def _set_problem(self, running: _Running, problem: str) -> None:
         running.problem = problem
-        self.bus.warn("device", problem and f"{running.device.label}: {problem}", running.device.id)
+        warning = f"{running.device.label}: {problem}" if problem else ""
+        self.bus.warn("device", warning, running.device.id)
         self.changed()
 
     def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
         """Return the command of `device`. Names follow `=` or `--`: one that begins with `-` is no option."""
         if device.kind == "light":
             return ("output", "add", f"--strip={device.name}", "--json", *self._link, "--", device.option)
-        settings = [f"mounting={MOUNTINGS[device.plugin]}"] if device.plugin in MOUNTINGS else []
-        settings += [f"{device.plugin}.host=0.0.0.0"] if device.is_remote else []
-        return (
-            *("person", "add", f"--imu={device.option}", "--no-view", *self._link),
-            *(["--localize"] if self._localizes else []),
-            *(f"--set={IMU_BRIDGE}.{setting}" for setting in settings),
-            *("--", device.name),
-        )
+
+        arguments = ["person", "add", f"--imu={device.option}", "--no-view", *self._link]
+        if self._localizes:
+            arguments.append("--localize")
+        if device.plugin in MOUNTINGS:
+            arguments.append(f"--set={IMU_BRIDGE}.mounting={MOUNTINGS[device.plugin]}")
+        if device.is_remote:
+            arguments.append(f"--set={IMU_BRIDGE}.{device.plugin}.host=0.0.0.0")
+        return (*arguments, "--", device.name)
 
     @property
     def _link(self) -> tuple[str, ...]:
@@ -371,11 +411,13 @@ class Devices:
             self._is_damaged = False
             self.bus.clear("devices")
 
+        # The file is read again: another run may have changed it since
         def change(stored: StoredDevices | None) -> StoredDevices:
-            kept = [each for each in (stored.devices if stored else ()) if each.id not in removed_ids]
-            if len(kept) + len(added) > MAX_DEVICES:
+            devices = stored.devices if stored else ()
+            remaining = [device for device in devices if device.id not in removed_ids]
+            if len(remaining) + len(added) > MAX_DEVICES:
                 raise RefusedError(f"{MAX_DEVICES} devices are stored, which is the most: forget one first")
-            return StoredDevices(devices=(*kept, *added))
+            return StoredDevices(devices=(*remaining, *added))
 
         update_stored(self._file, change)
 
@@ -396,14 +438,18 @@ class Devices:
 
     async def _check_light(self, device: ConnectedDevice) -> str:
         """Add the strip to the map if it is not there. Return what is to be done next, or `""`."""
-        taken = self._running.get(device.id)
-        if taken is not None and taken.device.option != device.option:
-            raise RefusedError(f"strip {device.name} is on {taken.device.label}: forget that one first")
+        current = self._running.get(device.id)
+        if current is not None and current.device.option != device.option:
+            raise RefusedError(f"strip {device.name} is on {current.device.label}: forget that one first")
+
+        # A strip of the map stays as it is
         pixels = self._strips.get(device.name)
         if pixels is not None:
             if device.pixels and device.pixels != pixels:
                 return f"; the map gives it {pixels} pixels, the controller has {device.pixels}: correct one"
             return ""
+
+        # A new one needs the controller's number of pixels
         if not device.pixels:
             raise RefusedError(
                 f"{device.label} does not say how many pixels it has: choose a strip of the map"

@@ -50,35 +50,42 @@ async def run_command(
 async def _run_child(
     arguments: Sequence[str], on_log_line: Callable[[str], None], on_object: Callable[[JsonObject], None]
 ) -> str:
+    """Run `pointit` as `run_command`. A cancellation ends the process."""
+    command = (sys.executable, "-c", BEGIN, *arguments)
     try:
+        environment = {**os.environ, VARIABLE: str(state_directory())}
         child = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-c", BEGIN, *arguments),
+            *command,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             limit=MAX_LINE_BYTES,
-            env={**os.environ, VARIABLE: str(state_directory())},
+            env=environment,
             process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
         )
     except OSError as error:
         return f"no process could be started: {error.strerror or error}"
-    last = ""
+    reason = ""
 
+    # The reason for a failure is the last line with `Error: `, or the last line if there is none
     def on_log(line: str) -> None:
-        nonlocal last
+        nonlocal reason
         sentence = _sentence(line)
-        if line.startswith(ERROR) or not last.startswith(ERROR):
-            last = line if line.startswith(ERROR) else sentence
+        if line.startswith(ERROR):
+            reason = line
+        elif not reason.startswith(ERROR):
+            reason = sentence
         on_log_line(sentence)
 
+    # Both pipes are read to their ends: a full one would stop the process
     try:
-        await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_object))
+        await asyncio.gather(_read_lines(child.stderr, on_log), _read_objects(child.stdout, on_object))
         code = await child.wait()
     finally:
         await _end(child)
     if not code:
         return ""
-    return last.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
+    return reason.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
 
 
 def _sentence(line: str) -> str:
@@ -90,17 +97,20 @@ def _sentence(line: str) -> str:
     return str(message)
 
 
-async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
+async def _read_lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
     while stream is not None and not stream.at_eof():
         with contextlib.suppress(ValueError):  # longer than `MAX_LINE_BYTES`, and dropped
-            if text := (await stream.readline()).decode(errors="replace").strip():
+            line = await stream.readline()
+            text = line.decode(errors="replace").strip()
+            if text:
                 on_line(text)
 
 
-async def _objects(stream: asyncio.StreamReader | None, on_object: Callable[[JsonObject], None]) -> None:
+async def _read_objects(stream: asyncio.StreamReader | None, on_object: Callable[[JsonObject], None]) -> None:
     """Pass on each JSON object, which may have several lines."""
     parts: list[str] = []
 
+    # Lines are gathered until they are valid JSON
     def on_line(line: str) -> None:
         parts.append(line)
         with contextlib.suppress(ValueError):
@@ -109,11 +119,12 @@ async def _objects(stream: asyncio.StreamReader | None, on_object: Callable[[Jso
             if isinstance(value, dict):
                 on_object(cast("JsonObject", value))
 
-    await _lines(stream, on_line)
+    await _read_lines(stream, on_line)
 
 
 async def _end(child: asyncio.subprocess.Process) -> None:
     """End the process and close its pipes, even if this task is cancelled meanwhile: a loop closes."""
+    # It may end in its own time, but is killed after that
     if child.returncode is None:
         child.terminate()
         with contextlib.suppress(TimeoutError, asyncio.CancelledError):
@@ -124,6 +135,7 @@ async def _end(child: asyncio.subprocess.Process) -> None:
             child.kill()
         with contextlib.suppress(asyncio.CancelledError):
             await child.wait()
+
     if child.stdin is not None:
         child.stdin.close()  # left to the garbage collector, it may outlive the loop, which it needs
         with contextlib.suppress(OSError):

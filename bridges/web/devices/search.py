@@ -34,31 +34,41 @@ class FoundDevices:
 
     def device(self, request: ConnectDevice) -> ConnectedDevice | None:
         """Return the device that `request` chooses, or None if it was not found."""
-        return next((each for each in self.devices if each.is_like(request)), None)
+        for device in self.devices:
+            if device.is_like(request):
+                return device
+        return None
 
 
 def find() -> FoundDevices:
     """Return the devices within reach. Takes `SEARCH_S` or a little longer."""
     groups = {kind: GROUPS[kind] for kind, _ in KINDS.values()}
     results = search({**groups, HOME: HOME_ASSISTANTS}, SEARCH_S, lambda _done: None)
-    homes = [
-        (each.label, f"{IMPORT} {import_options(each)}", each.address)
-        for result in results
-        if result.kind == HOME
-        for each in result.found
-    ]
+
+    homes: list[tuple[str, str, str]] = []
+    for result in results:
+        if result.kind != HOME:
+            continue
+        for home in result.found:
+            command = f"{IMPORT} {import_options(home)}"
+            homes.append((home.label, command, home.address))
+
+    # Wrists first, then lights. An address is checked as one that a page sends.
     devices: list[ConnectedDevice] = []
     uses: list[str] = []
     problems = [f"{result.name}: {result.problem}" for result in results if result.problem]
-    for name, (kind, option) in KINDS.items():
+    for device_kind, (plugin_kind, option) in KINDS.items():
         for result in results:
-            for each in result.found if result.kind == kind else ():
+            if result.kind != plugin_kind:
+                continue
+            for found_device in result.found:
                 try:
-                    devices.append(_device(name, result, each))
+                    devices.append(_connected_device(device_kind, result, found_device))
                 except ValidationError:
                     problems.append(f"{result.name}: a device has an address that cannot be used")
                 else:
-                    uses.append(f"{option} {words(result, each)}")
+                    uses.append(f"{option} {words(result, found_device)}")
+
     return FoundDevices(
         devices=tuple(devices[:MAX_FOUND]),
         uses=tuple(uses[:MAX_FOUND]),
@@ -67,17 +77,21 @@ def find() -> FoundDevices:
     )
 
 
-def _device(kind: str, result: SearchResult, found: FoundDevice) -> ConnectedDevice:
-    label, _, _ = found.label.partition("; --set ")  # parameters, which are set here
-    pixels = found.details.get("pixels", 0)
+def _connected_device(kind: str, result: SearchResult, found_device: FoundDevice) -> ConnectedDevice:
+    """Return a device as it would be stored. Raises ValidationError if it cannot be."""
+    label, _, _ = found_device.label.partition("; --set ")  # parameters, which are set here
+    pixels = found_device.details.get("pixels", 0)
+    if not isinstance(pixels, int | float):
+        pixels = 0
+    is_remote = _is_remote(found_device.details.get("ip", ""))
     values: dict[str, Any] = {
         "kind": kind,
         "plugin": result.name,
-        "address": found.address,
+        "address": found_device.address,
         "name": "unnamed",
         "label": label[:400],
-        "pixels": max(0, int(pixels)) if isinstance(pixels, int | float) else 0,
-        "is_remote": _is_remote(found.details.get("ip", "")),
+        "pixels": max(0, int(pixels)),
+        "is_remote": is_remote,
     }
     return ConnectedDevice.model_validate(values)
 

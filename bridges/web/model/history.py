@@ -4,7 +4,7 @@ import asyncio
 import logging
 from collections import deque
 
-from pointit.bridges.web.pages.latest_values import HISTORY, MAX_EVENTS, LatestValueCache
+from pointit.bridges.web.pages.latest_values import HISTORY, MAX_EVENTS, Change, LatestValueCache
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import NoAnswerError, PointItError
@@ -70,12 +70,14 @@ class EventHistory:
             return
         finally:
             self.is_asked.set()
+        # Only events that this server has not received itself
         received = set(self._received)
-        self._cache.recall(
-            (event.stamp_ns, (SELECTION_EVENTS.key, "", encode(event)))
-            for event in reply.events
-            if event.stamp_ns <= now_ns + AHEAD_NS and _identity(event) not in received
-        )
+        past: list[tuple[int, Change]] = []
+        for event in reply.events:
+            if event.stamp_ns > now_ns + AHEAD_NS or _identity(event) in received:
+                continue
+            past.append((event.stamp_ns, (SELECTION_EVENTS.key, "", encode(event))))
+        self._cache.recall(past)
 
 
 def _identity(event: SelectionEvent) -> Identity:

@@ -82,39 +82,48 @@ class HomeSite:
 
     async def _follow(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Send the requests that an answer calls for: map, pose and light."""
-        key = await asyncio.to_thread(_version_of, reply.map)
-        is_of_home = Path(reply.map).parent == expand_home(
-            self._folder
-        )  # the right to any map is an operator's
-        if is_of_home and key != self._used:
+        # The map of this home alone: the right to any map is an operator's
+        version = await asyncio.to_thread(_version_of, reply.map)
+        is_of_home = Path(reply.map).parent == expand_home(self._folder)
+        if is_of_home and version != self._used:
             await self._bus.call(USE_MAP, UseMap(path=reply.map))
-            self._used = key
-        if reply.pose_m is not None and reply.poses != self._poses and reply.user:
+            self._used = version
+
+        has_new_pose = reply.poses != self._poses
+        if reply.pose_m is not None and has_new_pose and reply.user:
             x, y = reply.pose_m
             pose = SetPose(position_m=(x, y, 0.0), yaw_rad=reply.pose_yaw_rad)
             with contextlib.suppress(PointItError):  # of a person who has left: the next answer repeats it
                 await self._bus.call(SET_POSE, pose, reply.user)
                 self._poses = reply.poses
-        with contextlib.suppress(
-            PointItError
-        ):  # a light that fails is no reason to stop: the card has its name
+
+        # A light that fails is no reason to stop: the card has its name
+        with contextlib.suppress(PointItError):
             await self._show(reply, pixels)
 
     async def _show(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Light the end of a strip, or the lamp of the map, whose turn it is."""
-        lamp = reply.target.removeprefix(LAMP) if reply.target.startswith(LAMP) else ""
+        # The previous lamp is its own again before the next one is lit
+        lamp = ""
+        if reply.target.startswith(LAMP):
+            lamp = reply.target.removeprefix(LAMP)
         if lamp != self._lamp and self._lamp:
             await self._bus.call(SET_LAMP, SetLamp(color=None), self._lamp)
         if lamp and lamp != self._lamp:
             await self._bus.call(SET_LAMP, SetLamp(color=WHITE), lamp)
         self._lamp = lamp
+
+        if not reply.target.startswith(STRIP):
+            return
         strip = reply.target.removeprefix(STRIP)
         count = pixels.get(strip, 0)
-        if reply.target.startswith(STRIP) and count:
-            first = range(min(END_PIXELS, count))
-            last = range(max(count - END_PIXELS, 0), count)
-            lit = LitPixels(id=strip, pixels=tuple(first if reply.end == "first" else last), color=WHITE)
-            await self._bus.call(SHOW_PIXELS, ShowPixels(lit=(lit,), for_s=SHOWN_S))
+        if not count:
+            return
+        end = range(max(count - END_PIXELS, 0), count)
+        if reply.end == "first":
+            end = range(min(END_PIXELS, count))
+        lit = LitPixels(id=strip, pixels=tuple(end), color=WHITE)
+        await self._bus.call(SHOW_PIXELS, ShowPixels(lit=(lit,), for_s=SHOWN_S))
 
 
 def _version_of(path: str) -> tuple[str, int]:

@@ -77,18 +77,23 @@ class MapEditor:
         shown = shown_path(path)
         message = f"saved as {shown}, and people point at it"
         if name:
-            is_shortened = shown.startswith("…")
-            option = f"the path of {path.name} in --set pui.map" if is_shortened else f"--set pui.map={shown}"
+            option = f"--set pui.map={shown}"
+            if shown.startswith("…"):
+                option = f"the path of {path.name} in --set pui.map"
             message += f"; from the next start on with {option}"
+
+        # The file is saved from here on, even if the site cannot use it
         try:
             await self._bus.call(USE_MAP, UseMap(path=str(path)))
         except PointItError as error:
             reason = with_shown_path(str(error), path)
             message = f"saved as {shown}, but the site still uses the map as it was: {reason}"
-        return {**await self._beside(_read, str(path)), "message": message}
+        saved_map = await self._beside(_read, str(path))
+        return {**saved_map, "message": message}
 
     async def _used(self) -> str:
-        return (await self._bus.call(USE_MAP, UseMap())).path
+        reply = await self._bus.call(USE_MAP, UseMap())
+        return reply.path
 
     async def _beside(self, work: Callable[..., T], *arguments: Any) -> T:
         async with self._work:
@@ -124,7 +129,7 @@ def _examined(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[s
     from pointit.maps.checks.check import examined  # noqa: PLC0415 - loads scipy, which most pages never need
 
     has, findings = examined(path.stem, path, read)
-    return has, [dataclasses.asdict(each) for each in findings[:MAX_FINDINGS]]
+    return has, [dataclasses.asdict(finding) for finding in findings[:MAX_FINDINGS]]
 
 
 def _read(name_or_path: str) -> dict[str, Any]:
@@ -159,15 +164,22 @@ def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> P
         is_shipped = _is_shipped(path)
         if is_shipped and not name:
             raise RefusedError(f"{path.stem} comes with PointIt and stays as it is: give your copy a name")
+
+        # A copy stands beside the file, but never inside the package
         target = path
         if name:
-            check_name(name.removesuffix(SUFFIX))
-            target = (Path.cwd() if is_shipped else path.parent) / f"{name.removesuffix(SUFFIX)}{SUFFIX}"
+            stem = name.removesuffix(SUFFIX)
+            check_name(stem)
+            folder = Path.cwd() if is_shipped else path.parent
+            target = folder / f"{stem}{SUFFIX}"
+
+        # It is written only if it can be read again
         has, findings = _examined(target, lambda: parse_map_file(text, target))
         if not has:
             raise RefusedError(f"not saved: {findings[0]['where']}: {findings[0]['text']}")
-        if not name:
-            write_atomically(target.resolve(), text, mode=target.stat().st_mode & 0o777)  # a link stays one
-            return target
-        write_new(target, text)
+        if name:
+            write_new(target, text)
+        else:
+            mode = target.stat().st_mode & 0o777
+            write_atomically(target.resolve(), text, mode=mode)  # a link stays one
         return target

@@ -73,10 +73,12 @@ class People:
     def on_leave(self, user: str) -> None:
         """Remove `user`."""
         self.states.pop(user, None)
-        for page in [page for page, (who, _) in self._voices.items() if who == user]:
+        pages = [page for page, (listener, _) in self._voices.items() if listener == user]
+        for page in pages:
             self.forget_voice(page)
-        if (pose := self._poses.pop(user, None)) is not None:
-            pose.close_nowait()
+        pose_publisher = self._poses.pop(user, None)
+        if pose_publisher is not None:
+            pose_publisher.close_nowait()
         for writer in self._writers.pop(user, ()):
             writer.close_nowait()
 
@@ -87,27 +89,27 @@ class People:
             RefusedError: If they are not; names those present.
         """
         if user not in self._writers:
-            there = ", ".join(self.names) or "nobody"
-            raise RefusedError(f"{user} is not there; there: {there}")
+            present = ", ".join(self.names) or "nobody"
+            raise RefusedError(f"{user} is not there; there: {present}")
 
     def press(
         self, user: str, gesture: Gesture = "press", *, source: str = "page", held_s: float = 0.0
     ) -> None:
         """Press the button of `user`, who must be present. It went down `held_s` of wall time ago."""
         self._presses += 1
-        down_ns = self._clock.now_ns() - round(held_s * self._clock.speed * NS_PER_S)
-        self._writers[user].button.put(
-            ButtonEvent(stamp_ns=max(0, down_ns), seq=self._presses, gesture=gesture, source=source)
-        )
+        held_ns = round(held_s * self._clock.speed * NS_PER_S)
+        down_ns = max(0, self._clock.now_ns() - held_ns)
+        event = ButtonEvent(stamp_ns=down_ns, seq=self._presses, gesture=gesture, source=source)
+        self._writers[user].button.put(event)
 
     def step(
         self, user: str, by: Literal[-1, 1], to: Literal["beside", "row", "here"], *, source: str = "page"
     ) -> None:
         """Move `user`, who must be present, from the announced thing to another, or to the nearest."""
         self._steps += 1
-        self._writers[user].step.put(
-            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, to=to, source=source)
-        )
+        now_ns = self._clock.now_ns()
+        step = Step(stamp_ns=now_ns, seq=self._steps, by=by, to=to, source=source)
+        self._writers[user].step.put(step)
 
     def on_voice(self, page: str, user: str, spoken: int, problem: VoiceProblem) -> str:
         """Count names that `page` has spoken to `user`. Return why they hear nothing, or `""`."""
@@ -119,13 +121,15 @@ class People:
     def forget_voice(self, page: str) -> None:
         """Forget the voice of a page that has ended."""
         if page in self._voices:
-            self._report_voice(self._voices.pop(page)[0])
+            user, _ = self._voices.pop(page)
+            self._report_voice(user)
 
     def _report_voice(self, user: str) -> str:
         """Warn if no page of `user` is heard. Return the sentence, or `""`."""
-        problems = [problem for who, problem in self._voices.values() if who == user]
-        is_silent = bool(problems) and "" not in problems
-        sentence = f"{user} hears no names: {VOICE_PROBLEMS[problems[-1]]}" if is_silent else ""
+        problems = [problem for listener, problem in self._voices.values() if listener == user]
+        sentence = ""
+        if problems and "" not in problems:
+            sentence = f"{user} hears no names: {VOICE_PROBLEMS[problems[-1]]}"
         self._bus.warn(VOICE, sentence, user)
         return sentence
 
@@ -135,13 +139,14 @@ class People:
         speed = self._clock.speed
 
         def stamped(word: Mapping[str, Any]) -> Word:
-            start_ns, end_ns = (now_ns - round(word[age] * speed * NS_PER_S) for age in ("start_s", "end_s"))
+            start_ns = now_ns - round(word["start_s"] * speed * NS_PER_S)
+            end_ns = now_ns - round(word["end_s"] * speed * NS_PER_S)
             return Word(text=word["text"], start_ns=start_ns, end_ns=end_ns, confidence=word["confidence"])
 
         stamped_words = tuple(stamped(word) for word in words)
-        self._writers[user].speech.put(
-            Speech(stamp_ns=stamped_words[-1].end_ns, words=stamped_words, recogniser=BROWSER)
-        )
+        stamp_ns = stamped_words[-1].end_ns
+        speech = Speech(stamp_ns=stamp_ns, words=stamped_words, recogniser=BROWSER)
+        self._writers[user].speech.put(speech)
 
     def move(self, user: str, sample: WristSample) -> None:
         """Publish the orientation of the wrist of `user` if they are present."""
@@ -158,7 +163,8 @@ class People:
 
     def withdraw_poses(self, is_headset: Callable[[str], bool]) -> None:
         """Withdraw the poses of people who wear no headset any more."""
-        for user in [user for user in self._poses if not is_headset(user)]:
+        users = [user for user in self._poses if not is_headset(user)]
+        for user in users:
             self._poses.pop(user).close()
 
 
@@ -185,12 +191,21 @@ class WristMotion:
             samples = self.wrists.step(self.clock.now_ns(), self.clock.speed)
             for user, sample in samples:
                 self.people.move(user, sample)
-            self.people.withdraw_poses(lambda user: self.wrists.holder(user)[1] == "headset")
+            self.people.withdraw_poses(self._wears_headset)
+            # After the step, which notices that a page has let go
             if not self._is_needed:
                 self._moving.clear()
                 self.ended()
             await asyncio.sleep(WRIST_PERIOD_S)
 
+    def _wears_headset(self, user: str) -> bool:
+        _, mover = self.wrists.holder(user)
+        return mover == "headset"
+
     @property
     def _is_needed(self) -> bool:
-        return any(self.wrists.holder(user)[0] for user in self.people.names)
+        for user in self.people.names:
+            page, _ = self.wrists.holder(user)
+            if page:
+                return True
+        return False

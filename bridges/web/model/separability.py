@@ -58,7 +58,8 @@ class FloorSeparability:
         things = () if room is None else room.fixed_things
         if room is None or not things:
             raise RefusedError("the map has no things that could be told apart; add a section `things`")
-        if (count := len(things)) > TESTED:
+        count = len(things)
+        if count > TESTED:
             raise RefusedError(
                 f"the map has {count} things, limit {TESTED} for colouring the floor of the page; "
                 "use `pointit map plot --told-apart`"
@@ -80,9 +81,10 @@ def _reply(room: Environment) -> SharedReply:
 def floor(room: Environment) -> Floor:
     """Return the squares of the floor as `pointit map plot --told-apart` colours them."""
     clouds = {cloud.id: np.array([cloud.low_m, cloud.high_m]) for cloud in room.clouds}
-    x_m, y_m = floor_edges(*extent(room, clouds, None))
+    floor_extent = extent(room, clouds, None)
+    x_m, y_m = floor_edges(*floor_extent)
     things = room.fixed_things
-    pairs = confusions(things)
+    confused_pairs = confusions(things)
     squares: Floor = {
         "x_m": x_m,
         "y_m": y_m,
@@ -92,13 +94,20 @@ def floor(room: Environment) -> Floor:
         "uncovered": [],
     }
     for y, y2 in pairwise(y_m):
-        centers_m = [((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)]
-        confused = [pairs(*center_m) for center_m in centers_m]
-        uncovered = [uncovered_things(room.paced_from, things, *center_m) for center_m in centers_m]
-        told_apart: list[int] = []
-        for square_pairs, square_uncovered in zip(confused, uncovered, strict=True):
-            told_apart.append(len(things) - len({*chain(*square_pairs), *square_uncovered}))
-        squares["told_apart"].append(told_apart)
-        squares["confused"].append([each[:MAX_PAIRS] for each in confused])
-        squares["uncovered"].append([each[:MAX_PAIRS] for each in uncovered])
+        told_apart_row: list[int] = []
+        confused_row: list[list[tuple[int, int]]] = []
+        uncovered_row: list[list[int]] = []
+        for x, x2 in pairwise(x_m):
+            center_m = ((x + x2) / 2.0, (y + y2) / 2.0)
+            pairs = confused_pairs(*center_m)
+            uncovered = uncovered_things(room.paced_from, things, *center_m)
+
+            # The count is of all pairs, the list of the first ones
+            lost = {*chain(*pairs), *uncovered}
+            told_apart_row.append(len(things) - len(lost))
+            confused_row.append(pairs[:MAX_PAIRS])
+            uncovered_row.append(uncovered[:MAX_PAIRS])
+        squares["told_apart"].append(told_apart_row)
+        squares["confused"].append(confused_row)
+        squares["uncovered"].append(uncovered_row)
     return squares

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
@@ -57,12 +57,16 @@ def shown_path(path: Path) -> str:
     """
     path = path.absolute()
     start = Path.cwd()
-    return str(path.relative_to(start) if path.is_relative_to(start) else Path("…", *path.parts[-2:]))
+    if path.is_relative_to(start):
+        return str(path.relative_to(start))
+    return str(Path("…", *path.parts[-2:]))
 
 
 def with_shown_path(sentence: str, path: Path) -> str:
     """Return `sentence` with `path`, and other files of its folder, as of `shown_path`."""
-    return sentence.replace(f"{path.absolute().parent}{os.sep}", shown_path(path).removesuffix(path.name))
+    folder = f"{path.absolute().parent}{os.sep}"
+    shown_folder = shown_path(path).removesuffix(path.name)
+    return sentence.replace(folder, shown_folder)
 
 
 class SiteObservation:
@@ -136,26 +140,36 @@ class SiteObservation:
         now_ns: int | None = None,
     ) -> Status:
         """Return the status of the site now, at `now_ns` of the wall clock, Unix ns, if that is known."""
+        # Services that have left are forgotten first, as an observation lists those that are left
         self._forget_left(expected_services(deployments), now_s)
-        seen = replace(self._seen(deployments, now_s, speed), now_ns=now_ns)
-        is_starting = bool(self._missed_s) and now_s < self._began_run_s + STARTING_S
+        observation = replace(self._observe(deployments, now_s, speed), now_ns=now_ns)
+
+        run: Literal["runs", "starts", "over"] = "runs"
+        if self._is_over and not deployments:
+            run = "over"
+        elif self._missed_s and now_s < self._began_run_s + STARTING_S:
+            run = "starts"
+
+        findings: list[FindingLine] = []
+        for finding in diagnose(observation, lambda finding: self._is_sure(finding, now_s)):
+            findings.append(FindingLine.model_validate(finding, from_attributes=True))
+        lines: list[PersonLine] = []
+        for line in people:
+            lines.append(line.model_copy(update={"source": self._source(line)}))
         return Status(
-            run="over" if self._is_over and not deployments else "starts" if is_starting else "runs",
-            services=tuple(self._services(seen))[:MAX_LINES],
-            findings=tuple(
-                FindingLine.model_validate(finding, from_attributes=True)
-                for finding in diagnose(seen, lambda finding: self._is_sure(finding, now_s))
-            )[:MAX_LINES],
-            people=tuple(each.model_copy(update={"source": self._source(each)}) for each in people),
+            run=run,
+            services=tuple(self._services(observation)[:MAX_LINES]),
+            findings=tuple(findings[:MAX_LINES]),
+            people=tuple(lines),
             viewers=viewers,
             lan_url=lan_url,
         )
 
     def _source(self, line: PersonLine) -> ArmSource:
         """Return the source of an arm that no page moves: a simulation, a device, or nothing yet."""
-        services = [service for service, user in map(split_instance, self.present) if user == line.user]
-        if any(moves_arm(service) for service in services):
-            return "simulation"
+        for service, user in map(split_instance, self.present):
+            if user == line.user and moves_arm(service):
+                return "simulation"
         bridge = instance_of(IMU_BRIDGE, line.user)
         if bridge not in self.present:
             return "device"  # something else writes the samples
@@ -165,36 +179,41 @@ class SiteObservation:
         own_source = figure(reports[-1].health, OWN_SOURCE)
         return "none" if own_source == 0.0 else "device"
 
-    def _seen(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
+    def _observe(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
+        """Return what is known of the site, and note the services that are missing from now on."""
         began_s = max(self._began_s, now_s - WINDOW_S)  # older than this observation
-        seen = Observation(
+        reports = {name: tuple(received) for name, received in self._reports.items() if received}
+        observation = Observation(
             began_s=began_s,
             now_s=now_s,
             present=self.present,
             left=frozenset(self._left_s),
-            reports={name: tuple(reports) for name, reports in self._reports.items() if reports},
+            reports=reports,
             deployments=deployments,
             home_things=self.home_things,
             speed=speed,
         )
-        missing = seen.expected.keys() - seen.present - self._left_s.keys()
+        missing = observation.expected.keys() - observation.present - self._left_s.keys()
         self._missed_s = {name: self._missed_s.get(name, now_s) for name in missing}
-        return seen
+        return observation
 
     def _forget_left(self, expected: Collection[str], now_s: float) -> None:
-        for name in [
-            n for n, left_s in self._left_s.items() if left_s < now_s - LEFT_S and n not in expected
-        ]:
-            del self._left_s[name]
+        for name, left_s in list(self._left_s.items()):
+            if left_s < now_s - LEFT_S and name not in expected:
+                del self._left_s[name]
 
-    def _services(self, seen: Observation) -> list[ServiceLine]:
+    def _services(self, observation: Observation) -> list[ServiceLine]:
+        # The presence of a service counts before its leaving, and that before its absence
         since_s = {**self._missed_s, **self._left_s, **self._since_s}
-        return [
-            ServiceLine(instance=name, present=name in seen.present, since_s=max(0.0, seen.now_s - at_s))
-            for name, at_s in sorted(since_s.items())
-        ]
+        lines: list[ServiceLine] = []
+        for name, begin_s in sorted(since_s.items()):
+            is_present = name in observation.present
+            duration_s = max(0.0, observation.now_s - begin_s)
+            lines.append(ServiceLine(instance=name, present=is_present, since_s=duration_s))
+        return lines
 
     def _is_sure(self, finding: Finding, now_s: float) -> bool:
+        """Return True if a finding has lasted longer than a start, an end or a change of the run explains."""
         name = finding.service
         is_starting = name not in self._left_s and now_s < self._began_run_s + STARTING_S
         if finding.code in {"absent", "silent", "stale"} and is_starting:
@@ -202,7 +221,9 @@ class SiteObservation:
         if finding.code == "no-bridge":
             return now_s >= max(self._began_s + GRACE_S, self._began_run_s + STARTING_S)
         if finding.code == "absent":
-            return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S
+            missed_s = self._missed_s.get(name, now_s)
+            absent_s = self._left_s.get(name, missed_s)
+            return now_s - absent_s >= GRACE_S
         if finding.code == "silent":
             return now_s - self._since_s.get(name, now_s) > SILENT_S
         return finding.code != "empty" or not self._is_over
@@ -215,7 +236,7 @@ class Deployments:
         self._own = own
         self._scenario = ""
         """The scenario that runs, or the last one."""
-        self._there_s: dict[str, float] = {}
+        self._present_s: dict[str, float] = {}
         """When a service of each deployment was last present, s."""
         self.known: dict[str, Deployment] = {}
 
@@ -226,36 +247,36 @@ class Deployments:
 
     def is_another(self, deployment: Deployment) -> bool:
         """Return True if `deployment` begins another scenario than the last one, or the same again."""
-        is_new = self._scenario != deployment.scenario or not self.has_run
-        return bool(deployment.scenario and self._scenario) and is_new
+        if not deployment.scenario or not self._scenario:
+            return False
+        return self._scenario != deployment.scenario or not self.has_run
 
     def put(self, name: str, deployment: Deployment, now_s: float) -> list[Key]:
         """Add a deployment, and return the names of those that it replaces: a site runs one at a time."""
-        over = [
-            (DEPLOYMENT, other)
-            for other, known in self.known.items()
-            if other != name and known.scenario and deployment.scenario
-        ]
+        replaced: list[Key] = []
+        for known_name, known in self.known.items():
+            if known_name != name and known.scenario and deployment.scenario:
+                replaced.append((DEPLOYMENT, known_name))
         self.known[name] = deployment
         self._scenario = deployment.scenario or self._scenario
-        self._there_s[name] = now_s
-        return over
+        self._present_s[name] = now_s
+        return replaced
 
     def over(self, present: Collection[str], now_s: float) -> list[Key]:
         """Return deployments without a present service for too long, each once."""
-        there = set(present)
+        instances = set(present)
         for name, deployment in self.known.items():
-            if self._instances(deployment) & there:
-                self._there_s[name] = now_s
-        return [(DEPLOYMENT, name) for name, there_s in self._there_s.items() if now_s - there_s >= MISSED_S]
+            if self._instances(deployment) & instances:
+                self._present_s[name] = now_s
+        return [(DEPLOYMENT, name) for name, last_s in self._present_s.items() if now_s - last_s >= MISSED_S]
 
     def drop(self, name: str) -> None:
         """Forget a deployment that is over."""
         self.known.pop(name, None)
-        self._there_s.pop(name, None)
+        self._present_s.pop(name, None)
 
     def _instances(self, deployment: Deployment) -> set[str]:
-        return {each.instance for each in deployment.services if each.service != self._own}
+        return {entry.instance for entry in deployment.services if entry.service != self._own}
 
 
 class SiteModel:
@@ -285,6 +306,8 @@ class SiteModel:
         self.state = SiteState(self._on_change, on_person=on_person, on_service=on_service)
         self._show = show
         self._recent = recent
+
+        # For the status
         self._observation = SiteObservation(now_s)
         self._deployments = Deployments(own)
         self._began_ns: dict[str, int] = {}
@@ -311,6 +334,8 @@ class SiteModel:
         topic = change.topic
         name = change.name
         message = change.message
+
+        # It is no longer valid
         if message is None:
             self.cache.forget(topic, name)
             if self._recent is not None:
@@ -318,24 +343,28 @@ class SiteModel:
             if topic is DEPLOYMENT:
                 self._end_deployment(name)
             return
+
         payload = encode(message)  # once for all pages
         self.cache.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=topic is STRIPS_FRAME)
         if self._recent is not None:
             self._recent.add(self._now_ns, topic, name, message, payload)
+
+        # What the status depends on, before those who show the change may read it
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
             self._observation.home_things = home_things(message)
         elif isinstance(message, Health):
             self._observation.report(name, message, self._now_s)
         elif isinstance(message, Deployment):
-            self._take_deployment(name, message)
+            self._on_deployment(name, message)
         self._show(change)
 
-    def _take_deployment(self, name: str, deployment: Deployment) -> None:
+    def _on_deployment(self, name: str, deployment: Deployment) -> None:
         if self._deployments.is_another(deployment):
             self._observation.begin_run(self._now_s)
         self._began_ns[name] = min(deployment.stamp_ns, self._now_ns)  # a slow simulation's time lags behind
-        self._forget(self._deployments.put(name, deployment, self._now_s))
+        replaced = self._deployments.put(name, deployment, self._now_s)
+        self._forget(replaced)
         self._set_began()
 
     def _end_deployment(self, name: str) -> None:
@@ -347,7 +376,7 @@ class SiteModel:
 
     def _set_began(self) -> None:
         runs = {run for run in self._deployments.known if run.startswith(RUN)}
-        self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
+        self._began_ns = {run: began_ns for run, began_ns in self._began_ns.items() if run in runs}
         self.cache.began_ns = min(self._began_ns.values(), default=0)
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:

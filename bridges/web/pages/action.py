@@ -102,7 +102,9 @@ class ActionContext:
 
     def notify_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
         """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
-        if loser and loser != page and loser == self.pairing.paired(user, time.monotonic()):
+        if not loser or loser == page:
+            return
+        if loser == self.pairing.paired(user, time.monotonic()):
             self.phones.lost(user, is_own=is_own)
 
 

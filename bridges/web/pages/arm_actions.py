@@ -93,10 +93,15 @@ async def _take(context: ActionContext, sender: PageSender, take: TakeArm) -> Js
             f"no service turns the page's messages into wrist samples: start it with "
             f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
         )
+
+    # A page of a wrist is a phone or a headset, and cannot choose
     is_phone = sender.page == context.pairing.paired(user, time.monotonic())
     if sender.role == "wrist" and is_phone is (take.by == "headset"):
-        raise RefusedError(f"this page moves {user}'s arm as a {'phone' if is_phone else 'headset'} only")
+        device = "phone" if is_phone else "headset"
+        raise RefusedError(f"this page moves {user}'s arm as a {device} only")
     mover: Hold = "phone" if is_phone else take.by
+
+    # The arm is moved before the press, whose source is the new mover
     loser = context.wrists.acquire(user, sender.page, mover)
     context.notify_loser(user, loser, sender.page)
     if context.people.states.get(user) == "idle":
@@ -110,7 +115,8 @@ async def _give(context: ActionContext, sender: PageSender, _: NoParameters) -> 
     if sender.role == "wrist":
         context.wrists.release_from(user, sender.page)
     else:
-        context.notify_loser(user, context.wrists.release(user), sender.page, is_own=True)
+        loser = context.wrists.release(user)
+        context.notify_loser(user, loser, sender.page, is_own=True)
     context.changed()
     return {"message": f"{user}'s arm is their own again"}
 
@@ -155,7 +161,8 @@ class Speak(ActionParameters):
 
 
 async def _speak(context: ActionContext, sender: PageSender, speak: Speak) -> JsonObject:
-    context.people.speak(sender.user, [word.model_dump() for word in speak.words])
+    words = [word.model_dump() for word in speak.words]
+    context.people.speak(sender.user, words)
     return {"message": ""}
 
 
@@ -167,7 +174,8 @@ class ReportVoice(ActionParameters):
 
 
 async def _report_voice(context: ActionContext, sender: PageSender, report: ReportVoice) -> JsonObject:
-    return {"message": context.people.on_voice(sender.page, sender.user, report.spoken, report.problem)}
+    sentence = context.people.on_voice(sender.page, sender.user, report.spoken, report.problem)
+    return {"message": sentence}
 
 
 ARM_ACTIONS: tuple[Action[Any], ...] = (

@@ -81,12 +81,16 @@ class SlowLink:
 
     def sentence(self, now_s: float) -> str:
         """Return a warning with its remedy, or `""` if there is no delay."""
-        return "; ".join(
-            f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page is "
-            "behind: the link between the two machines is slow or full, or their clocks differ"
-            for skew in self._monitor.skews(now_s)
-            if skew.ahead_s <= -LINK_LAG_S and not skew.claimant
-        )
+        sentences: list[str] = []
+        for skew in self._monitor.skews(now_s):
+            # A machine that claims another one's name is no link
+            if skew.claimant or skew.ahead_s > -LINK_LAG_S:
+                continue
+            sentences.append(
+                f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page "
+                "is behind: the link between the two machines is slow or full, or their clocks differ"
+            )
+        return "; ".join(sentences)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,9 +165,10 @@ class LatestValueCache:
 
     def history(self) -> list[Change]:
         """Return the last `HISTORY` events of the run, including recalled ones, oldest first."""
-        happened = [event for event in (*self._past, *self._events) if event[0] >= self.began_ns]
-        happened.sort(key=lambda event: event[0])
-        return [change for _, change in happened[-HISTORY:]]
+        all_events = (*self._past, *self._events)
+        events_of_run = [event for event in all_events if event[0] >= self.began_ns]
+        events_of_run.sort(key=lambda event: event[0])
+        return [change for _, change in events_of_run[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> None:
         """Mark a key's message as no longer valid, if there is one."""
@@ -175,11 +180,17 @@ class LatestValueCache:
         """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
         old_states = self.states_since(0)
         new_states = other.states_since(0)
-        wanted = {(key, name) for key, name, _ in new_states}
-        gone: list[Change] = [(key, name, None) for key, name, _ in old_states if (key, name) not in wanted]
+
+        # Deletions, then all that differs
+        new_keys = {(key, name) for key, name, _ in new_states}
+        for key, name, _ in old_states:
+            if (key, name) not in new_keys:
+                self._set((key, name, None))
         held = set(old_states)
-        for change in (*gone, *(change for change in new_states if change not in held)):
-            self._set(change)
+        for change in new_states:
+            if change not in held:
+                self._set(change)
+
         self._events.clear()
         self._past = []
         for feed in self._feeds:
@@ -187,11 +198,11 @@ class LatestValueCache:
 
     def names(self, topic: Topic[Any]) -> list[str]:
         """Return the names with a valid message of `topic`."""
-        return [
-            name
-            for (key, name), entry in self._entries.items()
-            if key == topic.key and entry.change[2] is not None
-        ]
+        names: list[str] = []
+        for (key, name), entry in self._entries.items():
+            if key == topic.key and entry.change[2] is not None:
+                names.append(name)
+        return names
 
     def open(self, rate_hz: float) -> "PageFeed":
         """Return the feed of a new page with at most `rate_hz` batches a second."""
@@ -226,9 +237,9 @@ class LatestValueCache:
 
     def events_since(self, count: int) -> list[Change]:
         """Return the events after the first `count` that are still kept."""
-        behind = min(self._event_count - count, len(self._events))
-        start = len(self._events) - behind
-        return [self._events[index][1] for index in range(start, len(self._events))]
+        kept = len(self._events)
+        behind = min(self._event_count - count, kept)
+        return [self._events[index][1] for index in range(kept - behind, kept)]
 
     def _set(self, change: Change) -> None:
         key = (change[0], change[1])
@@ -239,13 +250,9 @@ class LatestValueCache:
     def _drop_gone(self) -> None:
         """Remove what is no longer valid, as all pages know."""
         sent_version = min((feed.version for feed in self._feeds), default=self._version)
-        gone = [
-            key
-            for key, entry in self._entries.items()
-            if entry.change[2] is None and entry.version <= sent_version
-        ]
-        for key in gone:
-            del self._entries[key]
+        for key, entry in list(self._entries.items()):
+            if entry.change[2] is None and entry.version <= sent_version:
+                del self._entries[key]
 
 
 class PageFeed:
@@ -278,7 +285,9 @@ class PageFeed:
         for the batch just before.
         """
         is_behind = self.version < self._cache.version or self._events < self._cache.event_count
-        if not (is_behind or self._history) or self.in_flight >= IN_FLIGHT:
+        if not is_behind and not self._history:
+            return None
+        if self.in_flight >= IN_FLIGHT:
             return None
         is_urgent = self.version < self._cache.urgent_version
         return self._token_bucket.wait_s(now_s, 1.0 if is_urgent else 2.0)
@@ -287,6 +296,8 @@ class PageFeed:
         """Return the next batch, or None if nothing is new, it is too early, or too many are in flight."""
         if self.wait_s(now_s) != 0.0:
             return None
+
+        # All that is new
         cache = self._cache
         states = tuple(cache.states_since(self.version))
         events = cache.events_since(self._events)
@@ -296,7 +307,10 @@ class PageFeed:
         self.version = cache.version
         self._events = cache.event_count
         self.dropped += dropped
-        if not states and not history and not events and not dropped:
+
+        # A new page may be behind only by deletions, which it does not get
+        has_changes = states or history or events
+        if not has_changes and not dropped:
             return None
         self._token_bucket.take(now_s)
         self._sent += 1
@@ -316,7 +330,7 @@ class PageFeed:
         if n not in self._unacknowledged:
             return False
         self._acked = max(self._acked, n)
-        self._unacknowledged = {
-            number for number in self._unacknowledged if number != n and number > self._acked - IN_FLIGHT
-        }
+        self._unacknowledged.discard(n)
+        lost = self._acked - IN_FLIGHT
+        self._unacknowledged = {number for number in self._unacknowledged if number > lost}
         return True

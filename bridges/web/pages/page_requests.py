@@ -105,7 +105,8 @@ async def _reply(context: ActionContext, page: str, role: Role, ask: Ask) -> Jso
         case PageAction(action=action, user=user, parameters=parameters):
             if action.scope == "person":
                 context.people.check(user)
-            return await action.handle(context, PageSender(page=page, role=role, user=user), parameters)
+            sender = PageSender(page=page, role=role, user=user)
+            return await action.handle(context, sender, parameters)
 
 
 def hello_of(
@@ -119,12 +120,14 @@ def hello_of(
     has_home: bool = False,
 ) -> Hello:
     """Return the greeting of a page of this role. Its headset may move `user`."""
+    requests = tuple(request.key for request in REQUESTS[role])
+    actions = tuple(action.name for action in ACTIONS if role in action.roles)
     return Hello(
         version=version,
         site=site,
         role=role,
-        requests=tuple(request.key for request in REQUESTS[role]),
-        deeds=tuple(action.name for action in ACTIONS if role in action.roles),
+        requests=requests,
+        deeds=actions,
         user=user,
         speaks=speaks,
         language=language,
@@ -140,17 +143,21 @@ def parse_request(ask: Ask, role: Role) -> Call | PageAction:
     """
     if ask.deed is not None:
         return _parse_action(ask, ask.deed, role)
+
+    # A page that may not ask gets that reason, whatever its query
     request = next((row for row in OPERATORS if row.key == ask.key), None)
     if request is None:
         known = ", ".join(row.key for row in OPERATORS)
         raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {known}")
     if request not in REQUESTS[role]:
-        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {ask.key!r}")
+        raise _no_right(role, ask.key)
+
     if request.placeholder:
         topics.check_name(ask.name, request.placeholder)
     elif ask.name:
         raise RefusedError(f"{request.key} takes no name, got {ask.name!r}")
-    return Call(request=request, query=_validated(request.query, ask.query, request.key), name=ask.name)
+    query = _validated(request.query, ask.query, request.key)
+    return Call(request=request, query=query, name=ask.name)
 
 
 def _parse_action(ask: Ask, name: str, role: Role) -> PageAction:
@@ -159,12 +166,20 @@ def _parse_action(ask: Ask, name: str, role: Role) -> PageAction:
         known = ", ".join(row.name for row in ACTIONS)
         raise RefusedError(f"pages cannot request the action {name!r}; they can request {known}")
     if role not in action.roles:
-        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {name!r}")
+        raise _no_right(role, name)
     if ask.key:
         raise RefusedError(f"one thing at a time: {ask.key!r} or {name!r}")
     if action.scope == "person":
         topics.check_name(ask.name, "user")
-    return PageAction(action=action, user=ask.name, parameters=_validated(action.parameters, ask.query, name))
+    parameters = _validated(action.parameters, ask.query, name)
+    return PageAction(action=action, user=ask.name, parameters=parameters)
+
+
+def _no_right(role: Role, name: str) -> RefusedError:
+    """Return the refusal of a request `name` for which a page of `role` has no right."""
+    if role == "viewer":
+        return RefusedError(ONLY_LOOKS_ON)
+    return RefusedError(f"a phone cannot ask for {name!r}")
 
 
 def _validated(model: type[M], query: JsonObject, name: str) -> M:
@@ -177,8 +192,12 @@ def _validated(model: type[M], query: JsonObject, name: str) -> M:
 def _with_tuples(value: Any) -> Any:
     """Return a value of JSON with tuples for its lists, as strict models have them."""
     if isinstance(value, dict):
-        return {key: _with_tuples(each) for key, each in cast("JsonObject", value).items()}
-    return tuple(map(_with_tuples, cast("Sequence[object]", value))) if isinstance(value, list) else value
+        fields = cast("JsonObject", value)
+        return {key: _with_tuples(field) for key, field in fields.items()}
+    if isinstance(value, list):
+        items = cast("Sequence[object]", value)
+        return tuple(map(_with_tuples, items))
+    return value
 
 
 def json_schema() -> dict[str, Any]:
@@ -187,7 +206,9 @@ def json_schema() -> dict[str, Any]:
     _, schema = models_json_schema(
         [(model, "validation") for model in models], ref_template="#/$defs/{model}"
     )
-    name = {"enum": [action.name for action in ACTIONS], "type": "string"}
-    models = schema["$defs"]
-    models["Ask"]["properties"]["deed"]["anyOf"][0] = models["Hello"]["properties"]["deeds"]["items"] = name
+    # The models know only that an action has a name: a page's are those of the table
+    action_names = {"enum": [action.name for action in ACTIONS], "type": "string"}
+    definitions = schema["$defs"]
+    definitions["Ask"]["properties"]["deed"]["anyOf"][0] = action_names
+    definitions["Hello"]["properties"]["deeds"]["items"] = action_names
     return schema

@@ -22,6 +22,7 @@ from pointit.bridges.web.wire import (
     Ask,
     HeadsetMotion,
     Hello,
+    PersonLine,
     Play,
     Received,
     Role,
@@ -155,10 +156,14 @@ class PageSession:
         self._socket = socket
         self._host = host
         self._loop = asyncio.get_running_loop()
+
+        # To be sent
         self._wake_event = asyncio.Event()
         self._wake_timer = Timer(self._loop.call_later, self._wake_event.set)
         self._texts: list[str] = []
         self._status = ""
+
+        # Received, each kind within its rate
         self._slots = asyncio.Semaphore(MAX_ANSWERS)
         self._answering: set[asyncio.Task[None]] = set()
         self._message_bucket = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
@@ -200,15 +205,20 @@ class PageSession:
             for task in tasks:
                 task.cancel()
             ends = await asyncio.gather(*tasks, return_exceptions=True)
+
+        # A page may leave at any time: only other errors are faults
         for end in ends:
-            if isinstance(end, Exception) and not isinstance(end, (WebSocketDisconnect, OSError)):
-                if self._is_shut:
-                    continue  # the sending task was about to send
-                raise end
+            if not isinstance(end, Exception) or isinstance(end, (WebSocketDisconnect, OSError)):
+                continue
+            if self._is_shut:
+                continue  # the sending task was about to send
+            raise end
 
     async def _send(self) -> None:
+        """Send what is new at each wake: texts, the status, then a batch if the link has room."""
         socket = self._socket
         while True:
+            # Cleared before anything is read: what comes during a send wakes again
             await self._wake_event.wait()
             self._wake_event.clear()
             while self._texts:
@@ -352,7 +362,7 @@ class Pages:
         max_viewers: int,
         hello: Callable[..., Hello],
     ) -> None:
-        """Create it without pages.
+        """Create them without pages.
 
         Args:
             cache: the newest messages.
@@ -379,6 +389,7 @@ class Pages:
         """Number of pages that look at the past."""
         self._flush_timer = Timer(bus.call_later, self._flush)
         self._status_timer = Timer(bus.call_later, self.tell_status)
+        # Figures of the health report
         self._latencies = Latencies()
         self._before = (0, 0, 0)
         """Batches, bytes and dropped events of pages that have left."""
@@ -402,16 +413,17 @@ class Pages:
             await self.refuse(socket)
             return
         self._count += 1
+        name = f"page{self._count}"
         feed = self._cache.open(self._rate_hz)
-        session = PageSession(
-            f"page{self._count}", role, socket, feed, host, viewer_bucket=self.viewer_bucket
-        )
+        session = PageSession(name, role, socket, feed, host, viewer_bucket=self.viewer_bucket)
         session.paired_user = paired_user
         self._sessions.add(session)
         self._count_viewers()
         try:
-            await session.run(self._hello(role, user=paired_user()).model_dump_json())
+            hello = self._hello(role, user=paired_user())
+            await session.run(hello.model_dump_json())
         finally:
+            # Its totals outlive it, so that rates do not fall when a page leaves
             self._sessions.discard(session)
             self._cache.close(session.feed)
             batches, sent_bytes, dropped = self._before
@@ -491,7 +503,8 @@ class Pages:
             users = self._users_of(session.page)
             if users:
                 status = for_operators if is_operator else for_others
-                session.tell_status(with_own_people(status, users).model_dump_json())
+                own_status = with_own_people(status, users)
+                session.tell_status(own_status.model_dump_json())
             elif is_operator:
                 session.tell_status(operators_text)
             else:
@@ -510,16 +523,19 @@ class Pages:
             batches += session.counts.batches
             sent_bytes += session.counts.bytes
             dropped += session.feed.dropped
+        # Rates since the report before
+        reported_batches, reported_bytes = self._reported
         span_s = max(now_s - self._reported_s, 1e-3)
         p95_ms = self._latencies.p95_ms(now_s)
         waiting = sum(session.feed.in_flight >= IN_FLIGHT for session in self._sessions)
         self._bus.set_metric("capture to page p95", p95_ms, "ms")
-        self._bus.set_metric("batches", (batches - self._reported[0]) / span_s, "1/s")
-        self._bus.set_metric("to pages", (sent_bytes - self._reported[1]) / span_s / 1e3, "kB/s")
+        self._bus.set_metric("batches", (batches - reported_batches) / span_s, "1/s")
+        self._bus.set_metric("to pages", (sent_bytes - reported_bytes) / span_s / 1e3, "kB/s")
         self._bus.set_metric("pages that wait", float(waiting))
         self._bus.set_metric("events dropped", float(dropped))
         self._reported = (batches, sent_bytes)
         self._reported_s = now_s
+
         if p95_ms is not None and p95_ms > SLOW_MS:
             self._bus.warn(
                 "lag",
@@ -541,8 +557,10 @@ class Pages:
 
 def with_own_people(status: Status, users: Collection[str]) -> Status:
     """Return `status` for the page that moves the wrists of `users`."""
-    people = tuple(line.model_copy(update={"is_mine": line.user in users}) for line in status.people)
-    return status.model_copy(update={"people": people})
+    people: list[PersonLine] = []
+    for line in status.people:
+        people.append(line.model_copy(update={"is_mine": line.user in users}))
+    return status.model_copy(update={"people": tuple(people)})
 
 
 class Latencies:
@@ -560,4 +578,7 @@ class Latencies:
         while self._reports and now_s - self._reports[0][0] > LATENCIES_S:
             self._reports.popleft()
         values = sorted(latency_ms for _, latency_ms in self._reports)
-        return values[math.ceil(0.95 * len(values)) - 1] if values else None
+        if not values:
+            return None
+        rank = math.ceil(0.95 * len(values))
+        return values[rank - 1]

@@ -42,9 +42,9 @@ class Pair(ActionParameters):
     off: bool = False
 
 
-async def _pair(context: ActionContext, sender: PageSender, wanted: Pair) -> JsonObject:
+async def _pair(context: ActionContext, sender: PageSender, pairing: Pair) -> JsonObject:
     user = sender.user
-    if wanted.off:
+    if pairing.off:
         page = context.pairing.unpair(user)
         if not page:
             raise RefusedError(f"no phone is paired with {user}")
@@ -52,6 +52,7 @@ async def _pair(context: ActionContext, sender: PageSender, wanted: Pair) -> Jso
     else:
         page = ""
 
+        # The token is made only if the local network finds the page: it replaces that of the previous phone
         def pair() -> str:
             nonlocal page
             token, page = context.pairing.pair(user, time.monotonic())
@@ -93,7 +94,9 @@ async def _check_mounting(context: ActionContext, _: PageSender, device: OneDevi
 
 def _only_text(token: object) -> object:
     """Return a token that is a text or missing, and an empty one for all else: an error would quote it."""
-    return token if token is None or isinstance(token, str) else ""
+    if token is None or isinstance(token, str):
+        return token
+    return ""
 
 
 class SetUp(ActionParameters):
@@ -103,8 +106,9 @@ class SetUp(ActionParameters):
     token: Annotated[SecretStr | None, BeforeValidator(_only_text)] = None
 
 
-async def _set_up_home(context: ActionContext, _: PageSender, wanted: SetUp) -> JsonObject:
-    return await context.home.set_up(wanted.query, wanted.token, dict(context.devices.strips))
+async def _set_up_home(context: ActionContext, _: PageSender, act: SetUp) -> JsonObject:
+    strips = dict(context.devices.strips)
+    return await context.home.set_up(act.query, act.token, strips)
 
 
 async def _read_floor(context: ActionContext, _: PageSender, __: NoParameters) -> JsonObject:

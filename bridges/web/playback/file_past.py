@@ -46,6 +46,7 @@ class FilePast:
         changed: dict[Key, Entry] = {}
         due_ns = self.began_ns
         for number, entry in enumerate(self._recording.entries(is_shown), 1):
+            # A checkpoint holds what came until its time, so it is added before the first later entry
             if entry.time_ns > due_ns:
                 self._add_checkpoint(due_ns, changed)
                 due_ns = max(due_ns + self._distance_ns, entry.time_ns)
@@ -58,10 +59,16 @@ class FilePast:
 
     def states_at(self, at_ns: int) -> list[Entry]:
         """Return the newest entry of every key that is not later than `at_ns`, in order of time."""
-        place = bisect.bisect_right(self._times, at_ns) - 1
-        states, since_ns = (self._checkpoints[place], self._times[place]) if place >= 0 else ({}, None)
+        # From the last checkpoint on, or from the beginning of the file before the first one
+        states: dict[Key, Moment] = {}
+        since_ns: int | None = None
+        index = bisect.bisect_right(self._times, at_ns) - 1
+        if index >= 0:
+            states = self._checkpoints[index]
+            since_ns = self._times[index]
         entries = self._recording.entries(is_shown, since_ns=since_ns, until_ns=at_ns + 1)
-        return in_order(states, {(entry.row.key, entry.name): entry for entry in entries})
+        newer = {(entry.row.key, entry.name): entry for entry in entries}
+        return in_order(states, newer)
 
     def entries(self, after_ns: int) -> Iterator[Entry]:
         """Return the entries later than `after_ns`, in order of time."""
@@ -80,7 +87,9 @@ class FilePast:
 
     def _add_checkpoint(self, at_ns: int, changed: dict[Key, Entry]) -> None:
         """Add the checkpoint of `at_ns`, and clear `changed`, the entries since the checkpoint before."""
-        states = dict(self._checkpoints[-1]) if self._checkpoints else {}
+        states: dict[Key, Moment] = {}
+        if self._checkpoints:
+            states.update(self._checkpoints[-1])
         for key, entry in changed.items():
             if key in states or len(states) < MAX_KEYS:
                 states[key] = moment(entry)
@@ -89,9 +98,17 @@ class FilePast:
         self._times.append(at_ns)
         self._checkpoints.append(states)
         if len(self._times) > MAX_CHECKPOINTS or self._bytes > MAX_BYTES:
-            # The newest is always kept: the next one contains the changes since then only.
-            self._times = self._times[::-2][::-1]
-            self._checkpoints = self._checkpoints[::-2][::-1]
-            self._distance_ns *= 2
-            kept = {id(each): each for states in self._checkpoints for each in states.values()}
-            self._bytes = sum(len(each.payload) for each in kept.values())
+            self._drop_every_second_checkpoint()
+
+    def _drop_every_second_checkpoint(self) -> None:
+        # The newest is always kept: the next one contains the changes since then only
+        self._times = self._times[::-2][::-1]
+        self._checkpoints = self._checkpoints[::-2][::-1]
+        self._distance_ns *= 2
+
+        # Checkpoints share their moments, each of which counts once
+        shared: dict[int, Moment] = {}
+        for states in self._checkpoints:
+            for state in states.values():
+                shared[id(state)] = state
+        self._bytes = sum(len(state.payload) for state in shared.values())

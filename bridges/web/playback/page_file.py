@@ -48,26 +48,30 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None, start_
     Raises:
         ConfigError: If it is too long for a page.
     """
-    length_s = past.timeline().length_s
-    if length_s > LONGEST_S:
+    timeline = past.timeline()
+    if timeline.length_s > LONGEST_S:
+        length = round_beyond(timeline.length_s, LONGEST_S, 0)
         raise ConfigError(
-            f"{past.timeline().title}: {round_beyond(length_s, LONGEST_S, 0)} s from its first to its "
-            "last message are too long for "
+            f"{timeline.title}: {length} s from its first to its last message are too long for "
             f"a page (limit {LONGEST_S:.0f} s, a clock may have leapt); record a shorter session"
         )
+
+    # Greeting, timeline and frames, as a server sends them
     hello = Hello(version=pointit_version(), site=past.site, role="viewer", requests=(), deeds=())
     packer = zlib.compressobj(9, wbits=31)
     packed = bytearray()
-    for part in (hello.model_dump_json(), past.timeline().model_dump_json(), *frames(past)):
+    for part in (hello.model_dump_json(), timeline.model_dump_json(), *frames(past)):
         packed += packer.compress(pack(part))
         if isinstance(part, tuple):
-            tick(part[0])
+            time_s = part[0]
+            tick(time_s)
             if len(packed) > MAX_BYTES:
                 raise ConfigError(
-                    f"{past.timeline().title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is "
-                    f"reached after {part[0]:.0f} s. Record a shorter session (pointit record --duration)."
+                    f"{timeline.title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is "
+                    f"reached after {time_s:.0f} s. Record a shorter session (pointit record --duration)."
                 )
-    return _html(bytes(packed + packer.flush()), start_s)
+    packed += packer.flush()
+    return _html(bytes(packed), start_s)
 
 
 def frames(past: Past) -> Iterator[Frame]:
@@ -81,9 +85,11 @@ def frames(past: Past) -> Iterator[Frame]:
         at_s = (playback.at_ns(now_s) - past.began_ns) / NS_PER_S
         status = "" if number % RATE_HZ else playback.status().model_dump_json()
         batch = feed.take(now_s)
-        if batch is not None:
+        if batch is None:
+            yield at_s, (), (), status
+        else:
             feed.ack(batch.n)
-        yield at_s, batch.states if batch else (), batch.events if batch else (), status
+            yield at_s, batch.states, batch.events, status
         if not playback.is_playing:
             return
 
@@ -92,23 +98,23 @@ def _html(recording: bytes, start_s: float) -> str:
     """Return the page with everything that it loads, and `recording`, packed."""
     html = _text("index.html")
     icon = f"data:image/svg+xml,{quote(_text('icon.svg'))}"
-    content = "".join(
-        (
-            f'<script id="recording" type="text/plain" data-start-s="{start_s:g}">',
-            f"{base64.b64encode(recording).decode()}</script>",
-            f'<script type="importmap">{json.dumps({"imports": _modules()})}</script>',
-            '<script type="module">import "app.js";</script>\n',
-            f'<script id="licences" type="text/plain">{_text("LICENSES.txt")}</script>\n</body>',
-        )
+    encoded = base64.b64encode(recording).decode()
+    import_map = json.dumps({"imports": _modules()})
+    content = (
+        f'<script id="recording" type="text/plain" data-start-s="{start_s:g}">'
+        f"{encoded}</script>"
+        f'<script type="importmap">{import_map}</script>'
+        '<script type="module">import "app.js";</script>\n'
+        f'<script id="licences" type="text/plain">{_text("LICENSES.txt")}</script>\n</body>'
     )
-    for there, instead in (
+    for address, replacement in (
         ('"/static/icon.svg"', f'"{icon}"'),
         ('<link rel="stylesheet" href="/static/app.css">', f"<style>{_text('app.css')}</style>"),
         ('<script type="module" src="/static/app.js"></script>\n', ""),
         ("</body>", content),
     ):
-        assert html.count(there) == 1, there  # noqa: S101 - the built page is ours
-        html = html.replace(there, instead)
+        assert html.count(address) == 1, address  # noqa: S101 - the built page is ours
+        html = html.replace(address, replacement)
     return html
 
 
@@ -121,7 +127,8 @@ def _modules() -> dict[str, str]:
     names = ["app.js"]
     for name in names:  # grows
         text = _text(name)
-        names += sorted(set(MODULE.findall(text)) - set(names))
+        imported = set(MODULE.findall(text))
+        names += sorted(imported.difference(names))
         code = quote(MODULE.sub(r'"\1"', text), safe=PLAIN)
         modules[name] = f"data:text/javascript;charset=utf-8,{code}"
     return modules

@@ -66,6 +66,8 @@ class PastPage:
         """
         self._past = past
         self._now_s = asyncio.get_running_loop().time
+
+        # To the session, this page is the host, and its playback the site
         self._playback = Playback(past, self._now_s())
         feed = self._playback.model.cache.open(RATE_HZ)
         self._session = PageSession("past", "viewer", socket, feed, self, viewer_bucket=viewer_bucket)
@@ -88,7 +90,8 @@ class PastPage:
     def header(self) -> tuple[int, float]:
         """Return the position, ns, and the speed, 0 if it stands."""
         playback = self._playback
-        return playback.at_ns(self._now_s()), playback.speed if playback.is_playing else 0.0
+        at_ns = playback.at_ns(self._now_s())
+        return at_ns, playback.speed if playback.is_playing else 0.0
 
     async def answer(self, ask: Ask, session: PageSession) -> Answer:  # noqa: ARG002 - the host's interface
         """Refuse it."""
@@ -102,7 +105,8 @@ class PastPage:
 
     def play(self, play: Play) -> None:
         """Store what the page asks for, which is applied in the next round. Earlier seeks are skipped."""
-        self._next_play = self._next_play.model_copy(update=play.model_dump(exclude_none=True))
+        changes = play.model_dump(exclude_none=True)
+        self._next_play = self._next_play.model_copy(update=changes)
         self._wake_event.set()
 
     def shown(self, ack: Ack) -> None:
@@ -114,20 +118,25 @@ class PastPage:
     # Time.
 
     async def _play(self) -> None:
+        """Apply the page's controls and play, until cancelled."""
         reported_s = self._now_s()
         read_ns = -1
         sought_s = -math.inf
         while True:
+            # Controls, but soon after a seek only those of the next rounds
             if self._wake_event.is_set() and self._now_s() - sought_s >= SEEK_S:
                 self._wake_event.clear()
-                is_seek = self._next_play.at_s is not None or (self._next_play.step or 0) < 0
-                sought_s = self._now_s() if is_seek else sought_s
-                self._do()
+                if self._next_play.at_s is not None or self._next_play.step < 0:
+                    sought_s = self._now_s()
+                self._apply_next_play()
+
             was_playing = self._playback.is_playing
             self._playback.advance(self._now_s())
             if was_playing and not self._playback.is_playing:
                 self._tell_position()
             self._session.wake()
+
+            # The timeline grows while a file is read
             now_s = self._now_s()
             if now_s - reported_s >= STATUS_S:
                 reported_s = now_s
@@ -135,28 +144,34 @@ class PastPage:
                     read_ns = self._past.read_ns
                     self._session.tell(self._past.timeline().model_dump_json())
                 self._tell_status()
+
             await asyncio.sleep(1.0 / RATE_HZ)
             if not self._playback.is_playing:
                 await wait_up_to(self._wake_event, STATUS_S)
 
-    def _do(self) -> None:
+    def _apply_next_play(self) -> None:
         play = self._next_play
         self._next_play = Play()
         playback = self._playback
         now_s = self._now_s()
         if play.at_s is not None:
-            playback.seek(self._past.began_ns + round(play.at_s * NS_PER_S), now_s)
+            at_ns = self._past.began_ns + round(play.at_s * NS_PER_S)
+            playback.seek(at_ns, now_s)
         playback.play(now_s, is_playing=play.is_playing, speed=play.speed)
         if play.step:
             playback.step(play.step, now_s)
-        self._tell_position(has_jumped=play.at_s is not None or play.step < 0)
+        has_jumped = play.at_s is not None or play.step < 0
+        self._tell_position(has_jumped=has_jumped)
         self._tell_status()
 
     def _tell_position(self, *, has_jumped: bool = False) -> None:
         playback = self._playback
-        at_s = (playback.at_ns(self._now_s()) - self._past.began_ns) / NS_PER_S
+        passed_s = (playback.at_ns(self._now_s()) - self._past.began_ns) / NS_PER_S
         playing = Playing(
-            at_s=max(at_s, 0.0), is_playing=playback.is_playing, speed=playback.speed, has_jumped=has_jumped
+            at_s=max(passed_s, 0.0),
+            is_playing=playback.is_playing,
+            speed=playback.speed,
+            has_jumped=has_jumped,
         )
         self._session.tell(playing.model_dump_json())
 
@@ -185,10 +200,14 @@ class Visits:
         past = self.recent.past(self.clock.now_ns())
         start_s = max(past.timeline().length_s - JUST_S, 0.0)
         with self.pages.count_past_page():
-            viewer_bucket = self.pages.viewer_bucket
-            await PastPage(
-                socket, past, version=self.version, start_s=start_s, viewer_bucket=viewer_bucket
-            ).run()
+            page = PastPage(
+                socket,
+                past,
+                version=self.version,
+                start_s=start_s,
+                viewer_bucket=self.pages.viewer_bucket,
+            )
+            await page.run()
 
 
 class RecordingServer:
@@ -207,7 +226,8 @@ class RecordingServer:
         access = Access(config.operator_token, config.viewer_token)
         access.know_hosts([config.host])
         app = application(access, Bundle(), self._open, _no_download)
-        self._listener = Listener(app, bind(config.host, config.port, "--port"))
+        bound_socket = bind(config.host, config.port, "--port")
+        self._listener = Listener(app, bound_socket)
 
     @property
     def port(self) -> int:

@@ -45,18 +45,26 @@ class Playback:
 
     def play(self, now_s: float, *, is_playing: bool | None = None, speed: float | None = None) -> None:
         """Play or pause, and set the speed."""
+        # The position is that of the speed until now
         self._move(self.at_ns(now_s), now_s)
-        self.speed = self.speed if speed is None else speed
-        self.is_playing = self.is_playing if is_playing is None else is_playing
+        if speed is not None:
+            self.speed = speed
+        if is_playing is not None:
+            self.is_playing = is_playing
 
     def seek(self, at_ns: int, now_s: float) -> None:
         """Go to `at_ns`, within what is read. Pages get the differences of states, and no events."""
         past = self._past
         at_ns = min(max(at_ns, past.began_ns), past.read_ns)
+
+        # Another model, from the states at that time: events have passed
         model = SiteModel(OWN, past.began_ns / NS_PER_S)
         for entry in past.states_at(at_ns):
-            if not isinstance(entry.row, Topic) or entry.row.delivery is not Delivery.EVENT:
+            is_event = isinstance(entry.row, Topic) and entry.row.delivery is Delivery.EVENT
+            if not is_event:
                 self._apply(entry, model)
+
+        # The page's feed reads the cache of before, which takes over the new states
         cache = self.model.cache
         cache.become(model.cache)
         model.cache = cache
@@ -70,11 +78,13 @@ class Playback:
         """Pause, and go to the next entry, or with `by` < 0 to the one before."""
         self.is_playing = False
         if by < 0:
-            before = self._past.states_at(self._at_ns - 1)
-            self.seek(before[-1].time_ns if before else self._past.began_ns, now_s)
+            previous_states = self._past.states_at(self._at_ns - 1)
+            previous_ns = previous_states[-1].time_ns if previous_states else self._past.began_ns
+            self.seek(previous_ns, now_s)
             return
         if self._next is not None:
-            self._move(self._play_until(self._next.time_ns), now_s)
+            at_ns = self._play_until(self._next.time_ns)
+            self._move(at_ns, now_s)
             self._tick()
 
     def advance(self, now_s: float) -> None:
@@ -112,7 +122,8 @@ class Playback:
         if isinstance(row, Topic) and isinstance(body, Message):
             model.take(row, name, body, entry.time_ns, at_s)
         elif row is SERVICE_ALIVE:
-            if body or self._past.ended_ns - entry.time_ns > GRACE_NS:  # else the recording ends with its run
+            remaining_ns = self._past.ended_ns - entry.time_ns
+            if body or remaining_ns > GRACE_NS:  # else the recording ends with its run
                 model.set_service(name, bool(body), at_s)
         elif row is USER_ALIVE:
             model.set_person(name, present=bool(body))

@@ -55,7 +55,14 @@ MAX_TEXT = 200
 """Maximum length of an item's text."""
 
 KINDS: tuple[LaneKind, ...] = (
-    *("interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"),
+    "interaction",
+    "robot",
+    "hover",
+    "selections",
+    "refusals",
+    "wrong",
+    "misses",
+    "warnings",
 )
 """In the order in which they are shown."""
 
@@ -97,8 +104,9 @@ class Moment(NamedTuple):
 
     def entry(self) -> Entry:
         """Return it decoded."""
-        body = decode(self.row.message, self.payload) if isinstance(self.row, Topic) else bool(self.payload)
-        return Entry(self.time_ns, self.row.at(self.name), self.row, self.name, body)
+        row = self.row
+        body = decode(row.message, self.payload) if isinstance(row, Topic) else bool(self.payload)
+        return Entry(self.time_ns, row.at(self.name), row, self.name, body)
 
 
 class Past(Protocol):
@@ -126,20 +134,30 @@ class Past(Protocol):
 def moment(entry: Entry) -> Moment:
     """Return `entry`, whose row is in `SHOWN_ROWS`, encoded."""
     assert isinstance(entry.row, (Topic, Presence))  # noqa: S101 - requests are not shown
-    payload = encode(entry.body) if isinstance(entry.body, Message) else b"1" if entry.body else b""
+    if isinstance(entry.body, Message):
+        payload = encode(entry.body)
+    else:
+        payload = b"1" if entry.body else b""
     return Moment(entry.time_ns, entry.row, entry.name, payload)
 
 
 @functools.lru_cache(maxsize=4096)
 def is_shown(key: str) -> bool:
     """Return True if `key` belongs to a row that pages need."""
-    return any(row.name_in(key) if row.placeholder else row.key == key for row in SHOWN_ROWS)
+    for row in SHOWN_ROWS:
+        if row.placeholder:
+            if row.name_in(key):
+                return True
+        elif row.key == key:
+            return True
+    return False
 
 
 def in_order(moments: dict[Key, Moment], newer: dict[Key, Entry]) -> list[Entry]:
     """Return the entries of both, of each key the newer, in order of time."""
-    kept = [each.entry() for key, each in moments.items() if key not in newer]
-    return sorted([*kept, *newer.values()], key=lambda entry: entry.time_ns)
+    entries = [moment.entry() for key, moment in moments.items() if key not in newer]
+    entries.extend(newer.values())
+    return sorted(entries, key=lambda entry: entry.time_ns)
 
 
 class Lanes:
@@ -172,9 +190,7 @@ class Lanes:
         elif isinstance(body, SelectionEvent | ActOutcome):
             self._on_event(self._act_results.event_to_show(body), at_ns)
         elif isinstance(body, Health):
-            problems = [each for each in body.all_problems if each.severity == "warning"]
-            text = f"{name}: {'; '.join(each.sentence for each in problems)}" if problems else ""
-            self._set("warnings", body.user, name, text, at_ns, identity=[each.identity for each in problems])
+            self._on_health(body, name, at_ns)
         elif isinstance(body, TrackedObjects):
             self._objects[name] = body
         elif isinstance(body, Deployment):
@@ -185,36 +201,40 @@ class Lanes:
     def forget(self, before_ns: int) -> None:
         """Remove the items that ended before `before_ns`, and the people who left before it."""
         self._until_ns = {user: left_ns for user, left_ns in self._until_ns.items() if left_ns >= before_ns}
-        self._objects = {name: each for name, each in self._objects.items() if each.stamp_ns >= before_ns}
+        for name, objects in list(self._objects.items()):
+            if objects.stamp_ns < before_ns:
+                del self._objects[name]
+
+        # Lanes without items, but for those of people who may still be shown
         for (kind, user), items in list(self._items.items()):
             while items and items[0][1] < before_ns:
                 items.popleft()
-            if not items and not (kind == "interaction" and user in self._until_ns):
+            has_person = kind == "interaction" and user in self._until_ns
+            if not items and not has_person:
                 del self._items[kind, user]
 
     def lanes(self, began_ns: int, until_ns: int) -> tuple[Lane, ...]:
         """Return the lanes with items between `began_ns` and `until_ns`, those of people first."""
-        items = {key: list(each) for key, each in self._items.items()}
+        # Intervals that have not ended are shown until the end
+        items_by_lane = {lane_key: list(items) for lane_key, items in self._items.items()}
         for (kind, user, _), (start_ns, text, _identity) in self._open.items():
-            items.setdefault((kind, user), []).append((start_ns, until_ns, text))
+            items_by_lane.setdefault((kind, user), []).append((start_ns, until_ns, text))
 
-        def from_start(at_ns: int) -> float:
-            return math.ceil(max(at_ns - began_ns, 0) / NS_PER_MS) / 1000.0  # who goes there sees its effect
+        def from_start_s(at_ns: int) -> float:
+            passed_ns = max(at_ns - began_ns, 0)
+            return math.ceil(passed_ns / NS_PER_MS) / 1000.0  # who goes there sees its effect
 
-        return tuple(
-            Lane(
-                kind=kind,
-                user=user,
-                items=tuple(
-                    (from_start(start), from_start(end), text)
-                    for start, end, text in sorted(items[kind, user])
-                    if end >= began_ns
-                ),
-            )
-            for kind, user in sorted(items, key=lambda key: (not key[1], key[1], KINDS.index(key[0])))
-        )
+        lanes: list[Lane] = []
+        for kind, user in sorted(items_by_lane, key=_lane_order):
+            shown_items: list[tuple[float, float, str]] = []
+            for start_ns, end_ns, text in sorted(items_by_lane[kind, user]):
+                if end_ns >= began_ns:
+                    shown_items.append((from_start_s(start_ns), from_start_s(end_ns), text))
+            lanes.append(Lane(kind=kind, user=user, items=tuple(shown_items)))
+        return tuple(lanes)
 
     def _settle(self, at_ns: int) -> None:
+        """Show the services that have left and are still missing after a while."""
         while self._gone and at_ns - self._gone[0][0] > GRACE_NS:
             gone_ns, instance = self._gone.popleft()
             user = person_of(instance)
@@ -223,36 +243,61 @@ class Lanes:
     def _on_presence(self, at_ns: int, row: Presence, name: str, *, present: bool) -> None:
         if row is USER_ALIVE:
             self._until_ns[name] = math.inf if present else at_ns
-        if row is USER_ALIVE and present:
-            self._append_item("interaction", name, None)
-        elif row is USER_ALIVE:
-            self._close(name, "", at_ns)
+            if present:
+                self._append_item("interaction", name, None)
+            else:
+                self._close(name, "", at_ns)
         elif row is SERVICE_ALIVE and not present:
             self._close("", name, at_ns)
             self._gone.append((at_ns, name))
 
+    def _on_health(self, health: Health, instance: str, at_ns: int) -> None:
+        problems = [problem for problem in health.all_problems if problem.severity == "warning"]
+        text = ""
+        if problems:
+            sentences = "; ".join(problem.sentence for problem in problems)
+            text = f"{instance}: {sentences}"
+        identities = [problem.identity for problem in problems]
+        self._set("warnings", health.user, instance, text, at_ns, identity=identities)
+
     def _on_event(self, event: SelectionEvent | None, at_ns: int) -> None:
         if event is None:
             return
-        what = self._called(event.object_id, event.kind)
-        wanted = {kind for kinds in self._wanted.values() for kind in kinds}
+        thing = self._called(event.object_id, event.kind)
+
+        # Without wanted kinds, or a kind, nothing is wrong
+        wanted: set[str] = set()
+        for kinds in self._wanted.values():
+            wanted.update(kinds)
         is_wanted = not event.kind or not wanted or event.kind in wanted
+
         if event.event in ("selected", "deselected"):
-            self._append_item("selections", event.user, (at_ns, at_ns, f"{event.event} {what}"))
+            self._append_item("selections", event.user, (at_ns, at_ns, f"{event.event} {thing}"))
             if event.event == "selected" and not is_wanted:
-                self._append_item("wrong", event.user, (at_ns, at_ns, f"not wanted: {what}"))
+                self._append_item("wrong", event.user, (at_ns, at_ns, f"not wanted: {thing}"))
         elif event.event == "refused":
             reason = f": {event.reason}" if event.reason else ""
-            self._append_item("refusals", event.user, (at_ns, at_ns, f"refused {what}{reason}"))
-        elif event.event in ("left", "dispatched") and not event.user and is_wanted and wanted:
-            self._append_item("misses", "", (at_ns, at_ns, f"{what} left without being selected"))
+            self._append_item("refusals", event.user, (at_ns, at_ns, f"refused {thing}{reason}"))
+        elif event.event in ("left", "dispatched") and not event.user:
+            if wanted and is_wanted:
+                self._append_item("misses", "", (at_ns, at_ns, f"{thing} left without being selected"))
 
     def _called(self, object_id: str, kind: str = "") -> str:
         """Return the name of an object in the page, such as `red 24`, or `""` without an object."""
         if object_id and not kind:
-            every = (each for message in self._objects.values() for each in message.objects)
-            kind = next((each.kind for each in every if each.id == object_id), "")
-        return kind if kind == object_id else f"{kind} {object_id.rpartition('-')[2]}".strip()
+            kind = self._kind_of(object_id)
+        if kind == object_id:
+            return kind
+        number = object_id.rpartition("-")[2]
+        return f"{kind} {number}".strip()
+
+    def _kind_of(self, object_id: str) -> str:
+        """Return the kind of a tracked object, or `""` if no tracker reports it."""
+        for message in self._objects.values():
+            for tracked_object in message.objects:
+                if tracked_object.id == object_id:
+                    return tracked_object.kind
+        return ""
 
     def _set(
         self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int, *, identity: object = None
@@ -263,12 +308,13 @@ class Lanes:
         """
         key = (kind, user, instance)
         identity = identity or text
-        before = self._open.get(key)
-        if before is not None:
-            if before[2] == identity:
+        interval = self._open.get(key)
+        if interval is not None:
+            begin_ns, open_text, open_identity = interval
+            if open_identity == identity:
                 return
             del self._open[key]
-            self._append_item(kind, user, (before[0], at_ns, before[1]))
+            self._append_item(kind, user, (begin_ns, at_ns, open_text))
         if text:
             if len(self._open) >= MAX_LANES:
                 del self._open[next(iter(self._open))]
@@ -276,9 +322,9 @@ class Lanes:
 
     def _close(self, user: str, instance: str, at_ns: int) -> None:
         """End the open intervals of a service that has gone, or without one those of a person who has."""
-        for kind, its_user, its_instance in list(self._open):
-            if its_instance == instance and (instance or its_user == user):
-                self._set(kind, its_user, instance, "", at_ns)
+        for kind, open_user, open_instance in list(self._open):
+            if open_instance == instance and (instance or open_user == user):
+                self._set(kind, open_user, instance, "", at_ns)
 
     def _append_item(self, kind: LaneKind, user: str, item: Item | None) -> None:
         """Add `item` to its lane, or only create the lane if it is None."""
@@ -290,10 +336,21 @@ class Lanes:
 
 def _robot(state: RobotState) -> str:
     """Return the phase of a robot, its owner and its reason, or `""` while it stands and nobody steers it."""
-    if not state.user and not state.reason and state.phase in ("idle", "landed"):
+    is_at_rest = state.phase in ("idle", "landed")
+    if is_at_rest and not state.user and not state.reason:
         return ""
-    does = state.phase.replace("_", " ")
-    return ": ".join(filter(None, (f"{does}, steered by {state.user}" if state.user else does, state.reason)))
+    text = state.phase.replace("_", " ")
+    if state.user:
+        text += f", steered by {state.user}"
+    if state.reason:
+        text += f": {state.reason}"
+    return text
+
+
+def _lane_order(lane_key: LaneKey) -> tuple[bool, str, int]:
+    """Return the place of a lane: those of the site after those of people, in the order of `KINDS`."""
+    kind, user = lane_key
+    return (not user, user, KINDS.index(kind))
 
 
 class _Chunk:
@@ -302,24 +359,29 @@ class _Chunk:
     def __init__(self, states: dict[Key, Moment], moments: list[Moment]) -> None:
         self.states = states
         self.began_ns = moments[0].time_ns
-        newest = {(each.row.key, each.name): each for each in moments}
-        places = {key: place for place, key in enumerate(newest)}
-        self._keys = [(each.row, each.name) for each in newest.values()]
-        self._times = array("q", [each.time_ns for each in moments])
-        self._places = array("H", [places[each.row.key, each.name] for each in moments])
-        self._lengths = array("I", [len(each.payload) for each in moments])
-        self._packed = zlib.compress(b"".join(each.payload for each in moments), 1)
-        payloads = sum(len(each.payload) for each in newest.values())
+
+        # Each key once; the messages have its index, so that they need few bytes besides their payloads
+        newest = {(moment.row.key, moment.name): moment for moment in moments}
+        indices = {key: index for index, key in enumerate(newest)}
+        self._keys = [(moment.row, moment.name) for moment in newest.values()]
+        self._times = array("q", [moment.time_ns for moment in moments])
+        self._indices = array("H", [indices[moment.row.key, moment.name] for moment in moments])
+        self._lengths = array("I", [len(moment.payload) for moment in moments])
+        self._packed = zlib.compress(b"".join(moment.payload for moment in moments), 1)
+
+        newest_bytes = sum(len(moment.payload) for moment in newest.values())
         keys = len(states) + len(newest)
-        self.bytes = len(self._packed) + payloads + NUMBERS_BYTES * len(moments) + STATE_BYTES * keys
+        index_bytes = NUMBERS_BYTES * len(moments) + STATE_BYTES * keys
+        self.bytes = len(self._packed) + newest_bytes + index_bytes
         """Memory of the chunk, and of its messages in the states of the next one."""
 
     def moments(self) -> Iterator[Moment]:
         """Yield the messages."""
         data = unpack_zlib(self._packed, sum(self._lengths))
         offset = 0
-        for time_ns, place, length in zip(self._times, self._places, self._lengths, strict=True):
-            yield Moment(time_ns, *self._keys[place], data[offset : offset + length])
+        for time_ns, index, length in zip(self._times, self._indices, self._lengths, strict=True):
+            row, name = self._keys[index]
+            yield Moment(time_ns, row, name, data[offset : offset + length])
             offset += length
 
 
@@ -336,7 +398,10 @@ class Recent:
     def _begin(self, at_ns: int) -> None:
         """Begin with the states that are valid, as of `at_ns`."""
         self._last_ns = at_ns
-        self._newest = {key: each._replace(time_ns=at_ns) for key, each in self._newest.items()}
+        for key, state in self._newest.items():
+            self._newest[key] = state._replace(time_ns=at_ns)
+
+        # All that was kept before is dropped
         self._before: dict[Key, Moment] = {}
         """By key, as far as it was valid before the messages in `_open`."""
         self._chunks: deque[_Chunk] = deque()
@@ -344,25 +409,35 @@ class Recent:
         """Messages of the chunk that is not closed yet."""
         self._open_bytes = 0
         self._bytes = 0
+
+        # The lanes begin with the states: events happened before
         self._lanes = Lanes()
-        for each in self._newest.values():
-            if not isinstance(each.row, Topic) or each.row.delivery is not Delivery.EVENT:
-                self._lanes.add(at_ns, each.row, each.name, each.entry().body)
+        for state in self._newest.values():
+            is_event = isinstance(state.row, Topic) and state.row.delivery is Delivery.EVENT
+            if not is_event:
+                self._lanes.add(at_ns, state.row, state.name, state.entry().body)
 
     def add(self, at_ns: int, row: Row, name: str, body: Message | bool, payload: bytes) -> None:
         """Add a message or a change of presence that came at `at_ns`, site time.
 
         `payload` is the message as on the bus; of a presence, it is not empty if that has begun.
         """
+        # A clock that is set back a little stands until it is there again
         if at_ns < self._last_ns - STEP_NS:
             self._begin(at_ns)
-        at_ns = self._last_ns = max(at_ns, self._last_ns)
+        at_ns = max(at_ns, self._last_ns)
+        self._last_ns = at_ns
+
         key = (row.key, name)
         if key not in self._newest and len(self._newest) >= MAX_KEYS:
             return
         self._lanes.add(at_ns, row, name, body)
-        if self._open and (at_ns - self._open[0].time_ns >= CHUNK_NS or self._open_bytes > MAX_CHUNK_BYTES):
-            self._close_chunk(at_ns)
+
+        # A chunk begins with the states of before its first message
+        if self._open:
+            is_long = at_ns - self._open[0].time_ns >= CHUNK_NS
+            if is_long or self._open_bytes > MAX_CHUNK_BYTES:
+                self._close_chunk(at_ns)
         if not self._open:
             self._before = dict(self._newest)
         moment = Moment(at_ns, row, name, payload)
@@ -382,12 +457,14 @@ class Recent:
         if self._open:
             self._close_chunk(now_ns)
         ended_ns = max(now_ns, self._last_ns)
-        began_ns = max(self._chunks[0].began_ns if self._chunks else ended_ns, ended_ns - self._window_ns)
+        oldest_ns = self._chunks[0].began_ns if self._chunks else ended_ns
+        began_ns = max(oldest_ns, ended_ns - self._window_ns)
+        length_s = (ended_ns - began_ns) / NS_PER_S
         self._lanes.forget(began_ns)
         timeline = Timeline(
             began_ns=began_ns,
-            length_s=(ended_ns - began_ns) / NS_PER_S,
-            read_s=(ended_ns - began_ns) / NS_PER_S,
+            length_s=length_s,
+            read_s=length_s,
             lanes=self._lanes.lanes(began_ns, ended_ns),
         )
         return RecentPast(self._site, list(self._chunks), timeline, ended_ns)
@@ -398,8 +475,13 @@ class Recent:
         self._open_bytes = 0
         self._chunks.append(chunk)
         self._bytes += chunk.bytes
+
+        # The oldest chunk goes when the next one reaches back to the window's beginning, or beyond
         oldest_ns = now_ns - self._window_ns
-        while len(self._chunks) > 1 and (self._chunks[1].began_ns <= oldest_ns or self._bytes > MAX_BYTES):
+        while len(self._chunks) > 1:
+            is_needed = self._chunks[1].began_ns > oldest_ns
+            if is_needed and self._bytes <= MAX_BYTES:
+                break
             self._bytes -= self._chunks.popleft().bytes
         self._lanes.forget(oldest_ns)
 
@@ -420,19 +502,24 @@ class RecentPast:
         """Return the newest entry of every key that is not later than `at_ns`, in order of time."""
         if not self._chunks:
             return []
-        chunk = self._chunks[max(bisect.bisect_right(self._times, at_ns) - 1, 0)]
+        chunk = self._chunks[self._index_at(at_ns)]
         newest = dict(chunk.states)
         for moment in chunk.moments():
             if moment.time_ns <= at_ns:
                 newest[moment.row.key, moment.name] = moment
-        return [moment.entry() for moment in sorted(newest.values(), key=lambda each: each.time_ns)]
+        moments = sorted(newest.values(), key=lambda moment: moment.time_ns)
+        return [moment.entry() for moment in moments]
 
     def entries(self, after_ns: int) -> Iterator[Entry]:
         """Return the entries later than `after_ns`, in order of time."""
-        for chunk in self._chunks[max(bisect.bisect_right(self._times, after_ns) - 1, 0) :]:
+        for chunk in self._chunks[self._index_at(after_ns) :]:
             for moment in chunk.moments():
                 if moment.time_ns > after_ns:
                     yield moment.entry()
+
+    def _index_at(self, at_ns: int) -> int:
+        """Return the index of the chunk that holds `at_ns`, of the first one if it is earlier."""
+        return max(bisect.bisect_right(self._times, at_ns) - 1, 0)
 
     def timeline(self) -> Timeline:
         """Return the lanes."""

@@ -75,8 +75,15 @@ class ScanServer:
         """Colours of all lights in hexadecimal digits, by strip or lamp, and their number so far."""
         self._lit_seq = 0
         self._changed = asyncio.Event()
-        self._begin_until_s = self._open_until_s = self._paired_until_s = math.inf if token else 0.0
-        """Times until which wrists may begin, wrists may scan, and the phone that was paired for it may."""
+
+        # Three times: a wrist that goes on scanning must not keep the scan open for the next one
+        open_until_s = math.inf if token else 0.0
+        self._begin_until_s = open_until_s
+        """Time until which wrists may begin a scan."""
+        self._open_until_s = open_until_s
+        """Time until which wrists may scan."""
+        self._paired_until_s = open_until_s
+        """Time until which the phone that was paired for it may scan."""
         if token:
             self._pairing.pair(CAMERA, time.monotonic(), token)
 
@@ -96,8 +103,12 @@ class ScanServer:
     def pair(self) -> str:
         """Open a scan, and return a token for a phone. It replaces the phone paired before."""
         now_s = time.monotonic()
-        self._begin_until_s = self._open_until_s = self._paired_until_s = now_s + OPEN_S
-        return self._pairing.pair(CAMERA, now_s)[0]
+        until_s = now_s + OPEN_S
+        self._begin_until_s = until_s
+        self._open_until_s = until_s
+        self._paired_until_s = until_s
+        token, _ = self._pairing.pair(CAMERA, now_s)
+        return token
 
     def lights(self, colors: Mapping[str, bytes]) -> None:
         """Show colours of the LED driver to the simulated camera: RGB of each pixel, by strip or lamp."""
@@ -121,21 +132,14 @@ class ScanServer:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
         session = self._session
-        now_s = time.monotonic()
-        may_begin = True
-        if self._is_operator(request):
-            self._begin_until_s = self._open_until_s = max(self._open_until_s, now_s + OPEN_S)
-        elif self._is_paired(request):
-            self._paired_until_s = max(self._paired_until_s, now_s + OPEN_S)
-        else:
-            may_begin = now_s < self._begin_until_s
-            self._open_until_s = now_s + OPEN_S
+        may_begin = self._extend_times(request)
         try:
             message = wire.SCAN_MESSAGE.validate_json(await request.body())
             match message:
                 case wire.ScanLight():
                     if message.colors is None:  # the page is left
-                        self._begin_until_s = self._open_until_s = 0.0
+                        self._begin_until_s = 0.0
+                        self._open_until_s = 0.0
                     await session.light(message)
                     return Response(status_code=204)
                 case wire.ScanSave():
@@ -148,7 +152,23 @@ class ScanServer:
             return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
         except PointItError as error:
             return PlainTextResponse(str(error), 409)
+        # The page draws the state: of its own message, and of what the solver has found meanwhile
         return _json(session.state(is_simulated=self._room is not None))
+
+    def _extend_times(self, request: Request) -> bool:
+        """Keep the scan open for the sender of `request`. Return True if they may begin one."""
+        now_s = time.monotonic()
+        if self._is_operator(request):
+            until_s = max(self._open_until_s, now_s + OPEN_S)
+            self._begin_until_s = until_s
+            self._open_until_s = until_s
+            return True
+        if self._is_paired(request):
+            self._paired_until_s = max(self._paired_until_s, now_s + OPEN_S)
+            return True
+        may_begin = now_s < self._begin_until_s
+        self._open_until_s = now_s + OPEN_S
+        return may_begin
 
     async def _map(self, request: Request) -> Response:
         if not self._is_admitted(request):

@@ -4,8 +4,10 @@ import asyncio
 import logging
 import math
 import re
+from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 from pointit.bridges.web.model.site_model import shown_path, with_shown_path
@@ -94,7 +96,7 @@ class ScanLights:
         Raises:
             RefusedError: If there is no such light, or the LED driver does not answer.
         """
-        strips = tuple(each for each in lit if each.id not in self._names)
+        strips = tuple(light for light in lit if light.id not in self._names)
         await self._bus.call(SHOW_PIXELS, ShowPixels(lit=strips, for_s=for_s))
         self.close()
         if for_s == 0.0:
@@ -102,27 +104,37 @@ class ScanLights:
             return
         if not self._names:
             return
+
+        # Lamps have no time of their own: a task gives them back, even if the page asks for nothing more
         self._back = asyncio.create_task(self._give_back(for_s), name="lamps of a scan")
-        wanted = dict.fromkeys(self._names, DARK) | {
-            each.id: each.color for each in lit if each not in strips
-        }
-        for name, color in wanted.items():
-            if self._set.get(name) != color:
-                try:
-                    await self._bus.call(SET_LAMP, SetLamp(color=color), name)
-                    self._set[name] = color
-                except RefusedError as error:  # it shows the state of the site
-                    log.warning("the camera cannot find lamp %s: %s", name, error)
-                    self._names -= {name}
+        colors = dict.fromkeys(self._names, DARK)
+        for light in lit:
+            if light not in strips:
+                colors[light.id] = light.color
+        for name, color in colors.items():
+            if self._set.get(name) == color:
+                continue
+            try:
+                await self._bus.call(SET_LAMP, SetLamp(color=color), name)
+                self._set[name] = color
+            except RefusedError as error:  # it shows the state of the site
+                log.warning("the camera cannot find lamp %s: %s", name, error)
+                self._names -= {name}
+
         try:
             async with asyncio.timeout(LIGHTS_TIMEOUT_S):
-                while any(
-                    self._colors.get(name, DARK) != wanted[name] for name in self._names & wanted.keys()
-                ):
+                while not self._shows(colors):
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
             pass  # somebody localizes by it: the camera does not see it change
+
+    def _shows(self, colors: Mapping[str, Rgb]) -> bool:
+        """Return True if the lamps that blink show `colors`."""
+        for name in self._names & colors.keys():
+            if self._colors.get(name, DARK) != colors[name]:
+                return False
+        return True
 
     def close(self) -> None:
         """Give no lamps back later."""
@@ -140,20 +152,22 @@ class ScanLights:
 def marked_pixels(count: int) -> tuple[int, ...]:
     """Return the numbers of marked pixels of a strip of `count` pixels, ends included, evenly spread."""
     marks = min(count, MARKS)
-    return tuple(round(number * (count - 1) / max(1, marks - 1)) for number in range(marks))
+    intervals = max(1, marks - 1)
+    return tuple(round(number * (count - 1) / intervals) for number in range(marks))
 
 
 def picture(
     lights: Sequence[tuple[str, int]], colors: Sequence[int], brightness: float
 ) -> tuple[LitPixels, ...]:
     """Return the lit pixels of `lights` (strip and pixel), of which each has one of `COLORS`, dimmed."""
-    lit: dict[tuple[str, int], list[int]] = {}
+    pixels_by_color: dict[tuple[str, int], list[int]] = {}
     for (name, pixel), color in zip(lights, colors, strict=True):
-        lit.setdefault((name, color), []).append(pixel)
-    return tuple(
-        LitPixels(id=name, pixels=tuple(pixels), color=_dimmed(COLORS[color], brightness))
-        for (name, color), pixels in lit.items()
-    )
+        pixels_by_color.setdefault((name, color), []).append(pixel)
+    lit: list[LitPixels] = []
+    for (name, color), pixels in pixels_by_color.items():
+        rgb = _dimmed(COLORS[color], brightness)
+        lit.append(LitPixels(id=name, pixels=tuple(pixels), color=rgb))
+    return tuple(lit)
 
 
 def _dimmed(color: Rgb, brightness: float) -> Rgb:
@@ -228,11 +242,11 @@ class ScanSession:
             case ScanBegin():
                 self._begin(message)
             case ScanView():
-                self._view(message)
+                self._add_view(message)
             case ScanUndo():
-                self._undo()
+                self._remove_last_view()
             case ScanThing():
-                self._thing(message)
+                self._store_thing(message)
             case ScanLook():
                 pass
 
@@ -242,7 +256,10 @@ class ScanSession:
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
                 "room, or start `pointit map scan -o FILE --strip NAME=PIXELS`"
             )
-        for name in (*message.leds_per_m, *([message.known_strip] if message.known_strip else [])):
+        names = list(message.leds_per_m)
+        if message.known_strip:
+            names.append(message.known_strip)
+        for name in names:
             if name not in self._counts:
                 raise RefusedError(f"there is no strip {name!r}; there are {', '.join(self._counts)}")
         self._restart(message)
@@ -259,31 +276,35 @@ class ScanSession:
         lit = picture(lights, message.colors or (), message.brightness)
         await self._show(lit, 0.0 if message.colors is None else SHOWN_S)
 
-    def _view(self, message: ScanView) -> None:
+    def _add_view(self, message: ScanView) -> None:
         if len(self._views) >= MAX_VIEWS:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
         if any(index >= len(self._lights) for index, _, _ in message.seen):
             raise RefusedError(CHANGED)
-        seen = tuple(StripSighting(*self._lights[index], u, v) for index, u, v in message.seen)
-        view = CameraView(message.width, message.height, seen, message.gravity)
+        sightings: list[StripSighting] = []
+        for index, u, v in message.seen:
+            name, pixel = self._lights[index]
+            sightings.append(StripSighting(name, pixel, u, v))
+        view = CameraView(message.width, message.height, tuple(sightings), message.gravity)
+        survey = self._survey(())
         try:
-            check_survey(self._survey(()).strips, self._survey(()).lamps, (view,))
+            check_survey(survey.strips, survey.lamps, (view,))
         except ConfigError as error:
             raise RefusedError(str(error)) from error
         self._views.append(view)
         self._begin_to_solve()
 
-    def _undo(self) -> None:
+    def _remove_last_view(self) -> None:
+        """Remove the last view, and the things that were tapped in it."""
         if self._views:
             self._views.pop()
-            self._things = {
-                name: thing
-                for name, thing in self._things.items()
-                if all(view < len(self._views) for taps in thing.corners for view, _, _ in taps)
-            }
+            for name, thing in list(self._things.items()):
+                taps = chain.from_iterable(thing.corners)
+                if any(view >= len(self._views) for view, _, _ in taps):
+                    del self._things[name]
         self._begin_to_solve()
 
-    def _thing(self, message: ScanThing) -> None:
+    def _store_thing(self, message: ScanThing) -> None:
         check_name(message.name)
         if not message.corners:
             self._things.pop(message.name, None)
@@ -312,7 +333,9 @@ class ScanSession:
         Raises:
             PointItError: If its name is unusable, the file exists, or nothing is known yet.
         """
-        name = message.name if message.name.endswith((".yaml", ".yml")) else f"{message.name}.yaml"
+        name = message.name
+        if not name.endswith((".yaml", ".yml")):
+            name = f"{name}.yaml"
         if not FILE_NAME.fullmatch(name):
             raise RefusedError(f"{message.name!r} is no name for a map: use letters, digits, - and _")
         text = self.map_text(message.origin)
@@ -326,29 +349,32 @@ class ScanSession:
 
     def state(self, *, is_simulated: bool = False) -> ScanState:
         """Return the state for a page."""
-        known = {} if self._solution is None else {strip.name: strip for strip in self._solution.strips}
-        seen = {
-            name: sum(any(each.name == name for each in view.sightings) for view in self._views)
-            for name in self._counts
-        }
-        strips = [
-            known.get(name, ScanStrip(name=name, pixels=count)).model_copy(
-                update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
-            )
-            for name, count in self._counts.items()
-            if count > 1 or self._settings.has_lamps
-        ]
+        solution = self._solution or Solution(strips=())
+
+        # Lights, as far as the solver knows them, then things
+        solved = {strip.name: strip for strip in solution.strips}
+        views_by_light = Counter[str]()
+        for view in self._views:
+            views_by_light.update({sighting.name for sighting in view.sightings})
+        strips: list[ScanStrip] = []
+        for name, count in self._lights_of_scan(self._settings).items():
+            strip = solved.get(name, ScanStrip(name=name, pixels=count))
+            fields = {"seen": views_by_light[name], "leds_per_m": self._leds_per_m.get(name)}
+            strips.append(strip.model_copy(update=fields))
+        strips.extend(map(self._known_thing, self._things.values()))
+
+        advice = solution.advice
+        if len(self._views) < len(ADVICE):
+            advice = ADVICE[len(self._views)]
         return ScanState(
-            strips=(*strips, *map(self._known_thing, self._things.values())),
+            strips=tuple(strips),
             lights=self._lights,
-            cameras_m=() if self._solution is None else self._solution.cameras_m,
+            cameras_m=solution.cameras_m,
             views=len(self._views),
             is_solving=self._solving is not None,
-            is_complete=self._solution is not None and self._solution.is_complete,
-            advice=ADVICE[len(self._views)]
-            if len(self._views) < len(ADVICE)
-            else (self._solution.advice if self._solution else ""),
-            next_m=None if self._solution is None else self._solution.next_m,
+            is_complete=solution.is_complete,
+            advice=advice,
+            next_m=solution.next_m,
             problem=self._problem,
             is_simulated=is_simulated,
             file=self._file,
@@ -374,28 +400,36 @@ class ScanSession:
         self._views.clear()
         self._things.clear()
         self._solution = None
-        self._problem = self._saved = ""
-        lights = [
-            (name, pixel)
-            for name, count in self._counts.items()
-            if count > 1 or settings.has_lamps
-            for pixel in marked_pixels(count)
-        ]
+        self._problem = ""
+        self._saved = ""
+        lights: list[tuple[str, int]] = []
+        for name, count in self._lights_of_scan(settings).items():
+            for pixel in marked_pixels(count):
+                lights.append((name, pixel))
         self._lights = tuple(lights[:MAX_LIGHTS])
 
+    def _lights_of_scan(self, settings: ScanBegin) -> dict[str, int]:
+        """Return the number of pixels of each strip, and of each lamp if lamps are scanned, too."""
+        if settings.has_lamps:
+            return self._counts
+        return {name: count for name, count in self._counts.items() if count > 1}
+
     def _survey(self, views: tuple[CameraView, ...]) -> Survey:
-        per_m = self._settings.leds_per_m
-        strips = tuple(
-            StripSpec(name, count, 1.0 / per_m[name] if name in per_m else None)
-            for name, count in self._counts.items()
-            if count > 1
-        )
-        known = None
-        if self._settings.known_strip and self._settings.known_m is not None:
-            name = self._settings.known_strip
-            known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._settings.known_m)
+        leds_per_m = self._settings.leds_per_m
+        strips: list[StripSpec] = []
+        for name, count in self._counts.items():
+            if count > 1:
+                pitch_m = 1.0 / leds_per_m[name] if name in leds_per_m else None
+                strips.append(StripSpec(name, count, pitch_m))
+
+        # The length that the person has measured is that between the ends of a strip
+        known_length = None
+        known_strip = self._settings.known_strip
+        if known_strip and self._settings.known_m is not None:
+            last = self._counts[known_strip] - 1
+            known_length = KnownLength(Mark(known_strip, 0), Mark(known_strip, last), self._settings.known_m)
         lamps = tuple(LampSpec(name) for name, _ in self._lights if self._counts[name] == 1)
-        return Survey(strips, lamps, views, known)
+        return Survey(tuple(strips), lamps, views, known_length)
 
     def _begin_to_solve(self) -> None:
         if self._solving is None:
@@ -407,12 +441,15 @@ class ScanSession:
         try:
             while views != tuple(self._views):
                 views = tuple(self._views)
-                self._problem, self._solution = "", None if len(views) < 2 else self._solution
-                if len(views) > 1:
-                    try:
-                        self._solution = await self._solve(self._survey(views))
-                    except PointItError as error:
-                        self._problem = str(error)
+                self._problem = ""
+                if len(views) < 2:
+                    self._solution = None
+                    continue
+                # Until there is another one, the page shows the solution of fewer views
+                try:
+                    self._solution = await self._solve(self._survey(views))
+                except PointItError as error:
+                    self._problem = str(error)
         except Exception:  # a later view may be solved
             log.exception("the views could not be solved")
             self._problem = "the views could not be solved, a fault of PointIt itself, see its log"
@@ -422,9 +459,9 @@ class ScanSession:
 
 def leds_per_m(strips: Sequence[Strip]) -> dict[str, float]:
     """Return the pixels per metre of each of `strips` that has a length, to 0.1."""
-    lengths_m = {strip.id: sum(map(math.dist, strip.line_m, strip.line_m[1:])) for strip in strips}
-    return {
-        strip.id: round(strip.pixels / lengths_m[strip.id], 1)
-        for strip in strips
-        if 1.0 < strip.pixels / max(lengths_m[strip.id], 1e-9) <= 1000.0
-    }
+    densities: dict[str, float] = {}
+    for strip in strips:
+        length_m = sum(map(math.dist, strip.line_m, strip.line_m[1:]))
+        if 1.0 < strip.pixels / max(length_m, 1e-9) <= 1000.0:
+            densities[strip.id] = round(strip.pixels / length_m, 1)
+    return densities

@@ -1,6 +1,7 @@
 """A room for a simulated camera: true places of its lights, which the site's map does not know."""
 
 import math
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -31,18 +32,21 @@ class SimulatedRoom:
         room = load_map(name_or_path, 0)
         lights: dict[str, tuple[Vec3, ...]] = {lamp.id: (lamp.position_m,) for lamp in room.lamps}
         lights |= {strip.id: pixel_places(strip) for strip in room.strips}
-        places = lights.values()
-        all_m = np.array([place for each in places for place in each])
-        x_m, y_m = np.mean(all_m, axis=0)[:2]
-        away_m = AWAY * float(np.max(np.ptp(all_m[:, :2], axis=0)))
+
+        # The camera stands on an arc around the middle of all lights
+        positions_m = np.array(list(chain.from_iterable(lights.values())))
+        x_m, y_m = np.mean(positions_m, axis=0)[:2]
+        widths_m = np.ptp(positions_m[:, :2], axis=0)
+        radius_m = AWAY * float(np.max(widths_m))
         cameras: list[Vec3] = []
         for azimuth_deg, height_m in PLACES:
-            angle = math.radians(azimuth_deg)
-            cameras.append((x_m + away_m * math.sin(angle), y_m - away_m * math.cos(angle), height_m))
-        self.seen = ScanRoom(
-            strips=tuple(ScanRoomStrip(name=name, places_m=places) for name, places in lights.items()),
-            places_m=tuple(cameras),
-        )
+            angle_rad = math.radians(azimuth_deg)
+            camera_x_m = x_m + radius_m * math.sin(angle_rad)
+            camera_y_m = y_m - radius_m * math.cos(angle_rad)
+            cameras.append((camera_x_m, camera_y_m, height_m))
+
+        strips = tuple(ScanRoomStrip(name=name, places_m=places) for name, places in lights.items())
+        self.seen = ScanRoom(strips=strips, places_m=tuple(cameras))
 
 
 def pixel_places(strip: Strip) -> tuple[Vec3, ...]:

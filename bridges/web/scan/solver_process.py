@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from pointit.bridges.web.scan.session import Solution
 from pointit.bridges.web.scan.wire import ScanStrip, ScanThing
+from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.scan.views import Survey
 
@@ -39,33 +40,49 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     """Return the solution for pages; `size`: of the views' images, image pixels."""
     from pointit.scan.advice import next_view  # noqa: PLC0415
 
-    lines = {name: (strip.count, strip.line_m) for name, strip in scan.strips.items()}
-    points = {name: (1, (lamp.position_m,)) for name, lamp in scan.lamps.items()}
+    # Strips and lamps alike: a lamp is a line of one point
+    lights: dict[str, tuple[int, tuple[Vec3, ...]]] = {}
+    for name, strip in scan.strips.items():
+        lights[name] = (strip.count, strip.line_m)
+    for name, lamp in scan.lamps.items():
+        lights[name] = (1, (lamp.position_m,))
     scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    strips = tuple(
-        ScanStrip(
-            name=each.name,
-            pixels=(lines | points)[each.name][0],
-            line_m=(lines | points)[each.name][1],
-            sigma_m=each.sigma_m if math.isfinite(each.sigma_m) else None,
-            reason=each.reason,
+    scan_strips: list[ScanStrip] = []
+    for light in scanned:
+        pixels, line_m = lights[light.name]
+        scan_strips.append(
+            ScanStrip(
+                name=light.name,
+                pixels=pixels,
+                line_m=line_m,
+                sigma_m=light.sigma_m if math.isfinite(light.sigma_m) else None,
+                reason=light.reason,
+            )
         )
-        for each in scanned
-    )
-    advice = next_view(scan)
-    sentences = [each for each in scan.problems if not each.startswith(tuple(map(repr, scan.missing)))]
+
+    # Problems of lights that are missing are those of their lines already
+    missing = tuple(map(repr, scan.missing))
+    sentences = [problem for problem in scan.problems if not problem.startswith(missing)]
     if scan.level_from != "gravity":
         sentences.append("no view tells where down is, so that most strips are taken as level or upright")
+    advice = next_view(scan)
     if advice is not None:  # it has the positions for photographs of what is missing
         sentences.append(advice.text)
+    capitalized: list[str] = []
+    for sentence in sentences:
+        text = f"{sentence}."
+        subject, _, _ = text.partition(":")
+        if subject not in lights:
+            text = text[:1].upper() + text[1:]
+        capitalized.append(text)
+
+    # Views that show too little have no camera
+    cameras_m = tuple(camera.position_m for camera in scan.cameras if camera is not None)
     return Solution(
-        strips=strips,
-        cameras_m=tuple(camera.position_m for camera in scan.cameras if camera is not None),
+        strips=tuple(scan_strips),
+        cameras_m=cameras_m,
         is_complete=scan.complete(),
-        advice=" ".join(
-            each if each.partition(":")[0] in lines | points else f"{each[:1].upper()}{each[1:]}"
-            for each in (f"{sentence}." for sentence in sentences)
-        ),
+        advice=" ".join(capitalized),
         next_m=advice.position_m if advice is not None else None,
         thing=functools.partial(_thing, scan, size),
         map_text=functools.partial(_map_text, scan, size),
@@ -75,7 +92,11 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
 def _corners(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> "list[PointedAt]":
     from pointit.scan.by_tapping import Tap, locate  # noqa: PLC0415
 
-    return [locate(scan, size, [Tap(*tap) for tap in taps]) for taps in thing.corners]
+    corners: list[PointedAt] = []
+    for taps in thing.corners:
+        taps_of_corner = [Tap(*tap) for tap in taps]
+        corners.append(locate(scan, size, taps_of_corner))
+    return corners
 
 
 def _thing(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> ScanStrip:
@@ -83,16 +104,14 @@ def _thing(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> ScanStrip:
     from pointit.scan.by_tapping import tapped_text  # noqa: PLC0415
 
     corners = _corners(scan, size, thing)
-    if reason := next((corner.reason for corner in corners if corner.reason), ""):
-        raise RefusedError(reason)
-    tapped_text({thing.name: (thing.shape, corners)})
-    return ScanStrip(
-        name=thing.name,
-        pixels=0,
-        line_m=tuple(corner.position_m for corner in corners),
-        sigma_m=max(corner.sigma_m for corner in corners),
-        seen=min(corner.places for corner in corners),
-    )
+    for corner in corners:
+        if corner.reason:
+            raise RefusedError(corner.reason)
+    tapped_text({thing.name: (thing.shape, corners)})  # refuses corners that span nothing
+    line_m = tuple(corner.position_m for corner in corners)
+    sigma_m = max(corner.sigma_m for corner in corners)
+    places = min(corner.places for corner in corners)
+    return ScanStrip(name=thing.name, pixels=0, line_m=line_m, sigma_m=sigma_m, seen=places)
 
 
 def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence[ScanThing]) -> str:
@@ -101,21 +120,28 @@ def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence
     from pointit.scan.result import map_text  # noqa: PLC0415
 
     names = [name for name, strip in scan.strips.items() if strip.identified]
-    if not names or (origin and origin not in scan.strips):
+    if not names or origin not in ("", *scan.strips):
         raise ConfigError(f"strip {origin!r} is not known yet" if origin else "no strip is known yet")
     base = scan.strips[origin or names[0]]
+
+    # x along the strip, unless it stands upright and so has no heading
     x_m, y_m, _ = base.start
     along_m = base.end[0] - x_m
     across_m = base.end[1] - y_m
-    is_upright = math.hypot(along_m, across_m) < UPRIGHT_M
-    placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
-    x_axis = "" if is_upright else ", x points towards its last LED"
-    return (
+    heading_rad = 0.0
+    x_axis = ""
+    if math.hypot(along_m, across_m) >= UPRIGHT_M:
+        heading_rad = math.atan2(across_m, along_m)
+        x_axis = ", x points towards its last LED"
+    placed = scan.placed((x_m, y_m, 0.0), heading_rad)
+
+    # Things are located in the same frame as the strips
+    shapes = {thing.name: (thing.shape, _corners(placed, size, thing)) for thing in things}
+    head = (
         "# Origin of the scan: at the height of the lowest light, "
         f"below the first LED of {base.name}{x_axis}.\n"
-        + map_text(placed)
-        + tapped_text({thing.name: (thing.shape, _corners(placed, size, thing)) for thing in things})
     )
+    return head + map_text(placed) + tapped_text(shapes)
 
 
 class SolverProcess:
@@ -137,12 +163,14 @@ class SolverProcess:
                 initializer=signal.signal,
                 initargs=(signal.SIGINT, signal.SIG_IGN),
             )
+        loop = asyncio.get_running_loop()
         try:
-            scan = await asyncio.get_running_loop().run_in_executor(self._pool, solve_survey, survey)
+            scan = await loop.run_in_executor(self._pool, solve_survey, survey)
         except BrokenExecutor as error:
             self.close()
             raise ConfigError("the solver's process has ended; take the next view") from error
-        return solution_of(scan, (survey.views[0].width, survey.views[0].height))
+        first_view = survey.views[0]
+        return solution_of(scan, (first_view.width, first_view.height))
 
     def close(self) -> None:
         """End the process."""

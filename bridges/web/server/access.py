@@ -88,18 +88,21 @@ class Access:
 
     def know_hosts(self, names: Iterable[str]) -> None:
         """Accept these names or addresses in the Host header too."""
-        self._hosts.update(f"[{name}]" if ":" in name else name.lower() for name in names)
+        for name in names:
+            self._hosts.add(f"[{name}]" if ":" in name else name.lower())
 
     def know_proxy(self, public_url: str) -> None:
         """Accept requests that a reverse proxy passes on from `public_url`, `https://HOST`."""
         self._public_host = public_url.removeprefix("https://")
-        self.know_hosts([split_host(self._public_host)[0].strip("[]")])
+        name, _ = split_host(self._public_host)
+        self.know_hosts([name.strip("[]")])
 
     def scheme(self, scheme: str, host: str) -> str:
         """Return the scheme of a request to `host` at the browser: a proxy may have ended the encryption."""
+        if not self._public_host or host.lower() != self._public_host:
+            return scheme
         encrypted = {"http": "https", "ws": "wss"}
-        is_public = bool(self._public_host) and host.lower() == self._public_host
-        return encrypted.get(scheme, scheme) if is_public else scheme
+        return encrypted.get(scheme, scheme)
 
     def is_known_host(self, host: str) -> bool:
         """Return True if the Host header names this server: a foreign name may have been bound to it."""
@@ -108,20 +111,26 @@ class Access:
 
     def is_own_origin(self, info: RequestInfo) -> bool:
         """Return True if the request comes from a page of this server."""
-        return bool(info.origin) and info.origin.lower() == f"{info.scheme}://{info.host}".lower()
+        own_origin = f"{info.scheme}://{info.host}"
+        return bool(info.origin) and info.origin.lower() == own_origin.lower()
 
     def enter(self, token: str, info: RequestInfo, now_s: float) -> Role | None:
         """Return the role of a link's `token`, or None if it is wrong or the page is embedded.
 
         The right token always works: others on this machine have the same address and must not lock it out.
         """
-        return self._judged(cookie_value(token), info.address, now_s) if info.is_navigation else None
+        if not info.is_navigation:
+            return None
+        return self._role_of(cookie_value(token), info.address, now_s)
 
     def admit(self, info: RequestInfo, now_s: float) -> Role | None:
         """Return the role that the request's cookie gives, or else its bearer token."""
         secret = info.cookies.get(cookie_name(info), "")
-        secret = secret or (cookie_value(info.bearer) if info.bearer else "")
-        return self._judged(secret, info.address, now_s) if secret else None
+        if not secret and info.bearer:
+            secret = cookie_value(info.bearer)
+        if not secret:
+            return None
+        return self._role_of(secret, info.address, now_s)
 
     def is_rate_limited(self, address: str, now_s: float) -> bool:
         """Return True if `address` has guessed too often and refusals are to be slow.
@@ -131,19 +140,25 @@ class Access:
         guesses = self._guesses.get(address)
         if guesses is None:
             return False
-        for digest in [digest for digest, when_s in guesses.items() if now_s - when_s > GUESSES_S]:
-            del guesses[digest]
+        for digest, guessed_s in list(guesses.items()):
+            if now_s - guessed_s > GUESSES_S:
+                del guesses[digest]
         if not guesses:
             del self._guesses[address]
         return len(guesses) >= MAX_GUESSES
 
-    def _judged(self, secret: str, address: str, now_s: float) -> Role | None:
+    def _role_of(self, secret: str, address: str, now_s: float) -> Role | None:
+        """Return the role of `secret`, or None after counting a guess of `address`."""
+        # All are compared, so that the time does not depend on which one is right
         given = secret.encode(errors="replace")
-        roles: list[Role] = [
-            role for known, role in self._secrets if hmac.compare_digest(given, known.encode())
-        ]
+        roles: list[Role] = []
+        for known, role in self._secrets:
+            if hmac.compare_digest(given, known.encode()):
+                roles.append(role)
         if roles:
             return roles[0]
+
+        # Beyond the limit, further guesses are not stored, which bounds memory
         if self.is_rate_limited(address, now_s):
             return None
         guesses = self._guesses.setdefault(address, {})
@@ -186,12 +201,16 @@ def split_host(host: str) -> tuple[str, str]:
 def cookie_name(info: RequestInfo) -> str:
     """Return the cookie's name; browsers keep those of all ports of a host together."""
     _, port = split_host(info.host)
-    return f"pointit-{port if port.isdecimal() else ''}{'-tls' if info.scheme == 'https' else ''}"
+    if not port.isdecimal():
+        port = ""
+    suffix = "-tls" if info.scheme == "https" else ""
+    return f"pointit-{port}{suffix}"
 
 
 def cookie_value(token: str) -> str:
     """Return the cookie's value: a digest, since the token may have any characters."""
-    return hashlib.sha256(b"pointit page " + token.encode(errors="replace")).hexdigest()
+    content = b"pointit page " + token.encode(errors="replace")
+    return hashlib.sha256(content).hexdigest()
 
 
 def cookie(info: RequestInfo, token: str) -> str:
@@ -202,7 +221,8 @@ def cookie(info: RequestInfo, token: str) -> str:
 
 def headers(info: RequestInfo) -> dict[str, str]:
     """Return the security headers of every response: no foreign or inline content, no embedding."""
-    socket = f"{'wss' if info.scheme == 'https' else 'ws'}://{info.host}"
+    scheme = "wss" if info.scheme == "https" else "ws"
+    socket = f"{scheme}://{info.host}"
     policy = (
         "default-src 'none'",
         "script-src 'self'",
@@ -215,6 +235,7 @@ def headers(info: RequestInfo) -> dict[str, str]:
         "base-uri 'none'",
         "form-action 'none'",
     )
+    # Sensors and the camera are for phones, as wrists and for scans of the room
     return {
         "Content-Security-Policy": "; ".join(policy),
         "X-Content-Type-Options": "nosniff",
@@ -234,7 +255,8 @@ def check(config: WebConfig) -> None:
     Raises:
         ConfigError: If it is not; names the parameter and what to do.
     """
-    if not is_loopback(config.host) and not (config.published_port and _is_contained()):
+    is_local = is_loopback(config.host) or (config.published_port and _is_contained())
+    if not is_local:
         raise ConfigError(
             f"host: {config.host} can be reached from other machines, and what goes there is not "
             "encrypted; leave it at 127.0.0.1 and use lan: true, which opens the page by HTTPS "

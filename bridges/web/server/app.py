@@ -4,7 +4,7 @@ import asyncio
 import io
 import logging
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import IO
 
 from starlette.applications import Starlette
@@ -84,7 +84,7 @@ class Downloads:
         """Return the last minute as a file. A request during writing gets that file."""
         if self._writing is None or self._writing.done():
             self._writing = asyncio.create_task(self._write(), name="web writes a recording")
-        name, content = await asyncio.shield(self._writing)
+        name, content = await asyncio.shield(self._writing)  # others may wait for it, too
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
         return Pieces(content, headers=headers, media_type="application/octet-stream")
 
@@ -97,7 +97,8 @@ class Downloads:
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
         past = self._recent.past(now_ns)
-        await asyncio.to_thread(write_recording, past, max(past.began_ns, now_ns - self._window_ns), output)
+        since_ns = max(past.began_ns, now_ns - self._window_ns)
+        await asyncio.to_thread(write_recording, past, since_ns, output)
         return file_name(past.site, now_ns), output.getvalue()
 
 
@@ -109,21 +110,16 @@ def application(
     Routes of `others` check access themselves.
     """
     page = _Page(access, bundle, open_page, download)
-    return SecurityMiddleware(
-        Starlette(
-            routes=[
-                Route("/", page.index, methods=["GET"]),
-                WebSocketRoute("/ws", page.socket),
-                Route("/ws", page.socket_problem, methods=["GET"]),
-                WebSocketRoute(PAST, page.socket),
-                Route("/recording.mcap", page.recording, methods=["GET"]),
-                *others,
-                Route("/static/{name:path}", page.static, methods=["GET"]),
-            ],
-            exception_handlers={404: _not_found},
-        ),
-        access,
-    )
+    routes = [
+        Route("/", page.index, methods=["GET"]),
+        WebSocketRoute("/ws", page.socket),
+        Route("/ws", page.socket_problem, methods=["GET"]),
+        WebSocketRoute(PAST, page.socket),
+        Route("/recording.mcap", page.recording, methods=["GET"]),
+        *others,
+        Route("/static/{name:path}", page.static, methods=["GET"]),
+    ]
+    return SecurityMiddleware(Starlette(routes=routes, exception_handlers={404: _not_found}), access)
 
 
 async def _not_found(_request: Request, _error: Exception) -> Response:
@@ -145,7 +141,10 @@ class _Page:
             if self._access.enter(token, info, now_s) is None:
                 return await self._refused(info, now_s)
             # redirected, so that the token does not stay in the address bar
-            response = HTMLResponse(ONWARDS) if info.site == "cross-site" else RedirectResponse("/", 303)
+            if info.site == "cross-site":
+                response: Response = HTMLResponse(ONWARDS)
+            else:
+                response = RedirectResponse("/", 303)
             response.headers["Set-Cookie"] = cookie(info, token)
             response.headers["Cache-Control"] = "no-store"
             return response
@@ -154,9 +153,10 @@ class _Page:
         return file_response(request, self._bundle, "index.html")
 
     async def socket(self, socket: WebSocket) -> None:
-        role = self._access.admit(info_of(socket), time.monotonic())
+        info = info_of(socket)
+        role = self._access.admit(info, time.monotonic())
         if role is None:
-            await self._slow_down(info_of(socket))
+            await self._slow_down(info)
             await socket.send_denial_response(PlainTextResponse(NOT_ADMITTED, 403))
         else:
             await self._open_page(socket, role)
@@ -167,12 +167,14 @@ class _Page:
         if self._access.admit(info, time.monotonic()) is None:
             await self._slow_down(info)
             return PlainTextResponse(NOT_ADMITTED, 403)
-        return PlainTextResponse(socket_problem(info, request.query_params.get("page", "")))
+        origin = request.query_params.get("page", "")
+        return PlainTextResponse(socket_problem(info, origin))
 
     async def recording(self, request: Request) -> Response:
-        role = self._access.admit(info_of(request), time.monotonic())
+        info = info_of(request)
+        role = self._access.admit(info, time.monotonic())
         if role != "operator":
-            await self._slow_down(info_of(request))
+            await self._slow_down(info)
             return refusal(403, "Not permitted", "Open the page by the operator's link to take a recording.")
         return await self._download(request)
 
@@ -213,13 +215,12 @@ class SecurityMiddleware:
         scope["pointit.request_info"] = info
         answered = False
 
+        # A response that has a header of its own keeps it
         async def send_with_headers(message: Message) -> None:
             nonlocal answered
             if message["type"] in ("http.response.start", "websocket.http.response.start"):
                 answered = True
-                own = {name.lower() for name, _ in message.get("headers", ())}
-                more = [(name.lower().encode(), value.encode()) for name, value in headers(info).items()]
-                message["headers"] = [*message.get("headers", ()), *(h for h in more if h[0] not in own)]
+                message["headers"] = _with_security_headers(message.get("headers", ()), info)
             elif message["type"] in ("websocket.accept", "websocket.close"):
                 answered = True
             await send(message)
@@ -237,9 +238,11 @@ class SecurityMiddleware:
         except Exception:
             log.exception("%s failed", scope["path"])
             if not answered and scope["type"] == "http":
-                await PlainTextResponse(OWN_FAULT, 500)(scope, receive, send_with_headers)
+                failure = PlainTextResponse(OWN_FAULT, 500)
+                await failure(scope, receive, send_with_headers)
 
     def _objection(self, scope: Scope, info: RequestInfo) -> Response | None:
+        """Return the refusal of a request under a foreign name, of another site, or too long, else None."""
         if not self._access.is_known_host(info.host):
             return PlainTextResponse(
                 "this is not an address of the page; open the link that PointIt has printed. Behind a proxy, "
@@ -252,25 +255,45 @@ class SecurityMiddleware:
             return PlainTextResponse(socket_problem(info, info.origin), 403)
         if is_posted and is_foreign:
             return PlainTextResponse("only a page of this server may do that", 403)
+
+        # By its own statement: a body is read into memory at once
         if is_posted:
             length = Headers(scope=scope).get("content-length", "")
-            if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY:
+            is_number = length.isdecimal() and len(length) <= 9
+            if not is_number or int(length) > MAX_BODY:
                 return PlainTextResponse(f"at most {MAX_BODY} bytes are accepted, with a Content-Length", 413)
         return None
+
+
+def _with_security_headers(
+    own_headers: Iterable[tuple[bytes, bytes]], info: RequestInfo
+) -> list[tuple[bytes, bytes]]:
+    all_headers = list(own_headers)
+    own_names = {name.lower() for name, _ in all_headers}
+    for name, value in headers(info).items():
+        encoded_name = name.lower().encode()
+        if encoded_name not in own_names:
+            all_headers.append((encoded_name, value.encode()))
+    return all_headers
 
 
 def request_info(scope: Scope) -> RequestInfo:
     """Return the fields of a request that matter for access."""
     connection = HTTPConnection(scope)
     headers = connection.headers
-    scheme, _, credentials = headers.get("authorization", "").partition(" ")
+    scheme = "https" if scope["scheme"] in ("https", "wss") else "http"
+    address = connection.client.host if connection.client else ""
+    bearer = ""
+    kind, _, credentials = headers.get("authorization", "").partition(" ")
+    if kind.lower() == "bearer":
+        bearer = credentials.strip()
     return RequestInfo(
-        scheme="https" if scope["scheme"] in ("https", "wss") else "http",
+        scheme=scheme,
         host=headers.get("host", ""),
-        address=connection.client.host if connection.client else "",
+        address=address,
         origin=headers.get("origin", ""),
         site=headers.get("sec-fetch-site", ""),
         destination=headers.get("sec-fetch-dest", ""),
         cookies=connection.cookies,
-        bearer=credentials.strip() if scheme.lower() == "bearer" else "",
+        bearer=bearer,
     )

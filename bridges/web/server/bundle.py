@@ -71,7 +71,7 @@ class Bundle:
     def file(self, name: str) -> File | None:
         """Return the file called `name` (with slashes), or None if there is none or it may not be served."""
         parts = name.split("/")
-        if any(part in ("", "..") or part.startswith(".") or "\\" in part or "\0" in part for part in parts):
+        if not all(map(_is_served, parts)):
             return None
         path = self._folder.joinpath(*parts)
         try:
@@ -80,24 +80,38 @@ class Bundle:
             known = self._files.get(name)
             if known is not None and known.version == version:
                 return known
+            # A link may lead out of the folder
             if not path.is_file() or not path.resolve().is_relative_to(self._folder.resolve()):
                 return None
             content = path.read_bytes()
         except OSError:
             self._files.pop(name, None)
             return None
-        file = self._files[name] = _file(path, content, version)
+        file = _file(path, content, version)
+        self._files[name] = file
         return file
 
 
+def _is_served(part: str) -> bool:
+    """Return True if a part of a path is neither hidden nor leads elsewhere."""
+    if not part or part.startswith("."):
+        return False
+    return "\\" not in part and "\0" not in part
+
+
 def _file(path: Path, content: bytes, version: tuple[int, int]) -> File:
-    media_type = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    compressed = gzip.compress(content, 6, mtime=0) if len(content) > PLAIN_BYTES else b""
+    media_type = _TYPES.get(path.suffix)
+    if not media_type:
+        media_type, _ = mimetypes.guess_type(path.name)
+    compressed = b""
+    if len(content) > PLAIN_BYTES:
+        compressed = gzip.compress(content, 6, mtime=0)
+    digest = hashlib.sha256(content).hexdigest()
     return File(
         content=content,
         compressed=compressed if len(compressed) < len(content) else b"",
-        etag=f'"{hashlib.sha256(content).hexdigest()[:32]}"',
-        media_type=media_type,
+        etag=f'"{digest[:32]}"',
+        media_type=media_type or "application/octet-stream",
         version=version,
     )
 
@@ -117,11 +131,8 @@ class Pieces(Response):
 
 def refusal(status: int, title: str, sentence: str) -> Response:
     """Return an error page of one sentence."""
-    return HTMLResponse(
-        REFUSED.format(title=escape(title), sentence=escape(sentence)),
-        status,
-        headers={"Cache-Control": "no-store"},
-    )
+    html = REFUSED.format(title=escape(title), sentence=escape(sentence))
+    return HTMLResponse(html, status, headers={"Cache-Control": "no-store"})
 
 
 def redirect_with_cookie(request: Request, path: str, cookie: str, secret: str, duration_s: int) -> Response:

@@ -52,37 +52,47 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
         ConfigError: If it cannot be stored; names the file.
     """
     names = _names(host)
-    wanted = {"127.0.0.1", "::1", *addresses}
-    files = folder / "certificate.pem", folder / "key.pem"
+    all_addresses = {"127.0.0.1", "::1", *addresses}
+    certificate_file = folder / "certificate.pem"
+    key_file = folder / "key.pem"
     warning = ""
+    certificate: x509.Certificate | None = None
+
+    # The stored one. Browsers warn of a new one again, so its damage is worth a sentence.
     try:
-        certificate = _read(*files)
-        fits = _fits(certificate, names, wanted, now)
+        stored = _read(certificate_file, key_file)
+        if _fits(stored, names, all_addresses, now):
+            certificate = stored
     except FileNotFoundError:
-        certificate = None
-        fits = False
+        pass  # the first one
     except (OSError, ValueError, x509.DuplicateExtension) as error:
         is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
-        reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
+        reason = "it is damaged"
+        if not is_read:
+            reason = str(getattr(error, "strerror", "") or error)
         warning = (
             f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
             "which browsers warn of again"
         )
-        certificate = None
-        fits = False
-    if certificate is None or not fits:
+
+    # A new one
+    if certificate is None:
         key = ec.generate_private_key(ec.SECP256R1())
-        certificate = _sign(key, names, wanted, now)
-        write_atomically(files[1], _pem(key))
-        write_atomically(files[0], certificate.public_bytes(serialization.Encoding.PEM), mode=0o644)
+        certificate = _sign(key, names, all_addresses, now)
+        write_atomically(key_file, _pem(key))
+        content = certificate.public_bytes(serialization.Encoding.PEM)
+        write_atomically(certificate_file, content, mode=0o644)
     digest = certificate.fingerprint(hashes.SHA256()).hex(":").upper()
-    return Certificate(certificate=files[0], key=files[1], fingerprint=digest, warning=warning)
+    return Certificate(certificate=certificate_file, key=key_file, fingerprint=digest, warning=warning)
 
 
 def _names(host: str) -> set[str]:
-    name = host.partition(".")[0]
-    is_name = name.isascii() and all(c.isalnum() or c == "-" for c in name) and 0 < len(name) < 64
-    return {"localhost", f"{name}.local"} if is_name else {"localhost"}
+    """Return the names of this machine in the local network."""
+    name, _, _ = host.partition(".")
+    has_label_characters = all(character.isalnum() or character == "-" for character in name)
+    if name.isascii() and has_label_characters and 0 < len(name) < 64:
+        return {"localhost", f"{name}.local"}
+    return {"localhost"}
 
 
 def _read(certificate: Path, key: Path) -> x509.Certificate:
@@ -101,16 +111,16 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
 
 def _fits(certificate: x509.Certificate, names: set[str], addresses: set[str], now: dt.datetime) -> bool:
     try:
-        other = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
     except x509.ExtensionNotFound:
         return False
-    named = set(other.get_values_for_type(x509.DNSName))
-    numbered = set(other.get_values_for_type(x509.IPAddress))
-    return (
-        names <= named
-        and {ipaddress.ip_address(address) for address in addresses} <= numbered
-        and certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc - LEFT
-    )
+    named = set(extension.value.get_values_for_type(x509.DNSName))
+    if not names <= named:
+        return False
+    numbered = set(extension.value.get_values_for_type(x509.IPAddress))
+    if not {ipaddress.ip_address(address) for address in addresses} <= numbered:
+        return False
+    return certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc - LEFT
 
 
 def _sign(
@@ -118,9 +128,12 @@ def _sign(
 ) -> x509.Certificate:
     """Return a self-signed certificate of `key` for a server with these names and addresses."""
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "PointIt")])
-    others: list[x509.GeneralName] = [x509.DNSName(name) for name in sorted(names)]
-    others += [x509.IPAddress(ipaddress.ip_address(address)) for address in sorted(addresses)]
+    alternatives: list[x509.GeneralName] = [x509.DNSName(name) for name in sorted(names)]
+    for address in sorted(addresses):
+        alternatives.append(x509.IPAddress(ipaddress.ip_address(address)))
     public = key.public_key()
+
+    # It is its own authority, but may sign no other one: the key serves TLS alone
     usage = x509.KeyUsage(
         digital_signature=True,
         content_commitment=False,
@@ -140,7 +153,7 @@ def _sign(
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - BEFORE)
         .not_valid_after(now - BEFORE + VALID)
-        .add_extension(x509.SubjectAlternativeName(others), critical=False)
+        .add_extension(x509.SubjectAlternativeName(alternatives), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(usage, critical=True)
         .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)

@@ -25,19 +25,21 @@ PORTS = 10
 """Number of ports to try, from the configured one on."""
 
 
-def choose_address(configured: str, found: list[str]) -> str:
-    """Return the address to listen at.
+def choose_address(configured: str, addresses: list[str]) -> str:
+    """Return the address to listen at: `configured`, or the first of this machine's `addresses`.
 
     Raises:
-        ConfigError: If `configured` is none of a machine, or it is empty and none was found.
+        ConfigError: If `configured` is none of a machine, or it is empty and there are no `addresses`.
     """
     if not configured:
-        if not found:
+        if not addresses:
             raise ConfigError(
                 "this machine has no address in a local network: connect it to one, or name its "
                 "address, as in --set web.lan_address=192.168.1.20"
             )
-        return found[0]
+        return addresses[0]
+
+    # One that is written down must be an address alone: browsers compare it with the certificate
     try:
         host, port = parse_address(configured)
         parsed = ipaddress.ip_address(host)
@@ -87,7 +89,8 @@ class Lan:
         # only who opens the page to the network pays for the import, 40 ms and 10 MB
         from pointit.bridges.web.server.certificate import obtain  # noqa: PLC0415
 
-        return obtain(self._folder, addresses, socket.gethostname(), dt.datetime.now(dt.UTC))
+        now = dt.datetime.now(dt.UTC)
+        return obtain(self._folder, addresses, socket.gethostname(), now)
 
     async def open(self) -> str:
         """Open the listener and return `url`. Does nothing if it is open.
@@ -98,20 +101,25 @@ class Lan:
         async with self._opening:
             if self._listener is not None:
                 return self.url
+            # All that may be impossible, before anything is open
             try:
-                address = choose_address(self._config.lan_address, found := self._addresses())
-                certificate = await asyncio.to_thread(self._certificate, [address, *found])
+                own_addresses = self._addresses()
+                address = choose_address(self._config.lan_address, own_addresses)
+                certificate = await asyncio.to_thread(self._certificate, [address, *own_addresses])
                 tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
                 tls.load_cert_chain(certificate.certificate, certificate.key)
                 bound = self._bind(address)
             except (ConfigError, ListenError) as error:
                 raise RefusedError(str(error)) from error
+
+            # A cancelled start leaves no listener behind
             listener = Listener(self._app, bound, tls)
             try:
                 await listener.start()
             except BaseException:
                 await listener.close()
                 raise
+
             self._listener = listener
             self.address = address
             self.url = url("https", address, listener.port)
@@ -139,7 +147,8 @@ class Lan:
 
     def _bind(self, address: str) -> socket.socket:
         first = self._config.lan_port
-        for port in range(first, min(first + PORTS, 65536) if first else 1):
+        end = min(first + PORTS, 65536) if first else 1
+        for port in range(first, end):
             try:
                 return bind(address, port, "lan_port=...")
             except ListenError:

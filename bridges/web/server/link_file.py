@@ -30,9 +30,11 @@ def keep_link(site: str, *urls: str) -> Path:
     Raises:
         ConfigError: If it cannot be written; names the file.
     """
-    path = site_folder(site, "web") / f"page-{urlsplit(urls[0]).port}.html"
+    port = urlsplit(urls[0]).port
+    path = site_folder(site, "web") / f"page-{port}.html"
     links = "".join(f'<p><a href="{escape(url)}">{escape(url)}</a></p>\n' for url in urls)
-    write_atomically(path, ONWARDS.format(first=escape(urls[0]), links=links).encode())
+    html = ONWARDS.format(first=escape(urls[0]), links=links)
+    write_atomically(path, html.encode())
     return path
 
 

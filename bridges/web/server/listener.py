@@ -73,6 +73,7 @@ def bind(host: str, port: int, option: str) -> socket.socket:
     try:
         family, address = resolve(host, port, socket.SOCK_STREAM)[0]
         listener = socket.socket(family, socket.SOCK_STREAM)
+        # On Windows, an address that may be reused is one that another process may take over
         if sys.platform == "win32":
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
@@ -102,7 +103,9 @@ def default_max_connections() -> int:
     import resource  # noqa: PLC0415 - there is none on Windows
 
     files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return MAX_CONNECTIONS if files == resource.RLIM_INFINITY else max(16, min(MAX_CONNECTIONS, files // 4))
+    if files == resource.RLIM_INFINITY:
+        return MAX_CONNECTIONS
+    return max(16, min(MAX_CONNECTIONS, files // 4))
 
 
 @dataclass(slots=True)
@@ -152,6 +155,8 @@ class Listener:
         self._config.load()
         self._tls = tls
         self._max_connections = max_connections or default_max_connections()
+
+        # Connections, from the first packet on: silent, unserved, in a handshake, visits, websockets
         self._state = ServerState()
         self._visits: OrderedDict[Any, _Visit] = OrderedDict()
         """Connections that are no websockets, in order of arrival."""
@@ -188,19 +193,25 @@ class Listener:
         Those were to be closed by the last call and do not read, or were quiet for `QUIET_S`.
         """
         now_s = asyncio.get_running_loop().time()
-        for client in [each for each, (_, since_s) in self._silent.items() if now_s - since_s > QUIET_S]:
-            self._hang_up(client)
-        closing = {one for one in self._state.connections if one.transport.is_closing()}
+        for client, (_, since_s) in list(self._silent.items()):
+            if now_s - since_s > QUIET_S:
+                self._hang_up(client)
+
+        # They had a second to close by themselves
+        closing = {connection for connection in self._state.connections if connection.transport.is_closing()}
         for connection in closing & self._lingering:
             _cut(connection)
         self._lingering = closing
+
+        # A connection is alive if it has a new request, works on one, or its client has read something
         for connection, visit in list(self._visits.items()):
             if connection not in self._state.connections:
                 del self._visits[connection]
                 continue
             cycle = connection.cycle
             owed = connection.transport.get_write_buffer_size()
-            if cycle is not visit.cycle or owed != visit.owed or (_is_busy(connection) and not owed):
+            has_changed = cycle is not visit.cycle or owed != visit.owed
+            if has_changed or (not owed and _is_busy(connection)):
                 visit.cycle = cycle
                 visit.owed = owed
                 visit.since_s = now_s
@@ -216,11 +227,15 @@ class Listener:
         for client in [*self._silent, *self._unserved]:
             self._hang_up(client)
         self._socket.close()
+
+        # Responses in progress may end, for a while
         state = self._state
         for connection in list(state.connections):
             connection.shutdown()
         if state.tasks:
             await asyncio.wait(set(state.tasks), timeout=CLOSE_S)
+
+        # What is left is cut
         for connection in list(state.connections):
             _cut(connection)
         for task in state.tasks:
@@ -240,13 +255,19 @@ class Listener:
                 log.warning("port %d accepts no connections for now: %s", self.port, error.strerror or error)
                 await asyncio.sleep(REST_S)
                 continue
+
+            # A protocol costs memory: it is made when the client has sent something
+            address = peer[0]
             if sys.platform == "win32":  # its loop waits for no socket to be readable
-                self._on_first_bytes(accepted, peer[0])
+                self._on_first_bytes(accepted, address)
             else:
-                self._silent[accepted] = peer[0], loop.time()
-                loop.add_reader(accepted, self._on_first_bytes, accepted, peer[0])
+                self._silent[accepted] = (address, loop.time())
+                loop.add_reader(accepted, self._on_first_bytes, accepted, address)
             if len(self._silent) > min(MAX_ARRIVING, self._max_connections):
-                self._hang_up(_of_busiest({one: address for one, (address, _) in self._silent.items()})[0])
+                addresses = {client: address for client, (address, _) in self._silent.items()}
+                self._hang_up(_of_busiest(addresses)[0])
+
+            # sock_accept does not give way while clients wait
             if count % AT_ONCE == 0:
                 await asyncio.sleep(0)
 
@@ -293,17 +314,23 @@ class Listener:
 
         Several at a time, since to look for them takes time. `newest` is cut if all others are websockets.
         """
-        there = self._state.connections
-        visits = {
-            one: visit.address
-            for one, visit in self._visits.items()
-            if one in there and one is not newest and not one.transport.is_closing()
-        }
-        crowd = sorted(_of_busiest(visits), key=lambda one: (_is_busy(one), self._visits[one].since_s))
-        idle = [one for one in crowd[: self._max_connections // 16] if not _is_busy(one)]
-        for one in idle or crowd[:1] or [newest]:
-            del self._visits[one]
-            _cut(one)
+        addresses: dict[Any, str] = {}
+        for connection, visit in self._visits.items():
+            if connection is newest or connection not in self._state.connections:
+                continue
+            if not connection.transport.is_closing():
+                addresses[connection] = visit.address
+
+        # Of the address with most, the idle ones first, each group from the oldest on
+        def cut_order(connection: Any) -> tuple[bool, float]:
+            return (_is_busy(connection), self._visits[connection].since_s)
+
+        crowd = sorted(_of_busiest(addresses), key=cut_order)
+        oldest = crowd[: self._max_connections // 16]
+        idle = [connection for connection in oldest if not _is_busy(connection)]
+        for connection in idle or crowd[:1] or [newest]:
+            del self._visits[connection]
+            _cut(connection)
 
     def _make_connection(self) -> asyncio.Protocol:
         return H11Protocol(self._config, self._state, {})
@@ -316,8 +343,12 @@ def _cut(connection: Any) -> None:
 
 
 def _of_busiest(addresses: Mapping[Any, str]) -> list[Any]:
-    busiest = Counter(addresses.values()).most_common(1)
-    return [one for one, address in addresses.items() if address == busiest[0][0]]
+    """Return the clients of the address that has most, in their order; none if there are none."""
+    counts = Counter(addresses.values()).most_common(1)
+    if not counts:
+        return []
+    busiest, _ = counts[0]
+    return [client for client, address in addresses.items() if address == busiest]
 
 
 def _is_busy(connection: Any) -> bool:

@@ -54,18 +54,22 @@ def metrics_route(metrics: SiteMetrics, access: Access | None) -> Route:
 
     async def answer(request: Request) -> Response:
         now_s = time.monotonic()
-        if access is not None and access.admit(info_of(request), now_s) is None:
-            if access.is_rate_limited(info_of(request).address, now_s):
-                await asyncio.sleep(REFUSAL_S)
-            return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
+        if access is not None:
+            info = info_of(request)
+            if access.admit(info, now_s) is None:
+                if access.is_rate_limited(info.address, now_s):
+                    await asyncio.sleep(REFUSAL_S)
+                return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
+
+        # Several readers share one computation, each in the format that they accept
         accept = request.headers.get("accept", "")
         media_type = media_type_of(accept)
-        at_s, content = computed.get(media_type, (-math.inf, b""))
-        if now_s - at_s >= CACHE_S:
-            content = exposition(metrics, accept)[0]
+        computed_s, content = computed.get(media_type, (-math.inf, b""))
+        if now_s - computed_s >= CACHE_S:
+            content, _ = exposition(metrics, accept)
             if len(computed) >= MAX_MEDIA_TYPES:
                 computed.clear()
-            computed[media_type] = now_s, content
+            computed[media_type] = (now_s, content)
         return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})
 
     return Route(PATH, answer, methods=["GET"])
@@ -88,7 +92,8 @@ class MetricsServer:
             )
         access = Access(new_token(), new_token())
         access.know_hosts([host])
-        app = SecurityMiddleware(Starlette(routes=[metrics_route(metrics, None)]), access)
+        routes = [metrics_route(metrics, None)]
+        app = SecurityMiddleware(Starlette(routes=routes), access)
         self._listener = Listener(app, bind(host, port, "--listen"))
 
     @property

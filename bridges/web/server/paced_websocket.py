@@ -100,7 +100,9 @@ class PacedWebSocket(WebSocketsSansIOProtocol, asyncio.BufferedProtocol):
 
     def _pause_if_over_limit(self) -> None:
         wait_s = self._control_bucket.wait_s(self.loop.time())
-        if wait_s <= 0.0 or self._is_over_limit or self.transport.is_closing():
+        if wait_s <= 0.0 or self._is_over_limit:
+            return
+        if self.transport.is_closing():
             return
         self._is_over_limit = True
         self.transport.pause_reading()

@@ -38,7 +38,18 @@ from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.bridges.web.server.metrics_server import metrics_route
 from pointit.bridges.web.site_metrics import SiteMetrics
-from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, HeadsetMotion, Play, Role, Status
+from pointit.bridges.web.wire import (
+    MAX_TOLD,
+    Ack,
+    AimAt,
+    Answer,
+    Ask,
+    HeadsetMotion,
+    PersonLine,
+    Play,
+    Role,
+    Status,
+)
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import PhoneHost, Phones
 from pointit.bridges.web.wrists.wrist_control import WristControl
@@ -92,11 +103,16 @@ class Web(Service[WebConfig]):
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
         self._loop = asyncio.get_running_loop()
+
+        # Access
         self._token = config.operator_token or new_token()
         access = Access(self._token, config.viewer_token or new_token())
-        access.know_hosts([exposure_check.address(config, config.port)[0]])
+        host_name, _ = exposure_check.address(config, config.port)
+        access.know_hosts([host_name])
         if config.public_url:
             access.know_proxy(config.public_url)
+
+        # State of the site, and what is kept of its past
         recent = Recent(self.bus.site)
         self._model = SiteModel(
             self.NAME,
@@ -110,12 +126,16 @@ class Web(Service[WebConfig]):
         self._downloads = Downloads(recent, config.record_s, self.clock)
         version = pointit_version()
         self._metrics = SiteMetrics(self.bus.site, version, self._model.state)
+
+        # People, and the wrists that pages move
         self._wrists = WristControl(config)
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
             wrists=self._wrists, people=self._people, clock=self.clock, ended=self._changed
         )
+
+        # Pages of now and of the past
         hello = functools.partial(hello_of, version=version, site=self.bus.site, language=config.language)
         home = HomeSite(self.bus, config.home_folder)
         self._pages = Pages(
@@ -128,6 +148,8 @@ class Web(Service[WebConfig]):
             hello=functools.partial(hello, speaks=config.announce == "page", has_home=home.is_there),
         )
         self._visits = Visits(recent, self._pages, self.clock, version)
+
+        # Phones. The actions are created last, as they need all other parts.
         bundle = Bundle()
         host = PhoneHost(
             wrists=self._wrists,
@@ -139,11 +161,12 @@ class Web(Service[WebConfig]):
             greeting=hello("wrist", speaks=config.announce == "phone"),
         )
         self._phones = Phones(host, self._pairing, bundle)
+
+        # Scan of the room
         self._solver = SolverProcess()
         self._lights = ScanLights(self.bus)
-        self._scan = ScanSession(
-            show=self._lights.show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
-        )
+        scan_file = Path(config.scan_file or "room.yaml")
+        self._scan = ScanSession(show=self._lights.show, solve=self._solver.solve, file=scan_file)
         self._scan_server = ScanServer(
             self._scan,
             access,
@@ -152,6 +175,8 @@ class Web(Service[WebConfig]):
             token=config.scan_token,
             room=SimulatedRoom(config.scan_room) if config.scan_room else None,
         )
+
+        # The server, and what its pages may do
         routes = [*self._phones.routes, *self._scan_server.routes, metrics_route(self._metrics, access)]
         app = application(access, bundle, self._open, self._downloads.answer, routes)
         self._separability = FloorSeparability()
@@ -181,24 +206,31 @@ class Web(Service[WebConfig]):
             present=lambda: self._model.present,
             changed=self._changed,
         )
+
+        # Own health
         self._link = SlowLink(socket.gethostname())
         self._wall = WallClock()
         self._malformed = 0
         self._malformed_s = 0.0
+
+        # The port is bound last: nobody would close it if another step failed
         for topic in SHOWN:
             self.bus.subscribe(topic, functools.partial(self._on, topic))
         follow_site(self._model.state, self.bus, self._now_s, ())
-        self._listener = Listener(app, bind(config.host, config.port, "--port"))
+        bound_socket = bind(config.host, config.port, "--port")
+        self._listener = Listener(app, bound_socket)
 
     async def run(self) -> None:
         """Serve until cancelled, then close every connection."""
         shown = contextlib.ExitStack()
         try:
             await self._listener.start()
-            where = url("http", *exposure_check.address(self.config, self._listener.port))
-            log.info("the page is at %s/", where)
+            host, port = exposure_check.address(self.config, self._listener.port)
+            page_url = url("http", host, port)
+            log.info("the page is at %s/", page_url)
             if not self.config.operator_token:
-                shown.enter_context(announced_link(self.bus, f"{where}/?token={self._token}"))
+                link = f"{page_url}/?token={self._token}"
+                shown.enter_context(announced_link(self.bus, link))
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
@@ -207,6 +239,7 @@ class Web(Service[WebConfig]):
                 group.create_task(self._devices.run(), name="web devices")
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
+            # The listener after all that its connections wait for; the link at last, when nothing is open
             self._downloads.close()
             await self._scan.close()
             self._lights.close()
@@ -223,7 +256,8 @@ class Web(Service[WebConfig]):
 
     async def _open_lan(self) -> None:
         try:
-            log.info("%s", (await self._actions.open_lan())["message"])
+            reply = await self._actions.open_lan()
+            log.info("%s", reply["message"])
         except RefusedError as error:  # the page is useful on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
@@ -298,11 +332,12 @@ class Web(Service[WebConfig]):
     def _status(self) -> Status:
         """Return the status of the site for a page that moves no wrist."""
         now_s = self._now_s()
+        lines: list[PersonLine] = []
+        for user in self._people.names:
+            paired = self._pairing.paired(user, now_s)
+            lines.append(self._wrists.line(user, self.clock.now_ns(), paired=paired))
         status = self._model.status(
-            [
-                self._wrists.line(user, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
-                for user in self._people.names
-            ],
+            lines,
             now_s,
             viewers=len(self._pages),
             lan_url=self._lan.url,
@@ -314,7 +349,8 @@ class Web(Service[WebConfig]):
     # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
-        if not self._model.take(topic, name, message, self.clock.now_ns(), self._now_s()):
+        has_room = self._model.take(topic, name, message, self.clock.now_ns(), self._now_s())
+        if not has_room:
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
         if isinstance(message, Deployment):
             self._devices.on_deployment(message)
@@ -322,22 +358,18 @@ class Web(Service[WebConfig]):
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_valid(self, change: Change) -> None:
+        """Pass a new message to the parts of the server that follow it."""
         self._metrics.take(change)
         name = change.name
-        match message := change.message:
+        message = change.message
+        match message:
             case SelectionEvent():
                 self._history.add(message)
             case Health():
                 self._link.hear(message, self._wall.now_ns(), self._now_s(), person_of(name))
             case Environment():
-                self._wrists.room(message)
-                self._separability.set_room(message)
-                self._devices.on_map(message)
-                self._phones.set_lamps(tuple(lamp.id for lamp in message.lamps))
-                strips = {strip.id: strip.pixels for strip in message.strips}
-                lamps = {lamp.id: 1 for lamp in message.lamps if lamp.id not in strips}
-                self._lights.set_lamps(lamps)
-                self._scan.set_strips(strips | lamps, leds_per_m(message.strips))
+                self._on_map(message)
+            # what moves a wrist: the person, their pose, and the progress of its localization
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():
@@ -354,6 +386,18 @@ class Web(Service[WebConfig]):
                 self._on_light(message, name)
             case _:
                 pass
+
+    def _on_map(self, room: Environment) -> None:
+        self._wrists.room(room)
+        self._separability.set_room(room)
+        self._devices.on_map(room)
+        self._phones.set_lamps(tuple(lamp.id for lamp in room.lamps))
+
+        # In a scan, a lamp is a strip of one pixel
+        strips = {strip.id: strip.pixels for strip in room.strips}
+        lamps = {lamp.id: 1 for lamp in room.lamps if lamp.id not in strips}
+        self._lights.set_lamps(lamps)
+        self._scan.set_strips(strips | lamps, leds_per_m(room.strips))
 
     def _on_light(self, message: StripsFrame | LampColor, name: str) -> None:
         if isinstance(message, StripsFrame):

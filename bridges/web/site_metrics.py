@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     )
 
 
-Rows = Iterable[tuple[Sequence[str], float]]
-"""Values of the labels, and the value, of each series of a family."""
+Row = tuple[Sequence[str], float]
+"""Values of the labels, and the value, of one series of a family."""
+Rows = Iterable[Row]
 
 MAX_INSTANCES = 4096
 """Maximum number of instances whose last report is stored; the oldest is dropped."""
@@ -84,46 +85,55 @@ class Totals:
         """
         keys = _keys(health)
         counts = dict(_counts(service, health, keys))
-        before, counts_before = self._last.pop(instance, (None, dict[Labels, float]()))
+        previous, previous_counts = self._last.pop(instance, (None, dict[Labels, float]()))
+
+        # Since when it has counted: its last report, or its own start
         since_s = 0.0
         """Uptime at which the rates of this report begin."""
-        if before is None:
+        if previous is None:
             if health.seq != 1:  # it runs for longer than anybody listens here
                 since_s = health.uptime_s
-                counts_before = counts
-        elif (health.uptime_s, health.seq) > (before.uptime_s, before.seq):
-            since_s = before.uptime_s
-        elif health.stamp_ns <= before.stamp_ns:
-            self._last[instance] = (before, counts_before)
+                previous_counts = counts
+        elif (health.uptime_s, health.seq) > (previous.uptime_s, previous.seq):
+            since_s = previous.uptime_s
+        elif health.stamp_ns <= previous.stamp_ns:
+            self._last[instance] = (previous, previous_counts)
             return
         else:
-            counts_before = {}  # restarted
+            previous_counts = {}  # restarted
+
         for labels, count in counts.items():
             # a counter below its last value has started again
-            last = counts_before.get(labels, 0.0)
-            self.values[labels] += count - last if count >= last else count
+            previous_count = previous_counts.get(labels, 0.0)
+            self.values[labels] += count - previous_count if count >= previous_count else count
         for key in keys:
             labels = Labels("messages", service, key.key, key.direction)
             self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
+
+        # The newest report stands at the end, the oldest is dropped
         self._last[instance] = (health, counts)
         if len(self._last) > MAX_INSTANCES:
             self._last.popitem(last=False)
 
 
 def _keys(health: Health) -> list[KeyHealth]:
-    return [
-        key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER})
-        for key in health.keys[:MAX_TOPICS]
-    ]
+    """Return the keys of a report, with unknown ones under one name."""
+    keys: list[KeyHealth] = []
+    for key in health.keys[:MAX_TOPICS]:
+        is_known = key.key in KNOWN_KEYS
+        keys.append(key if is_known else key.model_copy(update={"key": OTHER}))
+    return keys
 
 
 def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
     yield Labels("errors", service), health.errors
     discarded: Counter[Labels] = Counter()
     for key in keys:
-        if key.direction == "in":
-            for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
-                discarded[Labels("discarded", service, key.key, reason)] += count
+        if key.direction != "in":
+            continue
+        for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
+            labels = Labels("discarded", service, key.key, reason)
+            discarded[labels] += count
     yield from discarded.items()
     for figure in health.figures:
         if figure.name == "refused":
@@ -151,7 +161,8 @@ class Durations:
 
         family = HistogramMetricFamily(name, about, labels=("service",))
         for service, counts in self._counts.items():
-            buckets = list(zip(BUCKETS, map(float, accumulate(counts)), strict=True))
+            totals = map(float, accumulate(counts))
+            buckets = list(zip(BUCKETS, totals, strict=True))
             family.add_metric((service,), buckets, self._sums_s[service])
         return family
 
@@ -197,13 +208,14 @@ class SiteMetrics:
     @property
     def _instances(self) -> list[str]:
         """Return the services that are present: those that are installed here, and as many others as fit."""
-        return sorted(self.state.services, key=lambda each: (_kind(each) == OTHER, each))[:MAX_INSTANCES]
+        services = sorted(self.state.services, key=lambda instance: (_kind(instance) == OTHER, instance))
+        return services[:MAX_INSTANCES]
 
     @property
     def _health(self) -> dict[str, Health]:
         """Return the newest reports of services that are present, by instance."""
         reports = self.state.all(HEALTH)
-        return {each: reports[each] for each in sorted(self._instances) if each in reports}
+        return {instance: reports[instance] for instance in sorted(self._instances) if instance in reports}
 
     def collect(self) -> Iterator["Metric"]:
         """Yield all families of metrics as they are now."""
@@ -215,41 +227,50 @@ class SiteMetrics:
         yield from self._of_people()
 
     def _of_services(self) -> Iterator["Metric"]:
-        expected = expected_services(dict(islice(self.state.all(DEPLOYMENT).items(), MAX_DEPLOYMENTS)))
+        labels = ("service", "name")
+
+        # Services that run or should run
+        deployments = islice(self.state.all(DEPLOYMENT).items(), MAX_DEPLOYMENTS)
+        expected = expected_services(dict(deployments))
         present = set(self._instances)
-        there = {name: float(name in present) for name in sorted(present | expected.keys())}
-        health = {split_instance(name): each for name, each in self._health.items()}
-        of = ("service", "name")
+        presence: list[Row] = []
+        for instance in sorted(present | expected.keys()):
+            presence.append((split_instance(instance), float(instance in present)))
         yield _gauge(
             "pointit_service_present",
             "1: the service runs. 0: it should run, and does not",
-            of,
-            ((split_instance(name), value) for name, value in there.items()),
+            labels,
+            presence,
         )
+
+        # What those that run report of themselves
+        reports = {split_instance(instance): health for instance, health in self._health.items()}
         yield _gauge(
             "pointit_service_healthy",
             "1: the service reports no problem. 0: it does",
-            of,
-            ((key, float(each.status == "ok")) for key, each in health.items()),
+            labels,
+            ((instance, float(health.status == "ok")) for instance, health in reports.items()),
         )
         yield _gauge(
             "pointit_service_warnings",
             "Warnings of the service; pointit doctor shows them with their remedies",
-            of,
-            ((key, len(each.warnings)) for key, each in health.items()),
+            labels,
+            ((instance, len(health.warnings)) for instance, health in reports.items()),
         )
         yield _gauge(
             "pointit_service_reported_timestamp_seconds",
             "Time of the newest report of the service, by its own clock",
-            of,
-            ((key, each.stamp_ns / NS_PER_S) for key, each in health.items()),
+            labels,
+            ((instance, health.stamp_ns / NS_PER_S) for instance, health in reports.items()),
         )
         for figure, name, about in (
             ("viewers", "pointit_page_viewers", "Open pages"),
             ("sessions", "pointit_router_sessions", "Connections to a router of a secured site"),
         ):
-            rows = ((key, value) for key, each in health.items() for value in _figures(each, figure))
-            yield _gauge(name, about, of, rows)
+            rows: list[Row] = []
+            for instance, health in reports.items():
+                rows.extend((instance, value) for value in _figures(health, figure))
+            yield _gauge(name, about, labels, rows)
 
     def _of_traffic(self) -> Iterator["Metric"]:
         totals = self._totals.values
@@ -264,9 +285,10 @@ class SiteMetrics:
             ("errors", "pointit_errors", "Handlers that raised an exception", ("service",)),
             ("refused", "pointit_router_refusals", "Attempts that a router has refused", ("service",)),
         ):
-            rows = (
-                (each[1 : 1 + len(labels)], total) for each, total in totals.items() if each[0] == counter
-            )
+            rows: list[Row] = []
+            for total_labels, total in totals.items():
+                if total_labels.counter == counter:
+                    rows.append((total_labels[1 : 1 + len(labels)], total))
             yield _counter(name, about, labels, rows)
         yield self._latency.family(
             "pointit_latency_seconds",
@@ -276,24 +298,28 @@ class SiteMetrics:
 
     def _of_people(self) -> Iterator["Metric"]:
         users = sorted(self.state.people)[:MAX_USERS]
-        newest = self.state.all(POSE)
         yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
-        poses = [(user, newest[user].covariance) for user in users if user in newest]
+
+        # Each of them, as far as their pose and the charge of their wrist are known
+        poses = self.state.all(POSE)
+        covariances = [(user, poses[user].covariance) for user in users if user in poses]
         yield _gauge(
             "pointit_pose_position_sigma_meters",
             "1 sigma of the person's position on the floor, in its worse direction",
             ("user",),
-            (((user,), position_sigma_m(covariance)) for user, covariance in poses),
+            (((user,), position_sigma_m(covariance)) for user, covariance in covariances),
         )
         yield _gauge(
             "pointit_pose_yaw_sigma_radians",
             "1 sigma of the azimuth of the person's coordinates",
             ("user",),
-            (((user,), yaw_sigma_rad(covariance)) for user, covariance in poses),
+            (((user,), yaw_sigma_rad(covariance)) for user, covariance in covariances),
         )
         yield _gauge(
             "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries(users)
         )
+
+        # Totals of all people: a label of a person would keep a series for each who was ever here
         yield _counter(
             "pointit_localizations",
             "Localizations that have ended",
@@ -308,10 +334,15 @@ class SiteMetrics:
         )
 
     def _batteries(self, users: Sequence[str]) -> Rows:
+        """Yield the charge of each person's wrist, the lower one of a phone and its wrist."""
         for instance, health in self._health.items():
             service, user = split_instance(instance)
-            charges = [value for name in BATTERIES for value in _figures(health, name)]
-            if service == "imu-bridge" and user in users and charges:
+            if service != "imu-bridge" or user not in users:
+                continue
+            charges: list[float] = []
+            for name in BATTERIES:
+                charges.extend(_figures(health, name))
+            if charges:
                 yield (user,), min(charges) / 100.0
 
 

@@ -37,6 +37,7 @@ COVARIANCE = (
     *(0.0, POSITION_SIGMA_M**2, 0.0),
     *(0.0, 0.0, YAW_SIGMA_RAD**2),
 )
+"""Of x, y and yaw, a row a line."""
 
 
 @dataclass(slots=True)
@@ -62,20 +63,26 @@ class HeadsetPose:
         if motion.alignment is None:
             raise RefusedError("the headset is not aligned with the room: touch three lamps or things first")
         eyes_m = _in_room(motion.alignment, motion.eyes_m)
-        if (away_m := vector.norm(eyes_m)) > MAX_AWAY_M:
+        away_m = vector.norm(eyes_m)
+        if away_m > MAX_AWAY_M:
             raise RefusedError(
                 f"the headset is {away_m:.0f} m from the map, limit {MAX_AWAY_M:.0f} m: align it again"
             )
         self._received_ns = now_ns
         self.feet_m = vector.subtract(eyes_m, (0.0, 0.0, eyes_height_m))
+        # The arm hangs down unless the hand points
         self.target_m = self.feet_m
         if motion.tip_m is not None:
-            line = vector.subtract(_in_room(motion.alignment, motion.tip_m), eyes_m)
-            if MIN_REACH_M <= (length_m := vector.norm(line)) <= MAX_REACH_M:
-                self.target_m = vector.add(eyes_m, vector.scale(line, TARGET_M / length_m))
+            reach = vector.subtract(_in_room(motion.alignment, motion.tip_m), eyes_m)
+            reach_m = vector.norm(reach)
+            if MIN_REACH_M <= reach_m <= MAX_REACH_M:
+                self.target_m = vector.add(eyes_m, vector.scale(reach, TARGET_M / reach_m))
+
+        # A wearer who stands still has a pose now and then, too
         age_ns = now_ns - self._published_ns
         has_moved = math.dist(self.feet_m, self._published_m) > MOVED_M
-        if 0 <= age_ns < (POSE_NS if has_moved else MAX_POSE_NS):  # below 0: the clock was set back
+        period_ns = POSE_NS if has_moved else MAX_POSE_NS
+        if 0 <= age_ns < period_ns:  # below 0: the clock was set back
             return None
         self._published_ns = now_ns
         self._published_m = self.feet_m

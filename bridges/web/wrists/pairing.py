@@ -42,9 +42,9 @@ class Pairing:
         replaced = self.unpair(user)
         token = token or secrets.token_urlsafe(24)
         self._count += 1
-        self._phones[user] = Phone(
-            user=user, page=f"phone{self._count}", expires_s=now_s + UNUSED_S, token=_digest(token)
-        )
+        page = f"phone{self._count}"
+        expires_s = now_s + UNUSED_S
+        self._phones[user] = Phone(user=user, page=page, expires_s=expires_s, token=_digest(token))
         return token, replaced
 
     def redeem(self, token: str, now_s: float) -> str | None:
@@ -64,7 +64,10 @@ class Pairing:
     def phone(self, secret: str) -> Phone | None:
         """Return the phone whose cookie has `secret`."""
         shown = _digest(secret)
-        return next((p for p in self._phones.values() if secrets.compare_digest(p.secret, shown)), None)
+        for phone in self._phones.values():
+            if secrets.compare_digest(phone.secret, shown):
+                return phone
+        return None
 
     def unpair(self, user: str) -> str:
         """Revoke token and cookie of the phone of `user`, and return its page id, or `""` if none."""
@@ -74,18 +77,20 @@ class Pairing:
     def paired(self, user: str, now_s: float) -> str:
         """Return the page id of the phone of `user`, or `""` if none is paired or may still be."""
         phone = self._phones.get(user)
-        if phone is None or (not phone.secret and now_s >= phone.expires_s):
+        if phone is None:
             return ""
-        return phone.page
+        has_expired = not phone.secret and now_s >= phone.expires_s
+        return "" if has_expired else phone.page
 
 
 def offer(url: str, fingerprint: str) -> dict[str, Any]:
     """Return the QR code and its facts for the operator's page; a phone that opens `url` is paired."""
     import segno  # noqa: PLC0415 - 3 MB, for who pairs a phone
 
-    drawn = io.BytesIO()
-    segno.make(url, error="m", micro=False).save(
-        drawn,
+    svg = io.BytesIO()
+    code = segno.make(url, error="m", micro=False)
+    code.save(
+        svg,
         kind="svg",
         scale=4,
         border=4,
@@ -97,7 +102,7 @@ def offer(url: str, fingerprint: str) -> dict[str, Any]:
     )
     return {
         "url": url,
-        "qr_svg": drawn.getvalue().decode(),
+        "qr_svg": svg.getvalue().decode(),
         "expires_s": UNUSED_S,
         "fingerprint": fingerprint,
     }

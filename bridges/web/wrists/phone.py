@@ -58,7 +58,7 @@ BURST = 480.0
 DROPPED_PAUSE_S = 0.05
 """Time for which a phone's socket is not read after a message beyond that, s."""
 
-_said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
+_message_adapter: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
 
 LOST = "another device moves your arm now: take it back when you want to"
 RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
@@ -133,7 +133,7 @@ class PhoneConnection:
     def drain(self) -> list[str]:
         """Empty the queue, and return its messages as JSON, oldest first."""
         now_s = time.monotonic()
-        fresh = [text for when_s, text in self._waiting if now_s - when_s <= MAX_CUE_AGE_S]
+        fresh = [text for queued_s, text in self._waiting if now_s - queued_s <= MAX_CUE_AGE_S]
         self._waiting.clear()
         self.woken.clear()
         return fresh
@@ -150,16 +150,21 @@ class PhoneConnection:
             )
             return None
         try:
-            said = _said.validate_python(item) if isinstance(item, dict) else _said.validate_json(item)
+            if isinstance(item, dict):
+                message = _message_adapter.validate_python(item)
+            else:
+                message = _message_adapter.validate_json(item)
         except ValidationError as error:
             self.on_malformed(summarize_validation_error(error))
             return None
-        if isinstance(said, Turn):
-            return self._turn(said)
+        if isinstance(message, Turn):
+            return self._turn(message)
+
+        # A request is answered beside the samples, which must not wait for it
         if len(self.asks) >= MAX_ASKS:
-            self.put(Answer(id=said.id, error="too much is asked at once: wait for the answers"))
+            self.put(Answer(id=message.id, error="too much is asked at once: wait for the answers"))
             return None
-        task = asyncio.create_task(self._ask(said), name=f"asked by the phone of {self.phone.user}")
+        task = asyncio.create_task(self._ask(message), name=f"asked by the phone of {self.phone.user}")
         self.asks.add(task)
         task.add_done_callback(self.asks.discard)
         return None
@@ -184,15 +189,16 @@ class PhoneConnection:
     def _turn(self, turn: Turn) -> WristSample | None:
         phone = self.phone
         wrists = self._host.wrists
-        before = wrists.holder(phone.user)
+        holder_before = wrists.holder(phone.user)
         sample = wrists.turn(phone.user, phone.page, turn, self._host.now_ns())
-        if wrists.holder(phone.user) != before:
+        if wrists.holder(phone.user) != holder_before:
             self._host.changed()
         return sample
 
     async def _ask(self, ask: Ask) -> None:
         own = ask.model_copy(update={"name": self.phone.user})
-        self.put(await self._host.answer(self.phone.page, own))
+        answer = await self._host.answer(self.phone.page, own)
+        self.put(answer)
 
 
 class PhoneCues:
@@ -200,7 +206,8 @@ class PhoneCues:
 
     def __init__(self) -> None:
         self._current = Cue()
-        self._told: tuple[str, str, str] = ("idle", "", "")
+        self._announcement: tuple[str, str, str] = ("idle", "", "")
+        """Phase, target and reason of the last localization of which the person was told."""
 
     @property
     def current(self) -> Cue:
@@ -213,7 +220,8 @@ class PhoneCues:
 
     def loss(self, *, is_own: bool = False) -> Cue:
         """Return the cue that the phone has lost the arm; `is_own`: to the person's own device."""
-        return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
+        cue = self.say(RETURNED if is_own else LOST)
+        return cue.model_copy(update={"has_lost_arm": True})
 
     def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
         """Return a cue of the bus for the phone.
@@ -222,14 +230,14 @@ class PhoneCues:
         """
         if isinstance(feedback, Announced):
             changed = self._change(has_names=True)
-            return (
-                self.current.model_copy(update={"announced": feedback.label}) if feedback.label else changed
-            )
+            if not feedback.label:
+                return changed
+            return self.current.model_copy(update={"announced": feedback.label})
         if isinstance(feedback, Understood):
-            return self.say(f'"{feedback.text}": {feedback.message or feedback.result}')
-        return self.say(feedback.text).model_copy(
-            update={"chime": feedback.chime, "haptic_ms": feedback.haptic_ms}
-        )
+            outcome = feedback.message or feedback.result
+            return self.say(f'"{feedback.text}": {outcome}')
+        cue = self.say(feedback.text)
+        return cue.model_copy(update={"chime": feedback.chime, "haptic_ms": feedback.haptic_ms})
 
     def end_names(self) -> Cue | None:
         """Return the state in which no names are spoken, or None if it is unchanged."""
@@ -244,28 +252,32 @@ class PhoneCues:
             wants_double=interaction.is_unsure,
         )
 
-    def localization(self, news: Localization) -> Cue | None:
+    def localization(self, update: Localization) -> Cue | None:
         """Return changes for the person (target, progress, reason of a refusal), or None."""
-        is_aiming = news.phase == "sampling" and bool(news.target_id) and not news.ahead
-        changed = self._change(progress=round(STEPS * news.progress) / STEPS if is_aiming else None)
-        now = (news.phase, news.target_id, news.reason)
-        if now == self._told:
-            return changed
-        self._told = now
+        is_aiming = update.phase == "sampling" and bool(update.target_id) and not update.ahead
+        progress = None
         if is_aiming:
-            is_one_of = (
-                news.target_count > 1 and not news.candidates
-            )  # otherwise that is the number of robots
-            which = f", {news.target_index + 1} of {news.target_count}" if is_one_of else ""
-            return self.say(f"point at {news.target_id}{which}")
-        if news.phase == "refused":
-            return self.say(news.reason)
+            progress = round(STEPS * update.progress) / STEPS
+        changed = self._change(progress=progress)
+
+        # A sentence once for each phase, target and reason
+        announcement = (update.phase, update.target_id, update.reason)
+        if announcement == self._announcement:
+            return changed
+        self._announcement = announcement
+        if is_aiming:
+            sentence = f"point at {update.target_id}"
+            if update.target_count > 1 and not update.candidates:  # otherwise that is the number of robots
+                sentence += f", {update.target_index + 1} of {update.target_count}"
+            return self.say(sentence)
+        if update.phase == "refused":
+            return self.say(update.reason)
         return changed
 
     def _change(self, **fields: Any) -> Cue | None:
-        before = self._current
-        self._current = self._current.model_copy(update=fields)
-        return None if self._current == before else self._current
+        previous = self._current
+        self._current = previous.model_copy(update=fields)
+        return None if self._current == previous else self._current
 
 
 class Phones:
@@ -346,7 +358,8 @@ class Phones:
         line.clear()
         self._host.wrists.close(page)
         await line.end()
-        if (socket := self._sockets.pop(page, None)) is not None:
+        socket = self._sockets.pop(page, None)
+        if socket is not None:
             await _close(socket, UNPAIRED, "not paired any more")
         self._host.changed()
 
@@ -381,14 +394,18 @@ class Phones:
             return PlainTextResponse("a list is expected", 400)
         if not items:
             self._greet(line)
-        before = set(line.asks)
+        earlier_asks = set(line.asks)
         sample = None
         for item in items:
             sample = line.hear(item) or sample
         self._send(phone, sample)  # only the newest orientation counts
-        if asked := line.asks - before:
-            await asyncio.wait(asked, timeout=POST_PATIENCE_S)
-        return Response(f"[{','.join(line.drain())}]", media_type="application/json")
+
+        # Answers that come soon go out with this post
+        new_asks = line.asks - earlier_asks
+        if new_asks:
+            await asyncio.wait(new_asks, timeout=POST_PATIENCE_S)
+        messages = ",".join(line.drain())
+        return Response(f"[{messages}]", media_type="application/json")
 
     async def _connect(self, socket: WebSocket) -> None:
         phone = self._phone(socket)
@@ -396,13 +413,16 @@ class Phones:
             await socket.send_denial_response(PlainTextResponse(NOT_PAIRED, 403))
             return
         await socket.accept()
+
+        # This socket is stored first: the end of the replaced one must not release the wrist
         line = self._line(phone)
-        before = self._sockets.get(phone.page)
+        replaced = self._sockets.get(phone.page)
         self._sockets[phone.page] = socket
-        if before is not None:
-            await _close(before, REPLACED, "opened again elsewhere")
+        if replaced is not None:
+            await _close(replaced, REPLACED, "opened again elsewhere")
         self._greet(line)
         self._host.changed()
+
         sender = asyncio.create_task(_drain(line, socket), name=f"to the phone of {phone.user}")
         try:
             await self._listen(line, socket)
@@ -424,7 +444,8 @@ class Phones:
             if message["type"] != "websocket.receive" or self._sockets.get(line.phone.page) is not socket:
                 return
             dropped = line.dropped
-            self._send(line.phone, line.hear(message.get("text") or message.get("bytes") or ""))
+            text = message.get("text") or message.get("bytes") or ""
+            self._send(line.phone, line.hear(text))
             if line.dropped > dropped:
                 # what waits pauses the transport, so that a flood is not even parsed
                 await asyncio.sleep(DROPPED_PAUSE_S)
@@ -452,7 +473,8 @@ class Phones:
     def _line(self, phone: Phone) -> PhoneConnection:
         line = self._lines.get(phone.page)
         if line is None:
-            line = self._lines[phone.page] = PhoneConnection(phone, self._host)
+            line = PhoneConnection(phone, self._host)
+            self._lines[phone.page] = line
         return line
 
     def _cues_of(self, user: str) -> PhoneCues:

@@ -49,15 +49,17 @@ MAX_SESSIONS = 16
 
 def places(room: Environment) -> NDArray[np.float64]:
     """Return points on all things of `room`, n x 3, {W}, m: vertices of lines, middles of solids."""
-    lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
-    found = [point for line in lines for point in _along(line)]
-    found += [lamp.position_m for lamp in room.lamps]
-    found += [box.center_m for box in (*room.boxes, *room.fixed_things)]
-    found += [cylinder.center_m for cylinder in room.cylinders]
-    found += [sphere.center_m for sphere in room.spheres]
-    found += [plane.center_m for plane in room.planes if plane.size_m is not None]
-    found += [corner for cloud in room.clouds for corner in (cloud.low_m, cloud.high_m)]
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+    points: list[Vec3] = []
+    for line in (*room.strips, *room.belts):
+        points.extend(_along(line.line_m))
+    points.extend(lamp.position_m for lamp in room.lamps)
+    for solid in (*room.boxes, *room.fixed_things, *room.cylinders, *room.spheres):
+        points.append(solid.center_m)
+    points.extend(plane.center_m for plane in room.planes if plane.size_m is not None)
+    for cloud in room.clouds:
+        points.append(cloud.low_m)
+        points.append(cloud.high_m)
+    return np.array(points, dtype=np.float64).reshape(-1, 3)
 
 
 def middle(room: Environment) -> Vec3:
@@ -77,19 +79,28 @@ def choose_pose(room: Environment) -> Stand:
     points = places(room)[:, :2]
     if not len(points):
         return ((0.0, 0.0, 0.0), 0.0)
+
+    # Positions to try: the middle, and a grid that reaches beyond the objects
     low = points.min(axis=0)
     high = points.max(axis=0)
     center = (low + high) / 2.0
     beyond_m = CLEAR_M + 0.5
     columns, rows = np.linspace(low - beyond_m, high + beyond_m, _GRID).T
-    grid = np.vstack([center, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)])
+    nodes = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    grid = np.vstack([center, nodes])
+
+    # The cheapest: not too close to an object, and not far from the middle
     clear_m = np.full(len(grid), CLEAR_M)
     for point in points:
-        np.minimum(clear_m, np.hypot(*(grid - point).T), out=clear_m)
+        distance_m = np.hypot(*(grid - point).T)
+        np.minimum(clear_m, distance_m, out=clear_m)
     cost = np.hypot(*(grid - center).T) + _TOO_NEAR * (CLEAR_M - clear_m)
     x, y = grid[int(np.argmin(cost))].tolist()
-    ahead = (center - (x, y)).tolist()
-    yaw_rad = math.atan2(ahead[1], ahead[0]) if math.hypot(*ahead) > 0.1 else 0.0
+
+    ahead_x, ahead_y = (center - (x, y)).tolist()
+    yaw_rad = 0.0
+    if math.hypot(ahead_x, ahead_y) > 0.1:
+        yaw_rad = math.atan2(ahead_y, ahead_x)
     return ((x, y, 0.0), yaw_rad)
 
 
@@ -140,13 +151,14 @@ class AssumedPose:
 
 def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
     """Return the vertices of `line` and, in long segments, points in between."""
-    found = [line[0]]
+    points = [line[0]]
     for a, b in itertools.pairwise(line):
-        parts = min(64, max(1, math.ceil(math.dist(a, b) / 0.5)))
+        length_m = math.dist(a, b)
+        parts = min(64, max(1, math.ceil(length_m / 0.5)))
         for k in range(1, parts + 1):
             s = k / parts
-            found.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
-    return found
+            points.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
+    return points
 
 
 class MouseArm:
@@ -196,21 +208,23 @@ class MouseArm:
 
     def azimuth(self, at_m: Vec3) -> float:
         """Return the arm's azimuth in {H}, rad, that points at `at_m`."""
-        return self._stance().aim_at(at_m)[0] - self._yaw_rad
+        azimuth, _ = self._stance().aim_at(at_m)
+        return azimuth - self._yaw_rad
 
     def step(self, now_ns: int) -> Quaternion:
         """Return the arm's orientation in {H} at `now_ns`; its x axis points along the arm to the finger."""
-        passed_s = 0.0 if self._step_ns is None else max(0, now_ns - self._step_ns) / NS_PER_S
+        passed_s = 0.0
         if self._step_ns is None:
             self._now = self._wanted  # the first sample may jump
         else:
+            passed_s = max(0, now_ns - self._step_ns) / NS_PER_S
             self._now = _towards(self._now, self._wanted, FASTEST_RADPS * passed_s)
         self._step_ns = now_ns
         left_rad, up_rad = self._tremor.step(passed_s)
         if left_rad == up_rad == 0.0:
             return self._now
-        shaken = rotation.from_azimuth_elevation(left_rad, up_rad)
-        return rotation.normalized(rotation.multiply(self._now, shaken))
+        tremor = rotation.from_azimuth_elevation(left_rad, up_rad)
+        return rotation.normalized(rotation.multiply(self._now, tremor))
 
     def _stance(self) -> Stance:
         profile = self._profile
@@ -295,7 +309,8 @@ class WristControl:
 
     def room(self, room: Environment) -> None:
         """Set the map."""
-        self._stand, self._middle = choose_pose(room), middle(room)
+        self._stand = choose_pose(room)
+        self._middle = middle(room)
         for person in self._people.values():
             person.standing.room(self._stand)
             person.arm.set_pose(*person.standing.at)
@@ -329,17 +344,17 @@ class WristControl:
 
     def release(self, user: str) -> str:
         """Release the wrist of `user`, and return the page that held it, or `""`."""
-        page = self.holder(user)[0]
+        page, _ = self.holder(user)
         if page:
             self.release_from(user, page)
         return page
 
     def close(self, page: str) -> list[str]:
         """Release the wrists of `page`, which is gone for now or for ever, and return their users."""
-        had = [user for user, person in self._people.items() if person.page == page]
-        for user in had:
+        users = [user for user, person in self._people.items() if person.page == page]
+        for user in users:
             self._free(self._people[user])
-        return had
+        return users
 
     def forget(self, user: str) -> None:
         """Forget a person who has left."""
@@ -348,7 +363,9 @@ class WristControl:
     def holder(self, user: str) -> tuple[str, Mover]:
         """Return the page that holds the wrist of `user` and what moves it, or `("", "own")`."""
         person = self._people.get(user)
-        return ("", "own") if person is None or not person.page else (person.page, person.by)
+        if person is None or not person.page:
+            return ("", "own")
+        return (person.page, person.by)
 
     def users_of(self, page: str) -> frozenset[str]:
         """Return the people whose wrists `page` holds."""
@@ -368,7 +385,8 @@ class WristControl:
         """Set the tremor of the arm that `page` moves. Return False if it does not hold the wrist."""
         if self.holder(user) != (page, "mouse"):
             return False
-        self._person(user).arm.set_tremor(math.radians(min(max(rms_deg, 0.0), MAX_TREMOR_DEG)))
+        limited_deg = min(max(rms_deg, 0.0), MAX_TREMOR_DEG)
+        self._person(user).arm.set_tremor(math.radians(limited_deg))
         return True
 
     def turn(self, user: str, page: str, turn: Turn, now_ns: int) -> WristSample | None:
@@ -419,14 +437,24 @@ class WristControl:
             if person.by == "mouse":
                 due.append((user, self._sample(person, now_ns)))
                 continue
+
+            # Silence since the last message of a headset or phone
             is_headset = person.by == "headset"
-            phone = person.phones.get(person.page)
-            heard_ns = phone.heard_ns if phone else -math.inf  # simulated time may begin at 0
-            silent_ns = now_ns - (person.headset.last_received_ns(now_ns) if is_headset else heard_ns)
-            silence_s = silent_ns / (speed * NS_PER_S)
-            if silence_s > (HEADSET_TIMEOUT_S if is_headset else SILENT_S):
+            timeout_s = SILENT_S
+            heard_ns: float = -math.inf  # simulated time may begin at 0
+            if is_headset:
+                timeout_s = HEADSET_TIMEOUT_S
+                heard_ns = person.headset.last_received_ns(now_ns)
+            elif person.page in person.phones:
+                heard_ns = person.phones[person.page].heard_ns
+            silence_s = (now_ns - heard_ns) / (speed * NS_PER_S)
+            if silence_s > timeout_s:
                 self._free(person)
-            elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or not is_headset):
+                continue
+
+            # Its last sample again, but none of a headset before its first message
+            has_sent = person.sent_ns or not is_headset
+            if has_sent and now_ns - person.sent_ns >= STILL_S * NS_PER_S:
                 if is_headset and silence_s > SILENT_S:
                     person.arm.aim(person.headset.feet_m)
                 due.append((user, self._sample(person, now_ns)))
@@ -441,20 +469,28 @@ class WristControl:
         holder, mover = self.holder(user)
         person = self._person(user)
         phone = person.phones.get(paired) if paired else None
-        place = person.standing.assumed
+
+        # A phone may be connected without being the holder: another page may have taken the wrist
         if not paired:
-            said = ""
+            phone_state = ""
         elif phone is None:
-            said = "waiting for the phone"
+            phone_state = "waiting for the phone"
         elif now_ns - phone.heard_ns > SILENT_S * NS_PER_S:
-            said = "paired, but silent"
+            phone_state = "paired, but silent"
+        elif holder == paired:
+            phone_state = "moves the arm"
         else:
-            said = "moves the arm" if holder == paired else "connected, does not move the arm"
+            phone_state = "connected, does not move the arm"
+
+        assumed = None
+        if person.standing.assumed is not None:
+            position_m, yaw_rad = person.standing.assumed
+            assumed = AssumedPlace(position_m=position_m, yaw_rad=yaw_rad)
         return PersonLine(
             user=user,
             moved_by=mover,
-            assumed=None if place is None else AssumedPlace(position_m=place[0], yaw_rad=place[1]),
-            phone=said,
+            assumed=assumed,
+            phone=phone_state,
             battery=None if phone is None else phone.turn.battery,
         )
 

@@ -14,7 +14,7 @@ from pointit.schemas.environment import Thing
 from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 
 VOICES = "tts."
-"""Begin of the names of text-to-speech entities."""
+"""Start of the names of text-to-speech entities."""
 
 
 class HomeAnnouncer:
@@ -37,7 +37,7 @@ class HomeAnnouncer:
 
     def use(self, things: Iterable[Thing]) -> None:
         """Speak the names of these things from now on."""
-        self._labels = {each.id: each.label or each.id for each in things}
+        self._labels = {thing.id: thing.label or thing.id for thing in things}
 
     def on_announced(self, announced: Announced, user: str) -> None:
         """Speak the name of the thing that a person points at, unless they point elsewhere meanwhile."""
@@ -51,16 +51,24 @@ class HomeAnnouncer:
     @property
     def voice(self) -> str:
         """Return the text-to-speech entity that speaks, or `""` if none is available."""
-        named = (self._config.voice,) if self._config.voice else sorted(self._states)
-        voices = (each for each in named if each.startswith(VOICES) and each in self._states)
-        return next((each for each in voices if self._states[each]["state"] != UNAVAILABLE), "")
+        candidates = [self._config.voice] if self._config.voice else sorted(self._states)
+        for entity in candidates:
+            if not entity.startswith(VOICES) or entity not in self._states:
+                continue
+            if self._states[entity]["state"] != UNAVAILABLE:
+                return entity
+        return ""
 
     def report_voice(self) -> None:
         """Report that there is no voice, if names shall be spoken."""
-        is_silent = self._config.speaker and not self.voice
-        silent = f"nobody hears names: {self._config.voice or 'any text-to-speech entity'} is not available"
-        remedy = "look into its integration, or add one there, e.g. Piper"
-        self._bus.warn(VOICE, f"{silent}; {remedy}" if is_silent else "")
+        warning = ""
+        if self._config.speaker and not self.voice:
+            voice = self._config.voice or "any text-to-speech entity"
+            warning = (
+                f"nobody hears names: {voice} is not available; "
+                "look into its integration, or add one there, e.g. Piper"
+            )
+        self._bus.warn(VOICE, warning)
 
     async def speak(self, connection: HomeAssistantConnection) -> None:
         """Speak names until the connection is lost. Raises NoHomeAssistantError."""
@@ -70,9 +78,12 @@ class HomeAnnouncer:
                 self._has_names.clear()
                 await self._has_names.wait()
             user = next(iter(self._waiting))
-            message = self._waiting.pop(user)
-            if voice := self.voice:
-                data = {"media_player_entity_id": self._config.speaker, "message": message}
+            label = self._waiting.pop(user)
+
+            # The voice may come and go: each name has the one that is available now
+            voice = self.voice
+            if voice:
+                data = {"media_player_entity_id": self._config.speaker, "message": label}
                 if self._config.language:
                     data["language"] = self._config.language
                 try:
@@ -81,9 +92,10 @@ class HomeAnnouncer:
                     self._spoken += 1
                     self._bus.set_metric(NAMES_SPOKEN, self._spoken)
                 except (RefusedError, TimeoutError) as error:
+                    reason = str(error) or "no answer"
                     self._bus.warn(
                         "speech",
-                        f"Home Assistant did not run tts.speak on {voice} ({str(error) or 'no answer'}): "
+                        f"Home Assistant did not run tts.speak on {voice} ({reason}): "
                         "correct `speaker` or `voice`",
                         voice,
                     )

@@ -18,7 +18,7 @@ MAX_TOKEN_BYTES = 4096
 FORM = "write http://HOST:8123, or https://HOST if it encrypts"
 SCHEMES = {"http": "ws", "ws": "ws", "https": "wss", "wss": "wss"}
 _TOKEN = re.compile(r"eyJ[\w-]+\.[\w-]+")
-"""Begin of a long-lived access token, a JSON Web Token."""
+"""Start of a long-lived access token, a JSON Web Token."""
 
 
 def _entity(domain: str) -> AfterValidator:
@@ -81,18 +81,25 @@ class HomeAssistantConfig(Config):
     @field_validator("url")
     @classmethod
     def _is_url(cls, url: str) -> str:
+        if not url:
+            return ""
         try:
             parts = urlsplit(url.strip())
             port = parse_address(parts.netloc)[1] if parts.netloc else None
         except ValueError:  # its text has the URL, which may have a password
             raise described_error(FORM) from None
-        if url and (parts.scheme not in SCHEMES or not parts.hostname or "@" in parts.netloc or port == 0):
+
+        # A scheme and a host, without a login
+        if parts.scheme not in SCHEMES or not parts.hostname:
+            raise described_error(FORM)
+        if "@" in parts.netloc or port == 0:
             raise described_error(FORM)
         if parts.netloc.count(":") > 1 and not parts.netloc.startswith("["):
             raise described_error("write an IPv6 address in brackets: http://[fd00::5]:8123")
         if parts.query or parts.fragment:
             raise described_error(f"{FORM}, without the address of a page")
-        return f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}" if url else ""
+        path = parts.path.rstrip("/")
+        return f"{parts.scheme}://{parts.netloc}{path}"
 
     @field_validator("token_file")
     @classmethod
@@ -130,13 +137,16 @@ class HomeAssistantConfig(Config):
             raise ConfigError(f"token_file: {path} does not exist; correct the path") from None
         except ConfigError as error:
             raise ConfigError(f"token_file: {error}") from None
+
+        # One word of ASCII. Editors of some systems put a mark before it.
         try:
             token = content.decode("utf-8-sig").strip()
         except UnicodeDecodeError:
             token = ""
         if token[:1] in ("'", '"'):
             raise ConfigError(f"token_file: {path} has quotation marks around the token; remove them")
-        if not token.isascii() or len(token.split()) != 1 or len(content) > MAX_TOKEN_BYTES:
+        is_word = token.isascii() and len(token.split()) == 1
+        if not is_word or len(content) > MAX_TOKEN_BYTES:
             raise ConfigError(
                 f"token_file: {path} does not hold one token and nothing else; copy the long-lived access "
                 "token of Home Assistant into it"

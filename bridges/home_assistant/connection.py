@@ -51,7 +51,7 @@ TOO_BIG = 1009
 _LIST_RESULT = re.compile(
     r'\{\s*"id"\s*:\s*(\d{1,15})\s*,\s*"type"\s*:\s*"result"\s*,\s*"success"\s*:\s*true\s*,\s*"result"\s*:\s*\['
 )
-"""Begin of a result that is a list, which is read entry by entry."""
+"""Start of a result that is a list, which is read entry by entry."""
 _SEPARATOR = re.compile(r"[\s,]*")
 _NEXT_STATE = re.compile(r',\s*\{\s*"entity_id"')  # the entry after one that is too long
 _ENTRIES = json.JSONDecoder()
@@ -100,7 +100,8 @@ class Pace:
 
     def __init__(self) -> None:
         """Begin with nothing taken."""
-        self._used_s = self._begin_s = 0.0
+        self._used_s = 0.0
+        self._begin_s = 0.0
 
     def begin(self) -> None:
         """Note that the task begins to work."""
@@ -145,11 +146,14 @@ class HomeAssistantConnection:
     async def states(self) -> dict[str, Mapping[str, Any]]:
         """Return the states of all entities, by entity. Raises as `request`."""
         states = await self.request("get_states")
-        return {each["entity_id"]: each for each in states if is_state(each)} if is_list(states) else {}
+        if not is_list(states):
+            return {}
+        return {state["entity_id"]: state for state in states if is_state(state)}
 
     async def is_starting(self) -> bool:
         """Return True if Home Assistant says that it has not loaded everything yet. Raises as `request`."""
-        state = _fields(await self.request("get_config")).get("state")
+        settings = await self.request("get_config")
+        state = _fields(settings).get("state")
         return isinstance(state, str) and state in ("NOT_RUNNING", "STARTING")
 
     async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
@@ -167,8 +171,9 @@ class HomeAssistantConnection:
             service_data=dict(call.data),
             target={"entity_id": call.entity},
         )
-        context = _fields(_fields(result).get("context")).get("id")
-        return context if isinstance(context, str) else ""
+        context = _fields(result).get("context")
+        context_id = _fields(context).get("id")
+        return context_id if isinstance(context_id, str) else ""
 
     async def read(self) -> None:
         """Hand on replies and events until the connection is lost.
@@ -182,11 +187,13 @@ class HomeAssistantConnection:
             while True:
                 text = await self._websocket.recv()
                 self._pace.begin()
-                if isinstance(text, str) and (head := _LIST_RESULT.match(text)) is not None:
+                head = _LIST_RESULT.match(text) if isinstance(text, str) else None
+
+                # A list of all entities may be long, so others have their turn between its entries
+                if isinstance(text, str) and head is not None:
                     entries = await self._read_entries(text, head.end())
-                    self._on_message(
-                        {"id": int(head[1]), "type": "result", "success": True, "result": entries}
-                    )
+                    number = int(head[1])
+                    self._on_message({"id": number, "type": "result", "success": True, "result": entries})
                 elif len(text) <= MAX_ENTRY_CHARS:
                     for message in _messages(text):
                         self._on_message(message)
@@ -205,14 +212,16 @@ class HomeAssistantConnection:
         """Return the objects in the list that begins at `start` of `text`, which gives others their turn."""
         entries: list[Mapping[str, Any]] = []
         while len(entries) < MAX_ENTRIES:
-            start = cast("re.Match[str]", _SEPARATOR.match(text, start)).end()
+            separator = cast("re.Match[str]", _SEPARATOR.match(text, start))
+            start = separator.end()
             try:
                 entry, length = _ENTRIES.raw_decode(text[start : start + MAX_ENTRY_CHARS])
             except (ValueError, RecursionError):  # the end of the list, an entry that is too long, or no JSON
-                if (following := _NEXT_STATE.search(text, start + MAX_ENTRY_CHARS)) is None:
+                next_state = _NEXT_STATE.search(text, start + MAX_ENTRY_CHARS)
+                if next_state is None:
                     break
                 entry = None
-                length = following.start() - start
+                length = next_state.start() - start
             start += length
             if isinstance(entry, dict):
                 entries.append(cast("Mapping[str, Any]", entry))
@@ -226,7 +235,8 @@ class HomeAssistantConnection:
     async def _request(self, number: int, command: str, fields: Mapping[str, Any]) -> Any:
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 - an extra
 
-        reply = self._replies[number] = asyncio.get_running_loop().create_future()
+        reply: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._replies[number] = reply
         try:
             await self._websocket.send(json.dumps({**fields, "id": number, "type": command}))
             async with asyncio.timeout(REPLY_TIMEOUT_S):
@@ -244,8 +254,11 @@ class HomeAssistantConnection:
         reply = self._replies.get(number)
         handler = self._handlers.get(number)
         if kind == "event" and handler is not None:
-            handler(_fields(_fields(message.get("event")).get("data")))
-        elif kind == "result" and reply is not None and not reply.done():
+            event = _fields(message.get("event"))
+            handler(_fields(event.get("data")))
+        elif kind == "result" and reply is not None:
+            if reply.done():  # nobody waits for it any more
+                return
             if message.get("success"):
                 reply.set_result(message.get("result"))
             else:
@@ -269,8 +282,10 @@ def is_state(state: object) -> TypeGuard[Mapping[str, Any]]:
     if not isinstance(state, dict):
         return False
     fields = cast("Mapping[str, object]", state)
-    texts = (fields.get("entity_id"), fields.get("state"))
-    return all(isinstance(each, str) for each in texts) and isinstance(fields.get("attributes", {}), dict)
+    for key in ("entity_id", "state"):
+        if not isinstance(fields.get(key), str):
+            return False
+    return isinstance(fields.get("attributes", {}), dict)
 
 
 def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
@@ -280,7 +295,7 @@ def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
     except (ValueError, RecursionError):
         return ()
     values = cast("list[object]", value) if isinstance(value, list) else [value]
-    return [cast("Mapping[str, Any]", each) for each in values if isinstance(each, dict)]
+    return [cast("Mapping[str, Any]", message) for message in values if isinstance(message, dict)]
 
 
 @contextlib.asynccontextmanager
@@ -295,6 +310,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
     from websockets.asyncio.client import ClientConnection, connect  # noqa: PLC0415 - an extra
     from websockets.exceptions import ConnectionClosed, InvalidHandshake  # noqa: PLC0415
 
+    # The library reads all that a socket has, up to 256 kB at once, whatever it takes to parse
     class PacedConnection(ClientConnection, asyncio.BufferedProtocol):
         """Reads as much in a turn of the loop as it handles at once, and pauses if that takes long."""
 
@@ -326,6 +342,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         def process_redirect(self, exc: Exception) -> Exception:
             return exc
 
+    # What is missing here is reported before anything is sent
     require_client()
     config.check()
     token = await asyncio.to_thread(config.read_token)
@@ -344,6 +361,8 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         websocket = await connecting
     except (OSError, EOFError, UnicodeError, InvalidHandshake) as error:  # TimeoutError is an OSError
         await _raise_connect_error(config, error)
+
+    # The token goes only to what begins as a Home Assistant
     try:
         try:
             await _log_in(config, websocket, token)
@@ -361,8 +380,8 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
 async def _log_in(config: HomeAssistantConfig, websocket: "ClientConnection", token: str) -> None:
     """Send `token` to what has begun as a Home Assistant does."""
     async with asyncio.timeout(CONNECT_TIMEOUT_S):
-        first = _messages(await websocket.recv())
-        if [each.get("type") for each in first] != ["auth_required"]:
+        greeting = _messages(await websocket.recv())
+        if [message.get("type") for message in greeting] != ["auth_required"]:
             raise NoHomeAssistantError(_is_none(config, "it does not begin as one"))
         await websocket.send(json.dumps({"type": "auth", "access_token": token}))
         for answer in _messages(await websocket.recv()):
@@ -385,7 +404,8 @@ def _status_problem(config: HomeAssistantConfig, status: int, headers: Mapping[s
     location = headers.get("Location", "")
     path = urlsplit(config.url).path
     with contextlib.suppress(ValueError):  # some text that is no address
-        location = "://".join(urlsplit(location)[:2])
+        redirected = urlsplit(location)
+        location = f"{redirected.scheme}://{redirected.netloc}"
     if status in REDIRECT and location.startswith(("https://", "http://")):
         location = one_line(location, MAX_REASON)
         return f"the server at {config.url} refers to another address: write {location} as `url`"
@@ -402,11 +422,15 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     parts = urlsplit(config.url)
     host = parts.hostname or ""
     is_encrypted = config.address.startswith("wss")
-    plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
-    problem = f"no Home Assistant answers at {config.url} ({system_reason(error, MAX_REASON)})"
-    problem += ": start it, or correct `url`, its usual port is 8123"
+    problem = (
+        f"no Home Assistant answers at {config.url} ({system_reason(error, MAX_REASON)})"
+        ": start it, or correct `url`, its usual port is 8123"
+    )
+
+    # From the most certain cause to the least
     may_encrypt = not isinstance(error, OSError)
-    if (refusal := certificate_error_in(error)) is not None:
+    refusal = certificate_error_in(error)
+    if refusal is not None:
         problem = describe_certificate_error(refusal, f"Home Assistant at {parts.netloc}", AUTHORITY_HINT)
     elif isinstance(error, InvalidStatus):
         status = error.response.status_code
@@ -414,16 +438,23 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
         may_encrypt = not problem or status == BAD_REQUEST
         problem = problem or _is_none(config, f"it answers {status}")
     elif is_encrypted and isinstance(error, ssl.SSLError | ConnectionResetError | ConnectionAbortedError):
+        plain_url = f"http://{parts.netloc}{parts.path}"
         problem = f"the server at {config.url} does not encrypt: write {plain_url} as `url`"
     elif isinstance(error, socket.gaierror):
+        reason = one_line(str(error), MAX_REASON)
         problem = (
-            f"the name {host} in `url` is not known in this network ({one_line(str(error), MAX_REASON)}): "
+            f"the name {host} in `url` is not known in this network ({reason}): "
             "correct it, or write the IP address"
         )
     elif isinstance(error, TimeoutError):
         problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"
     elif may_encrypt:
         problem = _is_none(config, "it does not answer as one")
-    if may_encrypt and not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
-        problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+
+    # What answers without sense, or with 400, may want TLS: a connection tells
+    if may_encrypt and not is_encrypted:
+        port = parts.port or 80
+        if await encrypts(host, port, PROBE_TIMEOUT_S):
+            encrypted_url = f"https://{parts.netloc}{parts.path}"
+            problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
     raise NoHomeAssistantError(problem) from error

@@ -24,29 +24,50 @@ class HomeEntity(NamedTuple):
 async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     """Return the entities that people can point at, by area and name, without hidden and technical ones."""
     states = await connection.states()
-    registry: dict[str, dict[str, Mapping[str, Any]]] = {}
-    for kind, key in (("area", "area_id"), ("device", "id"), ("entity", "entity_id")):
-        try:
-            listed: object = await connection.request(f"config/{kind}_registry/list")
-        except RefusedError:  # not for users without rights of an administrator
-            listed = []
-        entries = [
-            cast("Mapping[str, Any]", each)
-            for each in (listed if is_list(listed) else ())
-            if isinstance(each, dict)
-        ]
-        registry[kind] = {str(each.get(key)): each for each in entries}
+    areas = await _registry(connection, "area", "area_id")
+    devices = await _registry(connection, "device", "id")
+    entries = await _registry(connection, "entity", "entity_id")
+
     entities: list[HomeEntity] = []
     for entity, state in states.items():
-        entry = registry["entity"].get(entity, {})
-        if entity.partition(".")[0] not in DOMAINS or entry.get("hidden_by") or entry.get("entity_category"):
+        domain, _, _ = entity.partition(".")
+        entry = entries.get(entity, {})
+        if domain not in DOMAINS or not _can_be_switched(state, domain):
             continue
-        needed = NEEDED_FEATURES.get(entity.partition(".")[0], 0)
-        features = state.get("attributes", {}).get("supported_features")
-        if isinstance(features, int) and features & needed != needed:
+        if entry.get("hidden_by") or entry.get("entity_category"):
             continue
-        device = registry["device"].get(entry.get("device_id") or "", {})
-        area = registry["area"].get(entry.get("area_id") or device.get("area_id") or "", {})
+
+        # An entity may have an area of its own, or that of its device
+        device = devices.get(entry.get("device_id") or "", {})
+        area_id = entry.get("area_id") or device.get("area_id") or ""
+        area = areas.get(area_id, {}).get("name") or ""
         name = state.get("attributes", {}).get("friendly_name") or entity
-        entities.append(HomeEntity(area.get("name") or "", entity, str(name), str(state.get("state"))))
-    return sorted(entities, key=lambda each: (each.area == "", each.area.casefold(), each.entity))
+        entities.append(HomeEntity(area, entity, str(name), str(state.get("state"))))
+    return sorted(entities, key=_order)
+
+
+async def _registry(
+    connection: HomeAssistantConnection, kind: str, id_key: str
+) -> dict[str, Mapping[str, Any]]:
+    """Return the entries of a registry of Home Assistant by id, none without the right to read it."""
+    try:
+        reply: object = await connection.request(f"config/{kind}_registry/list")
+    except RefusedError:  # not for users without rights of an administrator
+        return {}
+    entries: dict[str, Mapping[str, Any]] = {}
+    for value in reply if is_list(reply) else ():
+        if isinstance(value, dict):
+            entry = cast("Mapping[str, Any]", value)
+            entries[str(entry.get(id_key))] = entry
+    return entries
+
+
+def _can_be_switched(state: Mapping[str, Any], domain: str) -> bool:
+    """Return True unless the entity says that it lacks features that are needed."""
+    needed = NEEDED_FEATURES.get(domain, 0)
+    features = state.get("attributes", {}).get("supported_features")
+    return not isinstance(features, int) or features & needed == needed
+
+
+def _order(entity: HomeEntity) -> tuple[bool, str, str]:
+    return (entity.area == "", entity.area.casefold(), entity.entity)

@@ -71,11 +71,14 @@ class EntityCommands:
         self._connection: HomeAssistantConnection | None = None
         self._pending: dict[str, PendingCall] = {}
         """Newest call of each entity that is not sent yet."""
+        self._workers: dict[str, asyncio.Task[None]] = {}
+        """Task of each entity to which calls are being sent."""
+
+        # The hover. Without its file, lamps show none, and all else works.
         self._ended: set[str] = set()
         """Entities that show this hover no more: they were switched, or its time is over."""
         self._slow_calls: Counter[str] = Counter()
         """Number of slow calls in a row by lamp."""
-        self._workers: dict[str, asyncio.Task[None]] = {}
         self._feedback: HoverFeedback | None = None
         with self._reported():
             file = site_folder(bus.site, "home-assistant") / "dimmed_lights.json"
@@ -112,7 +115,7 @@ class EntityCommands:
         if not is_lost:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
-                    await asyncio.gather(*(self._restore_at_end(connection, each) for each in self.dimmed))
+                    await asyncio.gather(*(self._restore_at_end(connection, lamp) for lamp in self.dimmed))
         if self._feedback is not None:
             self._feedback.reset()
 
@@ -126,6 +129,8 @@ class EntityCommands:
         """
         if self._connection is None:
             raise ActFailedError("unavailable", LOST)
+
+        # Only the newest call of an entity is sent
         earlier = self._pending.get(call.entity)
         if earlier is not None and not earlier.result.done():
             earlier.result.set_exception(replaced_act(call.entity))
@@ -134,6 +139,8 @@ class EntityCommands:
         self._pending[call.entity] = pending
         self._ended.add(call.entity)
         self.wake(call.entity)
+
+        # `close` cancels the result, which is no cancellation of the caller
         try:
             await result
         except asyncio.CancelledError:
@@ -178,29 +185,36 @@ class EntityCommands:
     async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Send the next call to an entity. Return False if there is none."""
         if entity in self._pending:
-            await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
-            if entity not in self._pending:  # its time was over meanwhile
-                return True
-            call, result, check_in_time = self._pending.pop(entity)
-            try:
-                check_in_time()
-                await connection.call(call)
-            except ActFailedError as error:  # it is too late
-                if not result.done():
-                    result.set_exception(error)
-            except (RefusedError, TimeoutError, NoHomeAssistantError) as error:
-                if not result.done():
-                    result.set_exception(_failure(call, error))
-            except asyncio.CancelledError:
-                result.cancel()
-                raise
-            if not result.done():
-                result.set_result(None)
+            await self._send_pending(connection, entity)
             return True
         is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
-        if entity in self._hovered() and entity not in self._ended and not is_slow:
+        shows_hover = entity not in self._ended and not is_slow
+        if shows_hover and entity in self._hovered():
             return await self._show_hover(connection, entity)
         return await self._restore(connection, entity)
+
+    async def _send_pending(self, connection: HomeAssistantConnection, entity: str) -> None:
+        """Send the call that waits, and set its result."""
+        await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
+        if entity not in self._pending:  # its time was over meanwhile
+            return
+        call, result, check_in_time = self._pending.pop(entity)
+
+        # Its caller may have gone: the result is set only if somebody waits for it
+        try:
+            check_in_time()
+            await connection.call(call)
+        except ActFailedError as error:  # it is too late
+            if not result.done():
+                result.set_exception(error)
+        except (RefusedError, TimeoutError, NoHomeAssistantError) as error:
+            if not result.done():
+                result.set_exception(_failure(call, error))
+        except asyncio.CancelledError:
+            result.cancel()
+            raise
+        if not result.done():
+            result.set_result(None)
 
     async def _show_hover(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Show the hover on a lamp. Return False if it shows it already, or cannot."""
@@ -216,11 +230,17 @@ class EntityCommands:
         limit_s = self._config.max_hover_latency_s
         await self._send_brightness(connection, call, limit_s + MAX_COMMAND_DELAY_S)
         latency_s = loop.time() - begin_s
-        self._slow_calls[entity] = self._slow_calls[entity] + 1 if latency_s > limit_s else 0
-        if self._slow_calls[entity] == MAX_SLOW_CALLS:
+        # One that is slow several times in a row delays commands too much
+        slow_calls = 0
+        if latency_s > limit_s:
+            slow_calls = self._slow_calls[entity] + 1
+        self._slow_calls[entity] = slow_calls
+        if slow_calls == MAX_SLOW_CALLS:
             log.warning(
                 "%s takes %.1f s, limit %g s: it shows no hover; raise `max_hover_latency_s` to use it",
-                *(entity, latency_s, limit_s),
+                entity,
+                latency_s,
+                limit_s,
             )
         return True
 

@@ -48,7 +48,9 @@ class HomeAction:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Return the action in `Thing.home_assistant`: an entity, or JSON with the fields of this class."""
-        return cls(**json.loads(text)) if text.startswith("{") else cls(text)
+        if text.startswith("{"):
+            return cls(**json.loads(text))
+        return cls(text)
 
     @property
     def domain(self) -> str:
@@ -57,7 +59,8 @@ class HomeAction:
 
     def is_of(self, actions: Collection[str]) -> bool:
         """Return True if the action is of the entity's domain, a scene or script, or one of `actions`."""
-        return self.action.partition(".")[0] in (self.domain, "scene", "script") or self.action in actions
+        domain, _, _ = self.action.partition(".")
+        return domain in (self.domain, "scene", "script") or self.action in actions
 
     def call(self, *, on: bool | None) -> ServiceCall:
         """Return the call that switches the entity. `on`: None if its state is not known, or it has none."""
@@ -68,10 +71,14 @@ class HomeAction:
             return ServiceCall(self.entity, self.domain, RUN_ACTIONS[self.domain])
         turn_on, turn_off = SWITCH_ACTIONS.get(self.domain, ("turn_on", "turn_off"))
         domain = "homeassistant" if self.domain == "group" else self.domain
-        return ServiceCall(self.entity, domain, "toggle" if on is None else turn_on if on else turn_off)
+        if on is None:
+            return ServiceCall(self.entity, domain, "toggle")
+        return ServiceCall(self.entity, domain, turn_on if on else turn_off)
 
     def is_on(self, state: str | None) -> bool | None:
         """Return True if an entity with this state is on, None if that is unknown or it has no such state."""
-        if state is None or state in NO_STATES or self.domain in RUN_ACTIONS:
+        if state is None or state in NO_STATES:
+            return None
+        if self.domain in RUN_ACTIONS:
             return None
         return state not in OFF_STATES

@@ -207,7 +207,9 @@ class HoverFeedback:
 
     def on_first_state(self, entity: str, state: Mapping[str, Any]) -> None:
         """Note the state of a lamp after a connection: what a call has set may be another site's hover."""
-        self.on_state(entity, {} if context_of(state).get("user_id") else state, state)
+        has_caller = bool(context_of(state).get("user_id"))
+        before = {} if has_caller else state
+        self.on_state(entity, before, state)
 
     def _note(self, entity: str, light: DimmedLight, reports: Iterable[Mapping[str, Any]]) -> None:
         """Store what a hovered lamp reports, or forget the lamp if others have set it."""
@@ -219,7 +221,9 @@ class HoverFeedback:
                 self._store(entity, None)
                 return
             brightness = brightness_of(state)
-            if brightness is not None and brightness != light.before and light.is_nearer(brightness):
+            if brightness is None or brightness == light.before:
+                continue
+            if light.is_nearer(brightness):
                 light = light.model_copy(update={"shown": brightness})
         self._store(entity, light)
 
@@ -247,8 +251,9 @@ def context_of(state: Mapping[str, Any]) -> Mapping[str, Any]:
 def brightness_of(state: Mapping[str, Any]) -> int | None:
     """Return the brightness of a lamp that is on, 1 to 255, or None."""
     brightness = _attributes(state).get("brightness")
-    is_number = state.get("state") == "on" and type(brightness) is int
-    return brightness if is_number and 1 <= brightness <= MAX_BRIGHTNESS else None
+    if state.get("state") != "on" or type(brightness) is not int:
+        return None
+    return brightness if 1 <= brightness <= MAX_BRIGHTNESS else None
 
 
 def _has_more_than_brightness(state: Mapping[str, Any]) -> bool:

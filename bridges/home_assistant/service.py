@@ -67,9 +67,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         super().__init__(config, context)
         self.validate_config(config)
         self._loop = asyncio.get_running_loop()
+
+        # Things of the map
         self._things: dict[str, tuple[Thing, HomeAction]] = {}
         self._entities: set[str] = set()
         """Entities of things, and those that speak."""
+
+        # What is known of Home Assistant
         self._states: dict[str, Mapping[str, Any]] = {}
         """States in Home Assistant of the entities that are used, by entity."""
         self._names: Collection[str] = ()
@@ -84,16 +88,18 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Cause for which nothing can be switched, or `""`."""
         self._is_starting = False
         """Home Assistant has not loaded everything yet: entities may be missing until it has."""
+
+        # What people do: acts, hovers, and names that are spoken
         self._acts: dict[str, Act] = {}
         """Newest act on each entity that is being carried out."""
         self._hovers: dict[str, tuple[str, float]] = {}
         """Hovered thing of each person, and the time of the message."""
         self._announcer = HomeAnnouncer(config, self.bus, self._states)
-        self._commands = EntityCommands(
-            config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
-        )
+        self._commands = EntityCommands(config, self.bus, self._state_in_home, self._hovered_entities)
         self._carrier = Carrier(self.bus, self.clock, self.NAME)
         self._setup: SetupSession | None = self._make_setup(config)
+
+        # Requests before messages: the cards of a home ask at once
         self.bus.serve(SET_UP_HOME, self._on_set_up)
         self.bus.subscribe(MAP, self._on_map)
         if config.hover:
@@ -119,9 +125,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         return SetupSession(
             expand_home(config.setup),
             self.bus,
-            state_of=lambda entity: self._states.get(entity, {}),
+            state_of=self._state_in_home,
             wake=self._commands.wake,
         )
+
+    def _state_in_home(self, entity: str) -> Mapping[str, Any]:
+        """Return the state of an entity in Home Assistant, empty if it is not known."""
+        return self._states.get(entity, {})
 
     async def _on_set_up(self, query: SetUpHome, _name: str) -> HomeSetup:
         """Answer a card of the set-up. Raises RefusedError."""
@@ -195,6 +205,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             }
             if self._setup is not None:
                 tasks.add(asyncio.create_task(self._setup.run(connection), name="set-up of the home"))
+            # The reason of the reader comes first: the others end because of it
             try:
                 done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
                 await (reading if reading in done else done.pop())
@@ -208,9 +219,11 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                     await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _follow(self, connection: HomeAssistantConnection) -> None:
-        """Read all states, and tell those of things whenever they change."""
+        """Read all states, and report those of things whenever they change."""
         self._states.clear()
         self._hints.clear()
+
+        # Changes are subscribed before the states are read, so that none is missed in between
         silent = f"{self.config.url} accepts the token and then says nothing: restart Home Assistant"
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
@@ -219,6 +232,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             await self._read_states(connection)
         finally:
             silence.cancel()
+
+        # From here on things can be switched
         self._commands.open(connection)
         self.bus.clear("connection")
         self._problem = ""
@@ -247,7 +262,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._should_read = False
         states = await connection.states()
         self._names = states.keys()
-        used = {name: each for name, each in states.items() if self._is_used(name)}
+        used = {entity: state for entity, state in states.items() if self._is_used(entity)}
         for entity in used.keys() - self._states.keys():
             self._commands.on_first_state(entity, used[entity])
             if self._setup is not None:
@@ -262,38 +277,34 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             return True
         if not entity.startswith(VOICES):
             return False
-        return entity in self._states or sum(each.startswith(VOICES) for each in self._states) < MAX_VOICES
+        if entity in self._states:
+            return True
+        voices = sum(name.startswith(VOICES) for name in self._states)
+        return voices < MAX_VOICES
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        self._things = {
-            thing.id: (thing, HomeAction.parse(thing.home_assistant))
-            for thing in environment.things
-            if thing.home_assistant
-        }
+        things: dict[str, tuple[Thing, HomeAction]] = {}
+        targets: dict[str, list[HomeTarget]] = {}
+        for thing in environment.things:
+            if thing.home_assistant:
+                action = HomeAction.parse(thing.home_assistant)
+                things[thing.id] = (thing, action)
+                targets[thing.id] = [HomeTarget(self, thing, action)]
+        self._things = things
+
         self._announcer.use(environment.things)
         self._entities = {action.entity for _thing, action in self._things.values()}
         self._entities |= {self.config.speaker, self.config.voice} - {""}
         self._should_read = True
-        self._carrier.use({name: [HomeTarget(self, *each)] for name, each in self._things.items()})
+        self._carrier.use(targets)
         self._announce_change()
 
     def state_of(self, action: HomeAction) -> ThingState:
         """Return the state of the entity of a thing, or the cause for which it cannot be switched."""
-        entity = action.entity
-        limit_s = max(self.config.limit_s, SLOW_LIMIT_S if action.domain in SLOW_DOMAINS else 0.0)
-        problem = self._problem
-        is_allowed = not action.action or action.is_of(self.config.actions)
-        is_missing = entity not in self._states or self._is_unavailable(entity)
-        is_starting = is_allowed and not problem and self._is_starting and is_missing
-        if not is_allowed:
-            problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
-        elif is_starting:
-            problem = "Home Assistant is still starting: wait"
-        elif not problem and entity not in self._states:
-            hint = self._hints.get(entity, "")
-            problem = f"Home Assistant has no {entity}" + (f" ({hint})" if hint else "") + ": correct the map"
-        elif not problem and self._is_unavailable(entity):
-            problem = f"{entity} is unavailable in Home Assistant: look into its integration there"
+        limit_s = self.config.limit_s
+        if action.domain in SLOW_DOMAINS:
+            limit_s = max(limit_s, SLOW_LIMIT_S)
+        problem, is_starting = self._problem_of(action)
         if problem:
             return ThingState(
                 id="",
@@ -303,8 +314,32 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 limit_s=limit_s,
             )
         is_on = self._is_on(action)
-        state = "unknown" if is_on is None else "on" if is_on else "off"
-        return ThingState(id="", state=state, limit_s=limit_s)
+        if is_on is None:
+            return ThingState(id="", state="unknown", limit_s=limit_s)
+        return ThingState(id="", state="on" if is_on else "off", limit_s=limit_s)
+
+    def _problem_of(self, action: HomeAction) -> tuple[str, bool]:
+        """Return the cause for which an entity cannot be switched, or `""`, and whether a start is the cause.
+
+        The first cause counts: what is not allowed stays so in any state of Home Assistant, and without a
+        connection no state is known.
+        """
+        entity = action.entity
+        if action.action and not action.is_of(self.config.actions):
+            problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
+            return problem, False
+        if self._problem:
+            return self._problem, False
+        is_missing = entity not in self._states
+        if not is_missing and not self._is_unavailable(entity):
+            return "", False
+        if self._is_starting:
+            return "Home Assistant is still starting: wait", True
+        if is_missing:
+            hint = self._hints.get(entity, "")
+            shown_hint = f" ({hint})" if hint else ""
+            return f"Home Assistant has no {entity}{shown_hint}: correct the map", False
+        return f"{entity} is unavailable in Home Assistant: look into its integration there", False
 
     async def switch(self, thing: Thing, action: HomeAction, act: Act) -> None:
         """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
@@ -312,22 +347,28 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         entity = action.entity
         if reported.state == UNAVAILABLE:
             raise ActFailedError("unavailable", reported.reason)
+
+        # A thing without a switch's mode is toggled if its entity can be on, and else run
         is_on = self._is_on(action)
-        wanted = None
+        target_on = None
         if thing.mode == "switch":
-            wanted = act.on
+            target_on = act.on
         elif is_on is not None and not action.action:
-            wanted = not is_on
-        if is_on is wanted and wanted is not None and not action.action and entity not in self._acts:
+            target_on = not is_on
+
+        # Nothing is to be done, unless an earlier act is about to change that
+        is_done = target_on is not None and is_on is target_on
+        if is_done and not action.action and entity not in self._acts:
             return
         self._acts[entity] = act
         self._announce_change()  # to an earlier act on it
         try:
-            await self._commands.run(action.call(on=wanted), act.check_in_time)
-            if wanted is not None and is_on is not None and not (action.action and wanted):
-                await self._wait_until(
-                    action, act, is_on=wanted, timeout_s=reported.limit_s - RESULT_MARGIN_S
-                )
+            await self._commands.run(action.call(on=target_on), act.check_in_time)
+            # An action of its own, such as a scene, may leave the entity as it is
+            runs_action = action.action and target_on
+            if target_on is not None and is_on is not None and not runs_action:
+                timeout_s = reported.limit_s - RESULT_MARGIN_S
+                await self._wait_until(action, act, is_on=target_on, timeout_s=timeout_s)
         finally:
             if self._acts.get(entity) is act:
                 del self._acts[entity]
@@ -341,26 +382,32 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                         raise replaced_act(action.entity)
                     await self._change.wait()
         except TimeoutError:
+            state = "on" if is_on else "off"
             raise ActFailedError(
                 "no_effect",
-                f"{action.entity} did not go {'on' if is_on else 'off'} in Home Assistant: "
-                "is it powered, and in reach?",
+                f"{action.entity} did not go {state} in Home Assistant: is it powered, and in reach?",
             ) from None
 
     def _is_on(self, action: HomeAction) -> bool | None:
         return action.is_on(self._states.get(action.entity, {}).get("state"))
 
     def _on_hover(self, hover: Hover, user: str) -> None:
-        before = self._hovers.get(user, ("", 0.0))[0]
+        previous, _ = self._hovers.get(user, ("", 0.0))
         self._hovers[user] = (hover.object_id, self._loop.time())
-        for name in {before, hover.object_id} & self._things.keys() if before != hover.object_id else ():
-            self._commands.wake(self._things[name][1].entity)
+        if previous == hover.object_id:
+            return
+        for name in {previous, hover.object_id} & self._things.keys():
+            _, action = self._things[name]
+            self._commands.wake(action.entity)
 
     def _hovered_entities(self) -> set[str]:
+        """Return the entities that people hover, or whose turn it is at the cards of a home."""
         oldest_s = self._loop.time() - MAX_HOVER_AGE_S
         names = {name for name, received_s in self._hovers.values() if received_s >= oldest_s}
         entities = {action.entity for name, (_thing, action) in self._things.items() if name in names}
-        return entities if self._setup is None else entities | self._setup.hovered
+        if self._setup is None:
+            return entities
+        return entities | self._setup.hovered
 
     def _on_state_changed(self, data: Mapping[str, Any]) -> None:
         entity = data.get("entity_id")
@@ -368,14 +415,17 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if not isinstance(entity, str) or not self._is_used(entity):
             return
         before = self._states.pop(entity, {})
-        if is_state(state):
+        after: Mapping[str, Any] = {}
+        if is_state(state):  # else the entity was removed
             self._states[entity] = state
-        self._commands.on_state(entity, before, self._states.get(entity, {}))
+            after = state
+        self._commands.on_state(entity, before, after)
         if self._setup is not None:
-            self._setup.on_state(entity, self._states.get(entity, {}))
-        if before.get("state") == self._states.get(entity, {}).get("state"):
-            return
-        self._announce_change()
+            self._setup.on_state(entity, after)
+
+        # Attributes alone, such as a brightness, wake nobody
+        if before.get("state") != after.get("state"):
+            self._announce_change()
 
     async def _hint(self, entity: str) -> str:
         """Return names that are similar to that of an entity that is not there, or `""`.
@@ -387,23 +437,32 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         return self._hints[entity]
 
     def _is_unavailable(self, entity: str) -> bool:
-        return bool(self._states.get(entity, {}).get("state", UNAVAILABLE) == UNAVAILABLE)
+        state = self._states.get(entity, {}).get("state", UNAVAILABLE)
+        return bool(state == UNAVAILABLE)
 
     async def _report_entities(self) -> None:
         """Report entities that do not exist or are unavailable, by name."""
         uses = [(action.entity, f"of thing {name}") for name, (_thing, action) in self._things.items()]
-        uses += [(each, "that speaks") for each in (self.config.speaker, self.config.voice) if each]
+        for speaker in (self.config.speaker, self.config.voice):
+            if speaker:
+                uses.append((speaker, "that speaks"))
+
         missing: list[str] = []
         unavailable: list[str] = []
         for entity, use in uses:
             if self._is_starting:
                 continue  # it may come
             if entity not in self._states:
-                hint = "" if len(missing) > MAX_NAMES else await self._hint(entity)
-                missing.append(f"{entity} {use}" + (f" ({hint})" if hint else ""))
+                # Names beyond those that are shown need no search, which takes some ms
+                hint = ""
+                if len(missing) <= MAX_NAMES:
+                    hint = await self._hint(entity)
+                missing.append(f"{entity} {use} ({hint})" if hint else f"{entity} {use}")
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
         self._announcer.report_voice()
+
+        # An empty sentence clears the warning
         names = first_of(missing, MAX_NAMES)
         remedy = "correct `home_assistant` in the map or site"
         self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")
@@ -432,10 +491,13 @@ class HomeTarget:
 
 
 def _similar_names(entity: str, names: Collection[str]) -> str:
+    """Return names of the same domain that are similar to `entity`, among its neighbours by the alphabet."""
     domain = entity.partition(".")[0] + "."
-    alike = sorted(each for each in names if each.startswith(domain))
-    middle = bisect.bisect(alike, entity)
-    return did_you_mean(entity, alike[max(middle - MAX_CANDIDATES // 2, 0) : middle + MAX_CANDIDATES // 2])
+    same_domain = sorted(name for name in names if name.startswith(domain))
+    middle = bisect.bisect(same_domain, entity)
+    start = max(middle - MAX_CANDIDATES // 2, 0)
+    end = middle + MAX_CANDIDATES // 2
+    return did_you_mean(entity, same_domain[start:end])
 
 
 def _content(path: Path) -> bytes:

@@ -98,7 +98,8 @@ def with_home_assistant(text: str, url: str, token_file: Path) -> str:
 def draft_map(content: bytes, path: Path) -> bytes:
     """Return the map at `path` without its things. Raises PointItError."""
     things = parse_map_file(content, path).things
-    text = edited(content, [Remove(section="things", name=name) for name in things], path)
+    edits = [Remove(section="things", name=name) for name in things]
+    text = edited(content, edits, path)
     # a section without entries would be null
     return re.sub(rb"^things:[ \t]*(#.*)?\n", b"", text, flags=re.MULTILINE)
 
@@ -135,13 +136,16 @@ def _light_of(entry: Any) -> str:
         return entry.home_assistant
     if isinstance(entry.light, str):
         return f"{LAMP}{entry.light}"
-    return f"{STRIP}{entry.light.line}" if entry.light is not None else ""
+    if entry.light is None:
+        return ""
+    return f"{STRIP}{entry.light.line}"
 
 
 def _edits_of(
     file: MapFile, lamp: ChosenLamp, ends: Mapping[str, Vec3], name: str, added: list[str]
 ) -> list[Edit]:
     """Return the edits that place one lamp; a name that they take is appended to `added`."""
+    # The light itself, and the thing that people point at: on a strip, a lamp, or of Home Assistant
     edits: list[Edit] = []
     value: dict[str, Any] = {}
     if lamp.id.startswith(STRIP):
@@ -163,8 +167,11 @@ def _edits_of(
 
     if name:
         return edits + _edits_of_thing(file, lamp, name, value)
-    key_name = lamp.id.partition("." if "." in lamp.id else ":")[2][:64]
-    thing = free_name(key_name, file.things, added)
+
+    # A new thing has the name of its entity or light, and its label if a map may have it
+    separator = "." if "." in lamp.id else ":"
+    _, _, light_name = lamp.id.partition(separator)
+    thing = free_name(light_name[:64], file.things, added)
     added.append(thing)
     is_allowed = lamp.label.isprintable() and len(lamp.label) <= MAX_LABEL
     if is_allowed and lamp.label not in ("", thing):
@@ -225,8 +232,9 @@ def advice_on(content: bytes, path: Path, places_m: Sequence[tuple[float, float]
 def sigmas_of(placed: Sequence[PlacedLamp]) -> dict[str, float]:
     """Return the standard deviation (rad) of the direction to each lamp, the worst of its ends."""
     sigmas: dict[str, float] = {}
-    for each in placed:
-        sigmas[each.lamp] = max(sigmas.get(each.lamp, 0.0), each.direction_sigma_rad)
+    for placed_lamp in placed:
+        sigma_rad = sigmas.get(placed_lamp.lamp, 0.0)
+        sigmas[placed_lamp.lamp] = max(sigma_rad, placed_lamp.direction_sigma_rad)
     return sigmas
 
 

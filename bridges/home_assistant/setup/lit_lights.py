@@ -64,11 +64,15 @@ class LitLights:
         light = self._lights.get(entity)
         if light is None:
             return
+
+        # Off: somebody has switched it, unless it has not followed yet
         if state.get("state") == OFF and light.was_seen:
             self._store(entity, None)
             return
         if state.get("state") != ON:
             return
+
+        # On: by our call, or by somebody to whom it belongs from now on
         context = context_of(state)
         has_caller = bool(context.get("user_id") or context.get("parent_id"))
         is_ours = context.get("id") == light.context or light.context == UNKNOWN

@@ -146,8 +146,8 @@ class SetupProgress:
     def place(self) -> HomePlace:
         """Return the place at which the person is to stand, or `""` if that does not matter now."""
         if self.is_aligning:
-            at_place = self.state.step == "place" and bool(self._pressed(self.state.place))
-            return self.state.place if at_place else FIRST
+            has_pressed_here = self.state.step == "place" and bool(self._pressed(self.state.place))
+            return self.state.place if has_pressed_here else FIRST
         return self.state.place if self.state.step == "place" else ""
 
     @property
@@ -278,8 +278,14 @@ class SetupProgress:
     def go(self, step: HomeStep) -> None:
         """Return to a card, or go on to one that is complete."""
         state = self.state
-        needed = {"hand": bool(state.lamps), "place": bool(state.hand), "try": bool(state.placed)}
-        if not needed.get("try" if step == "done" else step, True):
+        has_placed = bool(state.placed)
+        is_possible = {
+            "hand": bool(state.lamps),
+            "place": bool(state.hand),
+            "try": has_placed,
+            "done": has_placed,
+        }
+        if not is_possible.get(step, True):
             raise RefusedError("do the steps before it first")
         is_repeated = step == "place" and state.step in ("try", "done")
         self._change(step=step)
@@ -307,6 +313,7 @@ class SetupProgress:
 
     def on_room(self, room: PacedRoom) -> None:
         """Place the lamps as in `room`. Lamps whose presses contradict the others are asked for once more."""
+        # A lamp that contradicts the others again is left out
         asked_again: list[tuple[str, End]] = []
         left_out: dict[str, str] = {}
         for lamp, end in self.targets:
@@ -367,26 +374,31 @@ class SetupProgress:
                 if press.place == place:
                     return press.lamp, press.end
             return None
-        return (self.state.placed[0].lamp, self.state.placed[0].end) if self.state.placed else None
+        if not self.state.placed:
+            return None
+        first = self.state.placed[0]
+        return (first.lamp, first.end)
 
     def _align(self, target: tuple[str, End], azimuth_rad: float) -> None:
         """Find the zero of the device's yaw from the azimuth in {H} of a lamp that is known."""
         state = self.state
-        if state.step == "place":
-            place = self.place
-            known_rad = next(
-                press.azimuth_rad
-                for press in state.presses
-                if press.place == place and (press.lamp, press.end) == target
-            )
-        else:
-            position_m = next(each.position_m for each in state.placed if (each.lamp, each.end) == target)
-            known_rad = math.atan2(position_m[1], position_m[0])
+        known_rad = self._known_azimuth(target)
         turn_rad = math.remainder(known_rad - azimuth_rad, math.tau)
         self.is_aligning = False
         self._change(turn_rad=turn_rad)
         if state.step != "place":
             self._set_pose((0.0, 0.0), turn_rad)
+
+    def _known_azimuth(self, target: tuple[str, End]) -> float:
+        """Return the azimuth of `_known_target`: as pressed from this place, or else on the map."""
+        if self.state.step == "place":
+            place = self.place
+            presses = [press for press in self.state.presses if press.place == place]
+            press = next(press for press in presses if (press.lamp, press.end) == target)
+            return press.azimuth_rad
+        placed = next(lamp for lamp in self.state.placed if (lamp.lamp, lamp.end) == target)
+        x, y, _ = placed.position_m
+        return math.atan2(y, x)
 
     def _clear_presses(self) -> None:
         self.is_aligning = False

@@ -81,14 +81,18 @@ class SetupSession:
         self._loop = asyncio.get_running_loop()
         self._state_of = state_of
         self._wake = wake
+
+        # Cards
         self._connection: HomeAssistantConnection | None = None
         self._entities: Sequence[HomeEntity] = ()
         self._entities_s = -math.inf
         self._problem = ""
         self._acting = asyncio.Lock()
         self._tasks = set[asyncio.Task[None]]()
+        # Presses, and the lamp whose turn it is
         self._rays: deque[tuple[float, PointingRay]] = deque(maxlen=100)
-        self._pressed_s = self._answered_s = -math.inf
+        self._pressed_s = -math.inf
+        self._answered_s = -math.inf
         self._shown = ("", -math.inf)
         """Lamp that shows which one it is, and until when."""
         self._spot = ""
@@ -97,6 +101,8 @@ class SetupSession:
         """Time at which the turn of a lit lamp was over."""
         file = site_folder(bus.site, "home-assistant") / "lit_lights.json"
         self._lit = LitLights(StateFile[LitLightsFile].at(file, LitLightsFile))
+
+        # A home that is not set up is reported from the start
         bus.subscribe(RAY, self._on_ray)
         bus.subscribe(IMU, self._on_imu)
         bus.subscribe(BUTTON, self._on_button)
@@ -112,7 +118,9 @@ class SetupSession:
     @property
     def entities(self) -> set[str]:
         """Return the entities whose states matter here."""
-        return {lamp.id for lamp in self.progress.state.lamps} | {self._spot, *self._lit.entities} - {""}
+        chosen = {lamp.id for lamp in self.progress.state.lamps}
+        lit = {self._spot, *self._lit.entities} - {""}
+        return chosen | lit
 
     @property
     def hovered(self) -> set[str]:
@@ -150,6 +158,8 @@ class SetupSession:
         }
         if query.act in without_values:
             without_values[query.act]()
+
+        # The others have values of their own
         elif query.act in ("connect", "without"):
             self._set_address(query)
         elif query.act == "choose":
@@ -175,30 +185,41 @@ class SetupSession:
     async def _choose(self, names: Sequence[str]) -> None:
         offered = {lamp.id: lamp for lamp in await self._offered()}
         offered |= {lamp.id: lamp for lamp in self.progress.state.lamps}  # one may be missing for a moment
-        unknown = [name for name in names if name not in offered]
-        if unknown:
-            raise RefusedError(f"there is no {unknown[0]} any more: choose again")
-        self.progress.choose([offered[name] for name in dict.fromkeys(names)], tuple(offered))
+        for name in names:
+            if name not in offered:
+                raise RefusedError(f"there is no {name} any more: choose again")
+        chosen = [offered[name] for name in dict.fromkeys(names)]
+        self.progress.choose(chosen, tuple(offered))
 
     def _report(self) -> None:
         """Report a home that is not set up yet: `pointit doctor` and the page show it."""
         sentence = "the home is not set up yet: go on with its cards in the page"
-        self._bus.warn("set-up", "" if self.progress.state.step == "done" else sentence, severity="note")
+        if self.progress.state.step == "done":
+            sentence = ""
+        self._bus.warn("set-up", sentence, severity="note")
 
     async def _store(self) -> None:
         """Locate the lamps once all presses are there. Store the state after the files from it."""
         progress = self.progress
-        before = progress.state
+        state_before = progress.state
+
+        # Each fit may leave out lamps, and then is made once more
         while progress.is_complete and progress.state.lamps:
-            progress.on_room(await asyncio.to_thread(progress.fit))
+            room = await asyncio.to_thread(progress.fit)
+            progress.on_room(room)
+
+        # The map if lamps were placed. If that fails, the presses are still there.
         is_placed = progress.state.step in ("try", "done") and progress.state.placed
         stored = await asyncio.to_thread(self.files.state.read)
-        if is_placed and (stored is None or stored.placed != progress.state.placed):
+        stored_placed = None if stored is None else stored.placed
+        if is_placed and stored_placed != progress.state.placed:
             try:
                 await asyncio.to_thread(self.files.write_map, progress.state)
             except PointItError:
-                progress.state = before
+                progress.state = state_before
                 raise
+
+        # The draft while lamps are pointed at, and the state
         if progress.state.step == "place" and not self.files.draft.exists():
             await asyncio.to_thread(self.files.write_draft)
         elif progress.state.step != "place":
@@ -209,10 +230,11 @@ class SetupSession:
 
     async def _offered(self) -> list[ChosenLamp]:
         """Return all lamps that can be chosen."""
-        lamps = [
-            ChosenLamp(id=each.entity, label=one_line(each.name, MAX_ID), area=one_line(each.area, MAX_ID))
-            for each in self._entities
-        ]
+        lamps: list[ChosenLamp] = []
+        for entity in self._entities:
+            label = one_line(entity.name, MAX_ID)
+            area = one_line(entity.area, MAX_ID)
+            lamps.append(ChosenLamp(id=entity.entity, label=label, area=area))
         content = await asyncio.to_thread(self.files.read_map)
         return lamps + lights_of(parse_map_file(content, self.files.map))
 
@@ -275,6 +297,7 @@ class SetupSession:
         pose_yaw_rad = 0.0
         if progress.pose is not None:
             pose_m, pose_yaw_rad = progress.pose
+        shown_advice = tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE])
         return HomeSetup(
             step=state.step,
             url=state.url,
@@ -296,13 +319,14 @@ class SetupSession:
             poses=progress.poses,
             pose_m=pose_m,
             pose_yaw_rad=pose_yaw_rad,
-            advice=tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE]),
+            advice=shown_advice,
         )
 
     async def _lamps(self) -> list[HomeLamp]:
         """Return the lamps of the present card."""
         progress = self.progress
         state = progress.state
+        # While lamps are chosen, all that there are; later, the chosen ones
         chosen = {lamp.id: lamp for lamp in state.lamps}
         listed = list(state.lamps)
         if state.step in ("choose", "done"):
@@ -310,13 +334,16 @@ class SetupSession:
             for name, lamp in chosen.items():
                 offered.setdefault(name, lamp)  # one that is missing for a moment stays in the list
             listed = list(offered.values())
-        states = {each.entity: each.state for each in self._entities}
+
+        # The states that are followed are newer than those of the list of entities
+        listed_states = {entity.entity: entity.state for entity in self._entities}
         sigmas = sigmas_of(state.placed)
         lamps: list[HomeLamp] = []
         for lamp in listed:
-            pressed = {press.place for press in state.presses if press.lamp == lamp.id}
+            pressed_from = {press.place for press in state.presses if press.lamp == lamp.id}
             reason = state.left_out.get(lamp.id, "") or progress.reasons.get(lamp.id, "")
-            text = str(self._state_of(lamp.id).get("state", states.get(lamp.id, "")))
+            listed_state = listed_states.get(lamp.id, "")
+            text = str(self._state_of(lamp.id).get("state", listed_state))
             lamps.append(
                 HomeLamp(
                     id=lamp.id,
@@ -326,7 +353,7 @@ class SetupSession:
                     is_chosen=lamp.id in chosen,
                     is_new=bool(state.offered) and lamp.id not in state.offered,
                     is_placed=lamp.id in sigmas,
-                    places=len(pressed),
+                    places=len(pressed_from),
                     direction_sigma_rad=sigmas.get(lamp.id),
                     reason=reason,
                 )
@@ -348,9 +375,13 @@ class SetupSession:
         if now_s - self._pressed_s < MIN_PAUSE_S:
             return
         self._pressed_s = now_s
+
+        # A hand shakes: its mean direction, and the eyes of the newest ray
         x, y, z = np.mean([ray.direction for ray in rays], axis=0).tolist()
+        azimuth_rad = math.atan2(y, x)
         elevation_rad = math.atan2(z, math.hypot(x, y))
-        self.progress.press(math.atan2(y, x), elevation_rad, rays[-1].origin_m[2])
+        eyes_m = rays[-1].origin_m[2]
+        self.progress.press(azimuth_rad, elevation_rad, eyes_m)
 
     async def _press_button(self) -> None:
         async with self._acting:
@@ -421,14 +452,14 @@ class SetupSession:
         target = self.progress.target
         if target is None or now_s - self._answered_s > ANSWERED_S:
             return ""
-        lamp = target[0]
+        lamp, _ = target
         return "" if _is_of_map(lamp) else lamp
 
     async def _light(self, connection: HomeAssistantConnection) -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""
-        before = self._spot
+        previous_spot = self._spot
         self._spot = self._wanted_spot()
-        for entity in {before, self._spot} - {""}:
+        for entity in {previous_spot, self._spot} - {""}:
             self._wake(entity)
         try:
             if self._spot:

@@ -70,10 +70,12 @@ class Announcements:
 
     def command(self, things: Sequence[Thing], topic: str, payload: object) -> tuple[str, bool] | None:
         """Return a switch among `things` and the state that a message commands, or None if it does not."""
-        on = {b"ON": True, b"OFF": False}.get(payload) if isinstance(payload, bytes) else None
-        names = (each.id for each in things if each.mode == "switch" and self._topic(each.id) + SET == topic)
-        name = next(names, None)
-        return None if name is None or on is None else (name, on)
+        if not isinstance(payload, bytes) or payload not in (b"ON", b"OFF"):
+            return None
+        for thing in things:
+            if thing.mode == "switch" and self._topic(thing.id) + SET == topic:
+                return (thing.id, payload == b"ON")
+        return None
 
     @property
     def _node(self) -> str:
@@ -81,7 +83,6 @@ class Announcements:
 
     def discovery(self, thing: Thing) -> list[Publication]:
         """Return the announcements of a thing: a switch or events, and the triggers of its device."""
-        name = _id_of(thing.id)
         topic = self._topic(thing.id)
         common: dict[str, Any] = {
             "device": {
@@ -91,9 +92,11 @@ class Announcements:
             },
             "origin": {"name": "PointIt", "sw_version": pointit_version()},
         }
+
+        # The thing itself
         config: dict[str, Any] = {
             "name": thing.label or thing.id,
-            "unique_id": f"{self._node}_{name}",
+            "unique_id": f"{self._node}_{_id_of(thing.id)}",
             "state_topic": topic,
             **common,
         }
@@ -107,61 +110,78 @@ class Announcements:
         else:  # without availability: an event that is available again looks like one that happens
             config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
         configs = {self._config_topic(thing): config}
+
+        # Triggers of automations; only a claim has an owner who can let go
         for kind, payload in TRIGGERS.items():
-            if kind != "released" or thing.mode == "claim":
-                configs[self._trigger_topic(thing, kind)] = {
-                    "automation_type": "trigger",
-                    "type": kind,
-                    "subtype": thing.id,  # labels may change, and need not differ
-                    "topic": self._event_topic(thing),
-                    "value_template": "{{ value_json.event_type }} {{ value_json.cause }}"
-                    if payload == PRESSED
-                    else "{{ value_json.event_type }}",
-                    "payload": payload,
-                    **common,
-                }
-        return [
-            Publication(topic=topic, payload=json.dumps(each), retain=True) for topic, each in configs.items()
-        ]
+            if kind == "released" and thing.mode != "claim":
+                continue
+            template = "{{ value_json.event_type }}"
+            if payload == PRESSED:
+                template = "{{ value_json.event_type }} {{ value_json.cause }}"
+            configs[self._trigger_topic(thing, kind)] = {
+                "automation_type": "trigger",
+                "type": kind,
+                "subtype": thing.id,  # labels may change, and need not differ
+                "topic": self._event_topic(thing),
+                "value_template": template,
+                "payload": payload,
+                **common,
+            }
+
+        publications: list[Publication] = []
+        for config_topic, fields in configs.items():
+            publications.append(Publication(topic=config_topic, payload=json.dumps(fields), retain=True))
+        return publications
 
     def outdated(self, topics: Sequence[str], things: Sequence[Thing]) -> list[Publication]:
         """Return empty messages for those of `topics` that are of none of `things`."""
-        known = {
-            self.status_topic,
-            *(each.topic for thing in things for each in self.discovery(thing)),
-            *(self._topic(thing.id) for thing in things if thing.mode == "switch"),
-        }
-        return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
+        known = {self.status_topic}
+        for thing in things:
+            known.update(publication.topic for publication in self.discovery(thing))
+            if thing.mode == "switch":
+                known.add(self._topic(thing.id))
+        outdated = [topic for topic in topics if topic not in known]
+        return [Publication(topic=topic, payload="", retain=True) for topic in outdated]
 
     def switched_on(self, things: Sequence[Thing], retained: Mapping[str, object]) -> set[str]:
         """Return the switches among `things` that are on in the broker's retained payloads, by topic."""
-        switches = (thing.id for thing in things if thing.mode == "switch")
-        return {each for each in switches if _was_on(retained.get(self._topic(each)))}
+        switched_on: set[str] = set()
+        for thing in things:
+            if thing.mode == "switch" and _was_on(retained.get(self._topic(thing.id))):
+                switched_on.add(thing.id)
+        return switched_on
 
     def states(
         self, things: Sequence[Thing], selected: Sequence[SelectedObject], without: Collection[str]
     ) -> list[Publication]:
         """Return the states of all switches but `without`; `selected`: all objects that are selected."""
-        owners = {each.id: each for each in selected}
-        return [
-            Publication(
-                topic=self._topic(thing.id), payload=json.dumps(_state(owners.get(thing.id))), retain=True
-            )
-            for thing in things
-            if thing.mode == "switch" and thing.id not in without
-        ]
+        selected_by_id = {selected_object.id: selected_object for selected_object in selected}
+        publications: list[Publication] = []
+        for thing in things:
+            if thing.mode != "switch" or thing.id in without:
+                continue
+            payload = json.dumps(_state(selected_by_id.get(thing.id)))
+            publications.append(Publication(topic=self._topic(thing.id), payload=payload, retain=True))
+        return publications
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
         """Return the message of an event, or None if it is the end of a button or not by pointing."""
-        action = EVENTS.get(event.event)
-        if action is None or (thing.mode == "button" and not event.is_on):
+        event_type = EVENTS.get(event.event)
+        if event_type is None:
             return None
-        payload = {"event_type": action, "user": event.user, "confidence": event.confidence}
-        payload["cause"] = event.cause
+        if thing.mode == "button" and not event.is_on:
+            return None
+        payload = {
+            "event_type": event_type,
+            "user": event.user,
+            "confidence": event.confidence,
+            "cause": event.cause,
+        }
         if thing.mode == "switch":
             if event.cause not in ("dwell", "button"):
                 return None
-            payload |= {"event_type": "pointed", "state": "ON" if event.is_on else "OFF"}
+            payload["event_type"] = "pointed"
+            payload["state"] = "ON" if event.is_on else "OFF"
         return Publication(topic=self._event_topic(thing), payload=json.dumps(payload))
 
     def _topic(self, thing_id: str) -> str:
@@ -169,7 +189,8 @@ class Announcements:
 
     def _event_topic(self, thing: Thing) -> str:
         """Return the topic of events, which none retains: the state of a switch is retained."""
-        return self._topic(thing.id) + (EVENT if thing.mode == "switch" else "")
+        topic = self._topic(thing.id)
+        return topic + EVENT if thing.mode == "switch" else topic
 
     def _trigger_topic(self, thing: Thing, kind: str) -> str:
         return f"{self.prefix}/device_automation/{self._node}/{_id_of(thing.id)}_{kind}/config"
@@ -187,14 +208,21 @@ def _state(selected: SelectedObject | None) -> dict[str, Any]:
 
 def _was_on(payload: object) -> bool:
     """Return True if a message is the state of a switch that is on, as `_state` makes it."""
+    if not isinstance(payload, bytes):
+        return False
     try:
-        state = json.loads(payload) if isinstance(payload, bytes) else None
+        state = json.loads(payload)
     except (ValueError, RecursionError):
         return False
-    return isinstance(state, dict) and cast("dict[str, Any]", state).get("state") == "ON"
+    if not isinstance(state, dict):
+        return False
+    return cast("dict[str, Any]", state).get("state") == "ON"
 
 
 def _id_of(name: str) -> str:
     """Return `name` as a part of topics and ids, different for each name."""
     clean = NOT_OF_IDS.sub("_", name)
-    return clean if clean == name else f"{clean}_{zlib.crc32(name.encode()):08x}"
+    if clean == name:
+        return clean
+    checksum = zlib.crc32(name.encode())
+    return f"{clean}_{checksum:08x}"

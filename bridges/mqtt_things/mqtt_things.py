@@ -1,4 +1,4 @@
-"""Things of a run on an MQTT broker: announced, switched, and told when people point at them."""
+"""Things of a run on an MQTT broker: announced, switched, and reported when people point at them."""
 
 import asyncio
 import contextlib
@@ -63,6 +63,8 @@ class MqttThings:
         self._config = config
         self._prefix = discovery_prefix(prefix)
         self._options = client_options(config)
+
+        # What the run has, and what the broker has
         self._things: Sequence[Thing] | None = None
         self._selection: Selection | None = None
         self._retained: Mapping[str, object] | None = None
@@ -72,8 +74,10 @@ class MqttThings:
         self._shown: dict[str, str] = {}
         """Payloads by topic that the broker has retained."""
         self._changed = asyncio.Event()
+
+        # The connection
         self._client: BrokerClient | None = None
-        """The connection, or None if there is none."""
+        """None if there is none."""
         self._problem = ""
         self._logged_s: dict[str, float] = {}
         """Times at which causes were logged."""
@@ -89,7 +93,8 @@ class MqttThings:
         self._announcements = Announcements(bus.site, self._prefix)
         self._carrier = Carrier(bus, SiteClock(bus), USER)
         self._ending = contextlib.ExitStack()
-        self._ending.callback(asyncio.create_task(self._run(), name="things by MQTT").cancel)
+        running = asyncio.create_task(self._run(), name="things by MQTT")
+        self._ending.callback(running.cancel)
         return self._ending, bus.subscribe(SELECTION, self._on_selection)
 
     def on_map(self, environment: Environment) -> None:
@@ -112,7 +117,8 @@ class MqttThings:
             return ThingState(id="", state="unavailable", reason=f"{self._config.broker}: {reason}")
         if thing.id in (self._restoring or ()):
             return ThingState(id="", state="on")
-        return ThingState(id="", state="unknown" if thing.mode == "claim" else "")  # its end is an act
+        state = "unknown" if thing.mode == "claim" else ""  # its end is an act
+        return ThingState(id="", state=state)
 
     async def publish(self, thing: Thing, event: SelectionEvent) -> None:
         """Return when the broker has the message of an event. Raises ActFailedError if it does not get it."""
@@ -137,25 +143,31 @@ class MqttThings:
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._selection = selection
         self._restore()
-        self._stop_restoring(each.id for each in selection.objects)
+        self._stop_restoring(selected.id for selected in selection.objects)
 
     def _restore(self) -> None:
-        """Tell for a while that switches are on which the broker retains as on, as soon as all is known."""
+        """Report for a while that switches are on which the broker retains as on, as soon as all is known."""
         self._changed.set()
-        is_known = self._restoring is not None
-        if not is_known and self._things is not None and self._retained is not None and self._selection:
-            selected = {each.id for each in self._selection.objects}
-            self._restoring = self._announcements.switched_on(self._things, self._retained) - selected
-            timer = asyncio.get_running_loop().call_later(RESTORE_TIMEOUT_S, self._give_up_restoring)
-            self._ending.callback(timer.cancel)
+        if self._restoring is None:
+            self._begin_restoring()
         self._carrier.tell()
 
+    def _begin_restoring(self) -> None:
+        """Begin if things, retained states and selection are known."""
+        if self._things is None or self._retained is None or not self._selection:
+            return
+        selected = {selected.id for selected in self._selection.objects}
+        self._restoring = self._announcements.switched_on(self._things, self._retained) - selected
+        timer = asyncio.get_running_loop().call_later(RESTORE_TIMEOUT_S, self._give_up_restoring)
+        self._ending.callback(timer.cancel)
+
     def _give_up_restoring(self) -> None:
-        for name in self._restoring or ():
+        names = self._restoring or ()
+        for name in names:
             self._log(
                 f"{name} was on before the restart and is off now: not placed, or another target is off"
             )
-        self._stop_restoring(self._restoring or ())
+        self._stop_restoring(names)
 
     def _stop_restoring(self, things: Iterable[str]) -> None:
         if self._restoring:
@@ -192,12 +204,15 @@ class MqttThings:
         will = Will(status, OFFLINE, qos=1, retain=True)
         async with connected({**self._options, "will": will}) as client:
             self._problem = ""
+
+            # Only what was retained at the start counts for switches: later it is from here
             retained = await self._read_retained(client)
             if self._retained is None:
                 self._retained = retained
             self._shown = dict.fromkeys(retained, "")
             self._client = client
             self._restore()
+
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._publish_states(client), name="states by MQTT")
@@ -211,7 +226,8 @@ class MqttThings:
 
     async def _subscribe(self, client: BrokerClient, filters: Sequence[str]) -> None:
         """Subscribe to `filters`. What the broker refuses is reported, and the rest goes on."""
-        problem = await client.subscribe([(each, 1) for each in filters], optional=filters)
+        subscriptions = [(topic_filter, 1) for topic_filter in filters]
+        problem = await client.subscribe(subscriptions, optional=filters)
         if problem:
             self._on_refused(problem)
 
@@ -225,10 +241,12 @@ class MqttThings:
         filters = (self._announcements.found, self._announcements.all_states)
         await self._subscribe(client, filters)
         with contextlib.suppress(TimeoutError):
+            # A broker does not say which retained message is its last one: a pause does
             async with asyncio.timeout(OLD_FOUND_S) as ending:
                 async for message in client.messages:
                     if message.payload and message.retain:
-                        ending.reschedule(asyncio.get_running_loop().time() + OLD_FOUND_S)
+                        now_s = asyncio.get_running_loop().time()
+                        ending.reschedule(now_s + OLD_FOUND_S)
                         retained[message.topic.value] = message.payload
         await client.unsubscribe(filters)
         return retained
@@ -240,30 +258,36 @@ class MqttThings:
             self._changed.clear()
             if self._things is None:
                 continue
+
+            # Old announcements go first: a thing may have become one of another kind
             things = self._things
             outdated = self._announcements.outdated([*self._shown], things)
-            wanted = [
-                *outdated,
-                *(each for thing in things for each in self._announcements.discovery(thing)),
-                *self._states(things),
-                Publication(topic=self._announcements.status_topic, payload=ONLINE, retain=True),
-            ]
-            for each in wanted:
-                if self._shown.get(each.topic) != each.payload or each in outdated:
-                    try:
-                        await client.publish(each.topic, each.payload, retain=True)
-                    except RefusedTopicsError as error:
-                        self._on_refused(str(error))
-                    self._shown[each.topic] = each.payload
-            for each in outdated:
-                self._shown.pop(each.topic, None)
+            publications = list(outdated)
+            for thing in things:
+                publications.extend(self._announcements.discovery(thing))
+            publications.extend(self._states(things))
+            status_topic = self._announcements.status_topic
+            publications.append(Publication(topic=status_topic, payload=ONLINE, retain=True))
+
+            # What the broker has retained already is not sent again
+            for publication in publications:
+                is_shown = self._shown.get(publication.topic) == publication.payload
+                if is_shown and publication not in outdated:
+                    continue
+                try:
+                    await client.publish(publication.topic, publication.payload, retain=True)
+                except RefusedTopicsError as error:
+                    self._on_refused(str(error))
+                self._shown[publication.topic] = publication.payload
+            for publication in outdated:
+                self._shown.pop(publication.topic, None)
 
     def _states(self, things: Sequence[Thing]) -> Sequence[Publication]:
         if self._restoring is None or self._selection is None:  # what is on is not known yet
             return ()
-        selected = self._selection.objects
-        without = self._restoring | {each.id for each in selected if each.is_pending}
-        return self._announcements.states(things, selected, without)
+        selected_objects = self._selection.objects
+        pending = {selected.id for selected in selected_objects if selected.is_pending}
+        return self._announcements.states(things, selected_objects, self._restoring | pending)
 
     async def _run_commands(self, client: BrokerClient) -> None:
         """Switch things as the broker says, until the connection is lost, which raises BrokerError."""
@@ -275,6 +299,8 @@ class MqttThings:
                     self._shown.clear()  # announces a device again that was deleted there
                     self._changed.set()
                 continue
+
+            # What is retained would switch a thing again at each connection
             command = self._announcements.command(self._things or (), topic, message.payload)
             if message_age_ns(None, 0, is_retained=message.retain) > MAX_COMMAND_AGE_S * NS_PER_S:
                 self._log(f"{topic} is retained, thus old, and ignored: send commands without `retain`")
@@ -284,6 +310,8 @@ class MqttThings:
                     f"{topic} is no command to a switch, and ignored: send ON or OFF to a switch of the map"
                 )
                 continue
+
+            # A command is newer than what a restart restores
             thing_id, on = command
             self._stop_restoring([thing_id])
             try:
@@ -305,7 +333,8 @@ class MqttTarget:
 
         Its limit is longer than that of the client, which names the broker.
         """
-        return self.things.state_of(self.thing).model_copy(update={"limit_s": CONNECT_TIMEOUT_S + 1.0})
+        state = self.things.state_of(self.thing)
+        return state.model_copy(update={"limit_s": CONNECT_TIMEOUT_S + 1.0})
 
     async def carry_out(self, act: Act, /) -> None:
         """Publish its event."""

@@ -75,18 +75,21 @@ class Fleet:
         source = agv_of_topic(topic, self._config.topic_prefix)
         if source is None:
             return False
-        kinds: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
-        message = parse(kinds.get(source.kind, Visualization), payload)
-        agv = self._agv(source)
         kind = source.kind
+        models: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
+        message = parse(models.get(kind, Visualization), payload)
+        agv = self._agv(source)
         if agv is None or agv.prefix != source.prefix:
             return message is not None
+
+        # Any message shows that the AGV is there, even one without a place
         if agv.place is None:
             agv.received_ns = now_ns
         if message is None:
             agv.problems[kind] = f"{topic[:200]}: a message is not one of VDA 5050: update the AGV"
             return False
-        agv.problems[kind] = agv.unreadable.setdefault(kind, UnreadableFields()).describe(topic, message)
+        unreadable = agv.unreadable.setdefault(kind, UnreadableFields())
+        agv.problems[kind] = unreadable.describe(topic, message)
         if isinstance(message, AgvConnection):
             _on_connection(agv, message)
             return True
@@ -94,7 +97,8 @@ class Fleet:
         age_ns = agv.clock.age_ns(message.stamp_ns, now_ns, is_retained=is_retained)
         if age_ns > MAX_AGV_AGE_S * NS_PER_S:
             return True
-        if agv.timestamps.setdefault(kind, TimestampCheck()).is_new(message.timestamp):
+        timestamps = agv.timestamps.setdefault(kind, TimestampCheck())
+        if timestamps.is_new(message.timestamp):
             self._place(agv, message, topic, now_ns - round(age_ns))
         return True
 
@@ -135,6 +139,8 @@ class Fleet:
             agv.received_ns = reported_ns
         if position is None:
             return
+
+        # A place on another map, or before the AGV has found itself, is none
         agv.problems["map"] = ""
         if self._config.map_id and not position.map_id:
             agv.problems["map"] = (
@@ -149,13 +155,16 @@ class Fleet:
         agv.sigma_m = position.deviation_range
 
     def _object(self, name: str, agv: _Agv, place: tuple[float, float], now_ns: int) -> TrackedObject:
-        is_moving = math.hypot(*agv.velocity) > MOVING_MPS
+        x_mps, y_mps = agv.velocity
+        is_moving = math.hypot(x_mps, y_mps) > MOVING_MPS
         age_s = max(0.0, _age_s(agv, now_ns)) if is_moving else 0.0
+        x_m = place[0] + x_mps * age_s
+        y_m = place[1] + y_mps * age_s
         return TrackedObject(
             id=name.replace("/", "-")[:MAX_ID],
             kind="robot",
-            position_m=(place[0] + agv.velocity[0] * age_s, place[1] + agv.velocity[1] * age_s, 0.0),
-            velocity_mps=(*agv.velocity, 0.0),
+            position_m=(x_m, y_m, 0.0),
+            velocity_mps=(x_mps, y_mps, 0.0),
             length_m=self._config.length_m,
             yaw_rad=agv.yaw_rad,
             position_sigma_m=agv.sigma_m,

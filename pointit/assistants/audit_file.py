@@ -32,8 +32,9 @@ class AuditFile:
             PointItError: If the file cannot be written. Then nothing may be done.
         """
         call = secrets.token_hex(4)  # several processes may write the same file
-        asked = plain(json.dumps(arguments, default=str, ensure_ascii=False), MAX_SENTENCE)
-        self._append(call=call, caller=plain(caller), role=role, tool=tool, arguments=asked)
+        text = json.dumps(arguments, default=str, ensure_ascii=False)
+        shown = plain(text, MAX_SENTENCE)
+        self._append(call=call, caller=plain(caller), role=role, tool=tool, arguments=shown)
         return call
 
     def end(self, call: str, outcome: str, text: str = "") -> None:

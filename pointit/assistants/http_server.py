@@ -53,7 +53,7 @@ class HandshakeCheck:
         messages = [await receive()]
         try:
             body: object = json.loads(messages[0].get("body", b""))
-            if isinstance(body, dict) and ("method", "initialize") in cast("dict[str, Any]", body).items():
+            if isinstance(body, dict) and cast("dict[str, Any]", body).get("method") == "initialize":
                 InitializeRequest.model_validate(body)
         except ValidationError as error:
             text = f"initialize: {describe_validation_error(error, InitializeRequest)}\n"
@@ -75,9 +75,9 @@ class TokenMiddleware:
         self, apps: Mapping[Role, ASGIApp], access: Access, follow_tokens: Callable[[], None]
     ) -> None:
         """Serve `apps` by role. `follow_tokens` gives `access` the present tokens before each request."""
-        self._apps = {
-            role: RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY) for role, app in apps.items()
-        }
+        self._apps: dict[Role, ASGIApp] = {}
+        for role, app in apps.items():
+            self._apps[role] = RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY)
         self._access = access
         self._follow_tokens = follow_tokens
         self._requests: Counter[Role] = Counter()
@@ -86,16 +86,17 @@ class TokenMiddleware:
         """Serve one request."""
         if scope["type"] != "http":
             return
-        asked = request_info(scope)
+        info = request_info(scope)
         now_s = time.monotonic()
+
+        # A cookie of the page counts for nothing: a page of another site could use it
         self._follow_tokens()
-        role = self._access.admit(asked, now_s) if asked.bearer else None
-        if not self._access.is_known_host(asked.host) or (
-            asked.origin and not self._access.is_own_origin(asked)
-        ):
+        role = self._access.admit(info, now_s) if info.bearer else None
+        is_foreign = bool(info.origin) and not self._access.is_own_origin(info)
+        if is_foreign or not self._access.is_known_host(info.host):
             await PlainTextResponse("only programs of this machine may ask", 403)(scope, receive, send)
         elif role not in ("operator", "viewer"):
-            if self._access.is_rate_limited(asked.address, now_s):
+            if self._access.is_rate_limited(info.address, now_s):
                 await asyncio.sleep(REFUSAL_S)
             bearer = {"WWW-Authenticate": "Bearer"}
             await PlainTextResponse(NEEDS_TOKEN, 401, headers=bearer)(scope, receive, send)
@@ -157,9 +158,11 @@ class HttpServer:
                 "other machines come through an SSH tunnel"
             )
         access.know_hosts([host])
+
+        # An application for each role: sessions of one role are unknown to the other one
         apps: dict[Role, ASGIApp] = {}
         self._managers: list[StreamableHTTPSessionManager] = []
-        for role in get_args(Role):  # sessions of one role are unknown to the other one
+        for role in get_args(Role):
             apps[role] = server.streamable_http_app(
                 streamable_http_path=PATH,
                 max_sessions=MAX_SESSIONS,
@@ -169,8 +172,10 @@ class HttpServer:
             self._managers.append(server.session_manager)
         self.app = TokenMiddleware(apps, access, follow_tokens)
         """ASGI application, which works while `run` does."""
-        self._listener = Listener(self.app, bind(host, port, "--listen"))
-        self.url = f"{url('http', host, self._listener.port)}{PATH}"
+        bound_socket = bind(host, port, "--listen")
+        self._listener = Listener(self.app, bound_socket)
+        server_url = url("http", host, self._listener.port)
+        self.url = f"{server_url}{PATH}"
         """Address for clients."""
 
     async def run(self) -> None:

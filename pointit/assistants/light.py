@@ -86,6 +86,8 @@ class Lights:
         shown: dict[str, str] = dict(zip(lamps, ASKING, strict=False))
         if user in self._asked:
             raise PointItError(f"{user!r} is being asked by light: wait for the answer")
+
+        # One candidate after the other, again and again. A late press is for the one before.
         presses = site.messages(BUTTON, user)
         self._asked.add(user)
         turns: list[tuple[int, str]] = []
@@ -96,12 +98,14 @@ class Lights:
                         await site.lamp(lamp).set(COLORS[shown[name]])
                         turns.append((site.now_ns(), name))
                         async for event in presses.during(TURN_S):
-                            if chosen := _lit_at(event, turns):
+                            chosen = _lit_at(event, turns)
+                            if chosen:
                                 return AnswerByLight(chosen=chosen, shown=shown)
                         await self._give_back(site, lamp)
         except TimeoutError:
             return AnswerByLight(chosen="", shown=shown)
         finally:
+            # In a task, so that lamps are given back even if the question is cancelled once more
             presses.close()
             giving = asyncio.create_task(self._give_all_back(site, list(lamps.values())), name="lamps back")
             self._giving.add(giving)
@@ -129,4 +133,6 @@ def _lit_at(event: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
     """Return the candidate that was lit when the person decided to press, or `""`."""
     decided_ns = event.stamp_ns - round(REACTION_S * NS_PER_S)
     lit = [name for since_ns, name in turns if since_ns <= decided_ns]
-    return lit[-1] if lit and event.gesture == "press" else ""
+    if not lit or event.gesture != "press":
+        return ""
+    return lit[-1]

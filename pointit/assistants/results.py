@@ -34,8 +34,11 @@ def plain(text: str, limit: int = MAX_NAME) -> str:
     Anybody may have written labels, ids of objects and reasons. On one line and quoted as JSON, they cannot
     imitate the structure of a result.
     """
-    line = " ".join("".join(each if each.isprintable() else " " for each in text).split())
-    return line if len(line) <= limit else f"{line[: limit - 1]}…"
+    printable = "".join(character if character.isprintable() else " " for character in text)
+    line = " ".join(printable.split())
+    if len(line) <= limit:
+        return line
+    return f"{line[: limit - 1]}…"
 
 
 def refusal(text: str) -> str:
@@ -139,25 +142,31 @@ async def check_present(site: Site, user: str) -> None:
     Raises:
         PointItError: If not. Says who is.
     """
-    people = await present(site)
-    if user not in people:
-        raise PointItError(f"{user!r} is not there; present: {', '.join(sorted(people)) or 'nobody'}")
+    names = await present(site)
+    if user not in names:
+        shown = ", ".join(sorted(names)) or "nobody"
+        raise PointItError(f"{user!r} is not there; present: {shown}")
 
 
 async def people(site: Site) -> People:
     """Return all people who are present."""
-    steered = {state.user: robot for robot, state in site.latest.robot.items() if state.user}
+    robots = {state.user: robot for robot, state in site.latest.robot.items() if state.user}
     people: list[Person] = []
     for name in sorted(await present(site)):
         pose = site.latest.pose.get(name)
         interaction = site.latest.interaction.get(name)
+        state = "unknown"
+        is_unsure = False
+        if interaction is not None:
+            state = interaction.state
+            is_unsure = interaction.is_unsure
         people.append(
             Person(
                 name=name,
-                state="unknown" if interaction is None else interaction.state,
+                state=state,
                 position_m=None if pose is None else pose.position_m,
-                is_unsure=interaction is not None and interaction.is_unsure,
-                steers=steered.get(name, ""),
+                is_unsure=is_unsure,
+                steers=robots.get(name, ""),
             )
         )
     return People(people=tuple(people))
@@ -166,8 +175,9 @@ async def people(site: Site) -> People:
 async def items(site: Site) -> Items:
     """Return the things, lamps and robots of the room, and the objects that trackers see."""
     room = await site.latest.map.wait()
-    people = [*_of_map(site, room), *_moving(site, room)]
-    return Items(items=tuple(people[:MAX_ITEMS]), left_out=max(0, len(people) - MAX_ITEMS))
+    all_items = [*_of_map(site, room), *_moving(site, room)]
+    left_out = max(0, len(all_items) - MAX_ITEMS)
+    return Items(items=tuple(all_items[:MAX_ITEMS]), left_out=left_out)
 
 
 async def find(site: Site, name: str, kind: str = "") -> Item:
@@ -176,65 +186,82 @@ async def find(site: Site, name: str, kind: str = "") -> Item:
     Raises:
         PointItError: If nothing is, or several are. Names what is similar.
     """
-    every = [each for each in (await items(site)).items if kind in ("", each.kind)]
-    wanted = plain(name).casefold()
-    for matches in (
-        [each for each in every if each.name == name],
-        [each for each in every if wanted in (each.name.casefold(), each.label.casefold())],
-    ):
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
-            kinds = ", ".join(f"{each.kind} {each.name!r}" for each in matches[:4])
-            raise PointItError(f"{plain(name)!r} may be {kinds}: use a name that only one has")
-    known = [each.name for each in every]
+    room_items = await items(site)
+    candidates = [item for item in room_items.items if kind in ("", item.kind)]
+
+    # The exact name first: another item may have it as its label
+    matches = [item for item in candidates if item.name == name]
+    if not matches:
+        folded = plain(name).casefold()
+        matches = [item for item in candidates if folded in (item.name.casefold(), item.label.casefold())]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        kinds = ", ".join(f"{item.kind} {item.name!r}" for item in matches[:4])
+        raise PointItError(f"{plain(name)!r} may be {kinds}: use a name that only one has")
+
     noun = f"no {kind}" if kind else "nothing"
-    hint = nearest(name, known) if known else f"{noun} is there"
+    hint = f"{noun} is there"
+    if candidates:
+        hint = nearest(name, [item.name for item in candidates])
     raise PointItError(f"{noun} is called {plain(name)!r}; {hint}")
 
 
 def _of_map(site: Site, room: Environment) -> Iterable[Item]:
+    owners: dict[str, str] = {}
     selection = site.latest.selection.get("")
-    owners = {} if selection is None else {each.id: each.user for each in selection.objects}
+    if selection is not None:
+        owners = {selected.id: selected.user for selected in selection.objects}
     for thing in room.things:
         owner = owners.get(thing.id, "")
-        place_m = None if thing.is_tracked else thing.center_m
+        position_m = None if thing.is_tracked else thing.center_m
         yield Item(
             name=thing.id,
             kind="thing",
             label=plain(thing.label),
-            position_m=place_m,
-            lamp=thing.lamp or _lamp_near(room, place_m),
+            position_m=position_m,
+            lamp=thing.lamp or _lamp_near(room, position_m),
             state=f"on, by {owner}" if owner else "",
         )
-    feed = {thing.id for thing in room.things}
+
+    # Lamps that are no things themselves
+    things = {thing.id for thing in room.things}
     for lamp in room.lamps:
-        if lamp.id not in feed:
+        if lamp.id not in things:
             yield Item(name=lamp.id, kind="lamp", position_m=lamp.position_m, lamp=lamp.id)
 
 
 def _moving(site: Site, room: Environment) -> Iterable[Item]:
     for robot, state in sorted(site.latest.robot.items()):
-        doing = f"{state.phase}, steered by {state.user}" if state.user else state.phase
-        place_m = state.position_m
-        lamp = _lamp_near(room, place_m)
-        yield Item(name=robot, kind="robot", label=state.kind, position_m=place_m, lamp=lamp, state=doing)
+        activity = state.phase
+        if state.user:
+            activity = f"{state.phase}, steered by {state.user}"
+        yield Item(
+            name=robot,
+            kind="robot",
+            label=state.kind,
+            position_m=state.position_m,
+            lamp=_lamp_near(room, state.position_m),
+            state=activity,
+        )
     for tracker, message in sorted(site.latest.objects.items()):
         if tracker.startswith(OWN_TRACKERS):
             continue
-        for each in message.objects:
-            lamp = _lamp_near(room, each.position_m)
+        for tracked_object in message.objects:
+            position_m = tracked_object.position_m
             yield Item(
-                name=plain(each.id),
+                name=plain(tracked_object.id),
                 kind="object",
-                label=plain(each.kind),
-                position_m=each.position_m,
-                lamp=lamp,
+                label=plain(tracked_object.kind),
+                position_m=position_m,
+                lamp=_lamp_near(room, position_m),
             )
 
 
-def _lamp_near(room: Environment, place_m: Vec3 | None) -> str:
-    if place_m is None or not room.lamps:
+def _lamp_near(room: Environment, position_m: Vec3 | None) -> str:
+    """Return the nearest lamp, or `""` if none is within reach."""
+    if position_m is None or not room.lamps:
         return ""
-    away_m, lamp = min((math.dist(lamp.position_m, place_m), lamp.id) for lamp in room.lamps)
-    return lamp if away_m <= LAMP_REACH_M else ""
+    distances = [(math.dist(lamp.position_m, position_m), lamp.id) for lamp in room.lamps]
+    distance_m, lamp_id = min(distances)
+    return lamp_id if distance_m <= LAMP_REACH_M else ""

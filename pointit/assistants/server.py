@@ -58,6 +58,8 @@ class SiteServer(MCPServer[Any]):
 def make_server(tools: Tools) -> MCPServer[Any]:
     """Return the server."""
     server = SiteServer("pointit", title="PointIt", instructions=INSTRUCTIONS, version=pointit_version())
+
+    # Tools. Viewers see who and what is there, and may stop a robot.
     add = server.add_tool
     guarded = tools.guarded
     add(guarded(tools.who_is_here, needs="viewer"), annotations=LOOK)
@@ -70,6 +72,7 @@ def make_server(tools: Tools) -> MCPServer[Any]:
     add(guarded(tools.send_robot, needs="operator"), annotations=MOVE)
     add(guarded(tools.stop_robot, needs="viewer"), annotations=STOP)
 
+    # Resources
     @server.resource("pointit://room", title="Map of the room", mime_type="application/json")
     async def room() -> str:
         """Things, lamps, robots and objects with their positions, m, x y z, z up."""
@@ -85,20 +88,19 @@ def make_server(tools: Tools) -> MCPServer[Any]:
 
     async def _state() -> LiveState:
         site = tools.site
-        robots = {
-            name: plain(f"{each.phase} {each.reason}", MAX_SENTENCE)
-            for name, each in site.latest.robot.items()
-        }
+        robots: dict[str, str] = {}
+        for name, robot in site.latest.robot.items():
+            robots[name] = plain(f"{robot.phase} {robot.reason}", MAX_SENTENCE)
         return LiveState(site=site.name, people=await people(site), robots=robots)
 
     return server
 
 
-async def _read(tools: Tools, uri: str, look: Any) -> str:
-    """Return the result of `look` as JSON, and record that it was read. All roles may."""
+async def _read(tools: Tools, uri: str, read: Any) -> str:
+    """Return the result of `read` as JSON, and record that it was read. All roles may."""
     try:
         with tools.recorded("", "viewer", uri, {}):
-            found: BaseModel = await look()
-            return found.model_dump_json()
+            content: BaseModel = await read()
+            return content.model_dump_json()
     except PointItError as error:
         raise ResourceError(refusal(str(error))) from error

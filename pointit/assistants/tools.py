@@ -81,7 +81,9 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
     """
     await check_present(site, user)
     try:
-        found = await site.listener.referents(user, at_ns, word=word)
+        referents = await site.listener.referents(user, at_ns, word=word)
+
+    # Without an answer: which service is missing, or why it is silent
     except NoAnswerError as error:
         if isinstance(error, AccessDeniedError) or site.problem:  # a lost site has no services
             raise
@@ -94,21 +96,22 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"
         ) from error
     ago_s = 0.0 if at_ns is None else (site.now_ns() - at_ns) / NS_PER_S
-    candidates = [
-        PossibleReferent(
-            kind=each.kind,
-            name=plain(each.name),
-            probability=round(each.probability, 3),
-            position_m=each.place_m,
+    candidates: list[PossibleReferent] = []
+    for candidate in referents.candidates[:MAX_CANDIDATES]:
+        candidates.append(
+            PossibleReferent(
+                kind=candidate.kind,
+                name=plain(candidate.name),
+                probability=round(candidate.probability, 3),
+                position_m=candidate.place_m,
+            )
         )
-        for each in found.candidates[:MAX_CANDIDATES]
-    ]
     return PossibleReferents(
         user=user,
         seconds_ago=round(ago_s, 2),
         candidates=tuple(candidates),
-        none=round(found.none, 3),
-        note=plain(found.message, MAX_SENTENCE),
+        none=round(referents.none, 3),
+        note=plain(referents.message, MAX_SENTENCE),
     )
 
 
@@ -119,7 +122,7 @@ async def wait_for(site: Site, user: str, names: Collection[str], timeout_s: flo
         PointItError: If they are not there, or nobody keeps where they point.
     """
     last = await pointed(site, user, None)
-    before = ""
+    previous_name = ""
     looked_ns = 0
     feed = site.cursors(user)
     try:
@@ -129,9 +132,9 @@ async def wait_for(site: Site, user: str, names: Collection[str], timeout_s: flo
             looked_ns = cursor.stamp_ns
             last = await pointed(site, user, None)
             name = _sure_of(last, names)
-            if name and name == before:  # two looks, so that a hand that passes by does not count
+            if name and name == previous_name:  # two looks, so that a hand that passes by does not count
                 return Waited(came=True, pointed=last)
-            before = name
+            previous_name = name
     finally:
         feed.close()
     return Waited(came=False, pointed=last)
@@ -139,10 +142,13 @@ async def wait_for(site: Site, user: str, names: Collection[str], timeout_s: flo
 
 def _sure_of(seen: PossibleReferents, names: Collection[str]) -> str:
     """Return the name of what is pointed at, if it is surely one of `names`, else `""`."""
-    for best in seen.candidates[:1]:
-        is_wanted = best.name in names if names else best.kind in ITEMS
-        return best.name if is_wanted and best.probability >= SURE else ""
-    return ""
+    if not seen.candidates:
+        return ""
+    best = seen.candidates[0]
+    is_wanted = best.name in names if names else best.kind in ITEMS
+    if not is_wanted or best.probability < SURE:
+        return ""
+    return best.name
 
 
 class Tools:
@@ -177,13 +183,15 @@ class Tools:
             except PointItError as error:
                 raise ToolError(refusal(str(error))) from error
 
-        shown = inspect.signature(tool)
+        # The library reads name, help and parameters of a tool from the function: the site is none of them
+        signature = inspect.signature(tool)
         context = inspect.Parameter("ctx", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Ctx)
-        parameters = [context, *list(shown.parameters.values())[1:]]
+        _site, *own_parameters = signature.parameters.values()
+        parameters = [context, *own_parameters]
         called.__name__ = tool.__name__
         called.__doc__ = tool.__doc__
-        called.__annotations__ = {each.name: each.annotation for each in parameters}
-        vars(called)["__signature__"] = shown.replace(parameters=parameters)
+        called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        vars(called)["__signature__"] = signature.replace(parameters=parameters)
         return called
 
     @property
@@ -257,9 +265,11 @@ class Tools:
 
         If the best one is below 0.8, ask the person, or use `ask_by_light`. Do not guess.
         """
-        at_ns = site.now_ns() - round(seconds_ago * NS_PER_S) if seconds_ago else None
+        at_ns = None
         if word_time:
             at_ns = ns_of(word_time)
+        elif seconds_ago:
+            at_ns = site.now_ns() - round(seconds_ago * NS_PER_S)
         return await pointed(site, user, at_ns, word)
 
     async def wait_for_pointing(
@@ -286,7 +296,9 @@ class Tools:
     ) -> ActionResult:
         """Light the lamp of a thing, or a lamp, until it is set to `off`, which gives it back to the site."""
         color = color_of(colour)
-        return ActionResult(message=await self._lights.show(site, await find(site, thing), color))
+        item = await find(site, thing)
+        message = await self._lights.show(site, item, color)
+        return ActionResult(message=message)
 
     async def ask_by_light(
         self,
@@ -299,8 +311,8 @@ class Tools:
 
         While it waits, the person may also be asked in words for the colour.
         """
-        found = [await find(site, name) for name in candidates]
-        return await self._lights.ask(site, user, found, timeout)
+        candidate_items = [await find(site, name) for name in candidates]
+        return await self._lights.ask(site, user, candidate_items, timeout)
 
     async def send_robot(
         self,
@@ -320,19 +332,25 @@ class Tools:
         if bool(thing) == (place is not None):
             raise PointItError("name a thing or a place, one of them")
         await check_present(site, user)
-        machine = await find(site, robot, "robot")
-        if machine.position_m is None:
-            raise PointItError(f"nobody knows where robot {machine.name!r} is")
-        goal = place
-        if goal is None:
+        robot_item = await find(site, robot, "robot")
+        if robot_item.position_m is None:
+            raise PointItError(f"nobody knows where robot {robot_item.name!r} is")
+
+        # A thing is on the floor or above: the robot keeps its own height
+        goal_m = place
+        if goal_m is None:
             target = await find(site, thing)
             if target.position_m is None:
                 raise PointItError(f"nobody knows where {target.kind} {target.name!r} is")
-            goal = (*target.position_m[:2], machine.position_m[2])
-        states = site.messages(ROBOT_STATE, machine.name)
+            x_m, y_m, _ = target.position_m
+            goal_m = (x_m, y_m, robot_item.position_m[2])
+
+        # Its states are received before it is sent, so that none of its answers is missed
+        states = site.messages(ROBOT_STATE, robot_item.name)
         try:
-            await site.goal.send(user, goal, robot=machine.name)
-            return ActionResult(message=await set_off(states, machine.name, user, goal))
+            await site.goal.send(user, goal_m, robot=robot_item.name)
+            message = await set_off(states, robot_item.name, user, goal_m)
+            return ActionResult(message=message)
         finally:
             states.close()
 
@@ -352,11 +370,12 @@ class Tools:
         ] = "",
     ) -> ActionResult:
         """Show a text to a person on their page and phone, with a chime."""
-        to = [user] if user else sorted(await present(site))
-        for each in to:
-            await check_present(site, each)
-            await site.feedback.say(each, text)
-        return ActionResult(message=f"told {', '.join(to) or 'nobody'}")
+        listeners = [user] if user else sorted(await present(site))
+        for listener in listeners:
+            await check_present(site, listener)
+            await site.feedback.say(listener, text)
+        names = ", ".join(listeners) or "nobody"
+        return ActionResult(message=f"told {names}")
 
 
 async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3) -> str:
@@ -369,11 +388,18 @@ async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3)
     first_ns = 0
     async for state in states.during(SET_OFF_S):
         first_ns = first_ns or state.stamp_ns
+
+        # It does not obey the person, or not yet
         if state.user != user:
-            reason = state.reason or (f"{state.user} steers it" if state.user else reason)
+            if state.user and not state.reason:
+                reason = f"{state.user} steers it"
+            reason = state.reason or reason
             continue
-        if math.dist((state.target_m or state.position_m)[:2], goal_m[:2]) < NEAR_M:
+        target_m = state.target_m or state.position_m
+        if math.dist(target_m[:2], goal_m[:2]) < NEAR_M:
             return f"{robot} is on its way"
+
+        # Its reason may still be that of an earlier refusal
         reason = state.reason or reason
         if state.reason and state.stamp_ns - first_ns > OLD_S * NS_PER_S:
             break
@@ -383,7 +409,10 @@ async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3)
 def caller_of(context: Ctx) -> str:
     """Return the name and version that the client gives itself."""
     parameters = context.session.client_params
-    return "" if parameters is None else f"{parameters.client_info.name} {parameters.client_info.version}"
+    if parameters is None:
+        return ""
+    client = parameters.client_info
+    return f"{client.name} {client.version}"
 
 
 def ns_of(text: str) -> int:
@@ -392,10 +421,11 @@ def ns_of(text: str) -> int:
     Raises:
         SchemaError: If it is none, or has no zone.
     """
+    problem = f"word_time {text!r}: write one such as 2026-03-01T14:30:05.250+01:00"
     try:
-        when = dt.datetime.fromisoformat(text)
+        time = dt.datetime.fromisoformat(text)
     except ValueError:
-        when = None
-    if when is None or when.tzinfo is None or not 0 <= when.timestamp() < 2**63 / NS_PER_S:
-        raise SchemaError(f"word_time {text!r}: write one such as 2026-03-01T14:30:05.250+01:00")
-    return round(when.timestamp() * 1e6) * 1000  # a date has µs
+        raise SchemaError(problem) from None
+    if time.tzinfo is None or not 0 <= time.timestamp() < 2**63 / NS_PER_S:
+        raise SchemaError(problem)
+    return round(time.timestamp() * 1e6) * 1000  # a date has µs

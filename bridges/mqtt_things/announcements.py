@@ -73,7 +73,8 @@ class Announcements:
         if not isinstance(payload, bytes) or payload not in (b"ON", b"OFF"):
             return None
         for thing in things:
-            if thing.mode == "switch" and self._topic(thing.id) + SET == topic:
+            command_topic = self._topic(thing.id) + SET
+            if thing.mode == "switch" and command_topic == topic:
                 return (thing.id, payload == b"ON")
         return None
 
@@ -108,7 +109,9 @@ class Announcements:
                 "command_topic": topic + SET,
             }
         else:  # without availability: an event that is available again looks like one that happens
-            config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
+            config["event_types"] = list(EVENTS.values())
+            if thing.mode == "button":
+                config["event_types"] = ["pointed"]
         configs = {self._config_topic(thing): config}
 
         # Triggers of automations; only a claim has an owner who can let go
@@ -137,7 +140,8 @@ class Announcements:
         """Return empty messages for those of `topics` that are of none of `things`."""
         known = {self.status_topic}
         for thing in things:
-            known.update(publication.topic for publication in self.discovery(thing))
+            for publication in self.discovery(thing):
+                known.add(publication.topic)
             if thing.mode == "switch":
                 known.add(self._topic(thing.id))
         outdated = [topic for topic in topics if topic not in known]
@@ -147,7 +151,8 @@ class Announcements:
         """Return the switches among `things` that are on in the broker's retained payloads, by topic."""
         switched_on: set[str] = set()
         for thing in things:
-            if thing.mode == "switch" and _was_on(retained.get(self._topic(thing.id))):
+            payload = retained.get(self._topic(thing.id))
+            if thing.mode == "switch" and _was_on(payload):
                 switched_on.add(thing.id)
         return switched_on
 
@@ -160,8 +165,9 @@ class Announcements:
         for thing in things:
             if thing.mode != "switch" or thing.id in without:
                 continue
+            topic = self._topic(thing.id)
             payload = json.dumps(_state(selected_by_id.get(thing.id)))
-            publications.append(Publication(topic=self._topic(thing.id), payload=payload, retain=True))
+            publications.append(Publication(topic=topic, payload=payload, retain=True))
         return publications
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
@@ -193,11 +199,13 @@ class Announcements:
         return topic + EVENT if thing.mode == "switch" else topic
 
     def _trigger_topic(self, thing: Thing, kind: str) -> str:
-        return f"{self.prefix}/device_automation/{self._node}/{_id_of(thing.id)}_{kind}/config"
+        name = _id_of(thing.id)
+        return f"{self.prefix}/device_automation/{self._node}/{name}_{kind}/config"
 
     def _config_topic(self, thing: Thing) -> str:
         kind = "switch" if thing.mode == "switch" else "event"
-        return f"{self.prefix}/{kind}/{self._node}/{_id_of(thing.id)}/config"
+        name = _id_of(thing.id)
+        return f"{self.prefix}/{kind}/{self._node}/{name}/config"
 
 
 def _state(selected: SelectedObject | None) -> dict[str, Any]:

@@ -100,7 +100,8 @@ class MqttThings:
     def on_map(self, environment: Environment) -> None:
         """Announce the things of the map, and take back those that are gone."""
         self._things = environment.things
-        self._carrier.use({thing.id: [MqttTarget(self, thing)] for thing in environment.things})
+        targets = {thing.id: [MqttTarget(self, thing)] for thing in environment.things}
+        self._carrier.use(targets)
         self._restore()
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
@@ -113,8 +114,9 @@ class MqttThings:
     def state_of(self, thing: Thing) -> ThingState:
         """Return the state of a thing. The broker has none but that of a switch from before a restart."""
         if self._client is None:
-            reason = self._problem or "it is not connected yet: wait"
-            return ThingState(id="", state="unavailable", reason=f"{self._config.broker}: {reason}")
+            problem = self._problem or "it is not connected yet: wait"
+            reason = f"{self._config.broker}: {problem}"
+            return ThingState(id="", state="unavailable", reason=reason)
         if thing.id in (self._restoring or ()):
             return ThingState(id="", state="on")
         state = "unknown" if thing.mode == "claim" else ""  # its end is an act
@@ -157,7 +159,8 @@ class MqttThings:
         if self._things is None or self._retained is None or not self._selection:
             return
         selected = {selected.id for selected in self._selection.objects}
-        self._restoring = self._announcements.switched_on(self._things, self._retained) - selected
+        switched_on = self._announcements.switched_on(self._things, self._retained)
+        self._restoring = switched_on - selected
         timer = asyncio.get_running_loop().call_later(RESTORE_TIMEOUT_S, self._give_up_restoring)
         self._ending.callback(timer.cancel)
 
@@ -190,7 +193,8 @@ class MqttThings:
     def _log(self, cause: str) -> None:
         """Log a warning, each cause once per `LOG_PERIOD_S`."""
         now_s = asyncio.get_running_loop().time()
-        if now_s - self._logged_s.get(cause, -math.inf) < LOG_PERIOD_S:
+        logged_s = self._logged_s.get(cause, -math.inf)
+        if now_s - logged_s < LOG_PERIOD_S:
             return
         if len(self._logged_s) >= MAX_CAUSES:
             self._logged_s.clear()
@@ -291,10 +295,11 @@ class MqttThings:
 
     async def _run_commands(self, client: BrokerClient) -> None:
         """Switch things as the broker says, until the connection is lost, which raises BrokerError."""
-        await self._subscribe(client, (self._announcements.commands, self._announcements.birth_topic))
+        birth_topic = self._announcements.birth_topic
+        await self._subscribe(client, (self._announcements.commands, birth_topic))
         async for message in client.messages:
             topic = message.topic.value
-            if topic == self._announcements.birth_topic:
+            if topic == birth_topic:
                 if message.payload == ONLINE.encode():
                     self._shown.clear()  # announces a device again that was deleted there
                     self._changed.set()

@@ -78,7 +78,7 @@ class Fleet:
         kind = source.kind
         models: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
         message = parse(models.get(kind, Visualization), payload)
-        agv = self._agv(source)
+        agv = self._agv_of(source)
         if agv is None or agv.prefix != source.prefix:
             return message is not None
 
@@ -99,7 +99,7 @@ class Fleet:
             return True
         timestamps = agv.timestamps.setdefault(kind, TimestampCheck())
         if timestamps.is_new(message.timestamp):
-            self._place(agv, message, topic, now_ns - round(age_ns))
+            self._update_place(agv, message, topic, now_ns - round(age_ns))
         return True
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
@@ -115,14 +115,14 @@ class Fleet:
             is_moving = math.hypot(*agv.velocity) > MOVING_MPS
             is_lost = is_moving and age_s > MAX_MOVING_AGV_AGE_S
             if agv.place is not None and not is_lost:
-                objects.append(self._object(name, agv, agv.place, now_ns))
+                objects.append(self._tracked_object(name, agv, agv.place, now_ns))
         return tuple(objects)
 
     def forget(self) -> None:
         """Forget all of them, since the broker is not connected."""
         self._agvs.clear()
 
-    def _agv(self, source: AgvTopic) -> _Agv | None:
+    def _agv_of(self, source: AgvTopic) -> _Agv | None:
         """Return the sender of a message, or None if it is not shown."""
         name = source.name
         if name in self._agvs:
@@ -133,7 +133,7 @@ class Fleet:
         self._agvs[name] = agv
         return agv
 
-    def _place(self, agv: _Agv, message: Visualization, topic: str, reported_ns: int) -> None:
+    def _update_place(self, agv: _Agv, message: Visualization, topic: str, reported_ns: int) -> None:
         position = message.agv_position
         if position is not None or not message.unreadable:
             agv.received_ns = reported_ns
@@ -154,7 +154,7 @@ class Fleet:
         agv.yaw_rad = position.theta
         agv.sigma_m = position.deviation_range
 
-    def _object(self, name: str, agv: _Agv, place: tuple[float, float], now_ns: int) -> TrackedObject:
+    def _tracked_object(self, name: str, agv: _Agv, place: tuple[float, float], now_ns: int) -> TrackedObject:
         x_mps, y_mps = agv.velocity
         is_moving = math.hypot(x_mps, y_mps) > MOVING_MPS
         age_s = max(0.0, _age_s(agv, now_ns)) if is_moving else 0.0

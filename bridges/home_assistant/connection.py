@@ -141,7 +141,7 @@ class HomeAssistantConnection:
             ActionRefusedError: If Home Assistant does not carry it out. Its sentence.
             TimeoutError: If it does not reply within `REPLY_TIMEOUT_S`.
         """
-        return await self._request(self._next_id(), command, fields)
+        return await self._send_request(self._next_id(), command, fields)
 
     async def states(self) -> dict[str, Mapping[str, Any]]:
         """Return the states of all entities, by entity. Raises as `request`."""
@@ -160,7 +160,7 @@ class HomeAssistantConnection:
         """Call `handler` with the data of all events of a type. Raises as `request`."""
         number = self._next_id()
         self._handlers[number] = handler
-        await self._request(number, "subscribe_events", {"event_type": event})
+        await self._send_request(number, "subscribe_events", {"event_type": event})
 
     async def call(self, call: ServiceCall) -> str:
         """Run an action. Return the id of the context of its changes, or `""`. Raises as `request`."""
@@ -232,7 +232,7 @@ class HomeAssistantConnection:
         self._last_id += 1
         return self._last_id
 
-    async def _request(self, number: int, command: str, fields: Mapping[str, Any]) -> Any:
+    async def _send_request(self, number: int, command: str, fields: Mapping[str, Any]) -> Any:
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 - an extra
 
         reply: asyncio.Future[Any] = asyncio.get_running_loop().create_future()

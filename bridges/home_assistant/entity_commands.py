@@ -80,7 +80,7 @@ class EntityCommands:
         self._slow_calls: Counter[str] = Counter()
         """Number of slow calls in a row by lamp."""
         self._feedback: HoverFeedback | None = None
-        with self._reported():
+        with self._report_file_errors():
             file = site_folder(bus.site, "home-assistant") / "dimmed_lights.json"
             now_s = asyncio.get_running_loop().time
             self._feedback = HoverFeedback(StateFile[DimmedLights].at(file, DimmedLights), now_s)
@@ -92,13 +92,13 @@ class EntityCommands:
     def on_first_state(self, entity: str, state: Mapping[str, Any]) -> None:
         """Note the state of an entity that was not known on this connection."""
         if self._feedback is not None:
-            with self._reported():
+            with self._report_file_errors():
                 self._feedback.on_first_state(entity, state)
 
     def on_state(self, entity: str, before: Mapping[str, Any], state: Mapping[str, Any]) -> None:
         """Note a change of the state of an entity."""
         if self._feedback is not None:
-            with self._reported():
+            with self._report_file_errors():
                 self._feedback.on_state(entity, before, state)
 
     async def close(self, connection: HomeAssistantConnection, *, is_lost: bool) -> None:
@@ -164,7 +164,7 @@ class EntityCommands:
         """Send what there is to send to an entity, unless that is being done."""
         if self._connection is None or entity in self._workers:
             return
-        work = self._work(self._connection, entity)
+        work = self._send_calls(self._connection, entity)
         self._workers[entity] = asyncio.create_task(work, name=f"calls to {entity}")
 
     @property
@@ -172,7 +172,7 @@ class EntityCommands:
         """Return the lamps that are not restored yet."""
         return self._feedback.entities if self._feedback is not None else ()
 
-    async def _work(self, connection: HomeAssistantConnection, entity: str) -> None:
+    async def _send_calls(self, connection: HomeAssistantConnection, entity: str) -> None:
         """Send calls to an entity, at a limited rate, until it is as it shall be."""
         try:
             while await self._send_next(connection, entity):  # noqa: ASYNC110 - no wait, a rate
@@ -220,7 +220,7 @@ class EntityCommands:
         """Show the hover on a lamp. Return False if it shows it already, or cannot."""
         call = None
         if self._feedback is not None:
-            with self._reported():
+            with self._report_file_errors():
                 call = self._feedback.begin(entity, self._state_of(entity))
         if call is None:
             return False
@@ -256,7 +256,7 @@ class EntityCommands:
         """Give a lamp its brightness of before the hover. Return False if it has it, or is off now."""
         call = None
         if self._feedback is not None:
-            with self._reported():
+            with self._report_file_errors():
                 call = self._feedback.end(entity, self._state_of(entity), timeout_s=timeout_s)
         if call is None:
             return False
@@ -272,11 +272,11 @@ class EntityCommands:
             async with asyncio.timeout(timeout_s):
                 context = await connection.call(call)
         if self._feedback is not None:
-            with self._reported():
+            with self._report_file_errors():
                 self._feedback.on_result(call, context)
 
     @contextlib.contextmanager
-    def _reported(self) -> Generator[None]:
+    def _report_file_errors(self) -> Generator[None]:
         """Report a file that cannot be read or written."""
         try:
             yield

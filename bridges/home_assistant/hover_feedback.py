@@ -192,7 +192,7 @@ class HoverFeedback:
                 contexts = tuple(known for known in contexts if known != UNKNOWN)
             contexts = contexts[-MAX_CONTEXTS:]
             light = light.model_copy(update={"contexts": contexts})
-        self._note(call.entity, light, reports)
+        self._process_reports(call.entity, light, reports)
 
     def on_state(self, entity: str, before: Mapping[str, Any], state: Mapping[str, Any]) -> None:
         """Note a change of the state of a lamp. Raises ConfigError as `begin`."""
@@ -201,7 +201,7 @@ class HoverFeedback:
         if early_reports is not None:
             early_reports.append(state)
         elif light is not None:
-            self._note(entity, light, (state,))
+            self._process_reports(entity, light, (state,))
         elif entity.startswith("light.") and brightness_of(before) != brightness_of(state):
             self._others_s[entity] = self._now_s()
 
@@ -211,7 +211,7 @@ class HoverFeedback:
         before = {} if has_caller else state
         self.on_state(entity, before, state)
 
-    def _note(self, entity: str, light: DimmedLight, reports: Iterable[Mapping[str, Any]]) -> None:
+    def _process_reports(self, entity: str, light: DimmedLight, reports: Iterable[Mapping[str, Any]]) -> None:
         """Store what a hovered lamp reports, or forget the lamp if others have set it."""
         for state in reports:
             if not light.is_answer(state, is_restored=entity in self._restored_s):

@@ -149,17 +149,17 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             while True:
                 await self._await_address()
                 try:
-                    await self._serve()
+                    await self._serve_connection()
                 except LoginError as error:
-                    self._lose(str(error))
+                    self._report_loss(str(error))
                     await self._wait_for_new_token()
                 except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
-                    self._lose(str(error) or f"{self.config.url} does not answer: restart it")
-                    await self._pause()
+                    self._report_loss(str(error) or f"{self.config.url} does not answer: restart it")
+                    await self._pause_before_retry()
         finally:
             await self._carrier.close()
 
-    def _lose(self, problem: str) -> None:
+    def _report_loss(self, problem: str) -> None:
         """Report that there is no connection: nothing can be switched."""
         self.bus.warn("connection", problem)
         self._problem = problem
@@ -170,7 +170,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         path = expand_home(self.config.token_file)
         rejected = await asyncio.to_thread(_content, path)
         while await asyncio.to_thread(_content, path) == rejected and not self._has_new_address:
-            await self._pause()
+            await self._pause_before_retry()
 
     async def _await_address(self) -> None:
         """Use the address that the cards have set up, and wait until there is one."""
@@ -188,19 +188,19 @@ class HomeAssistant(Service[HomeAssistantConfig]):
     def _has_new_address(self) -> bool:
         return self._setup is not None and self._setup.address_changed.is_set()
 
-    async def _pause(self) -> None:
+    async def _pause_before_retry(self) -> None:
         """Wait before the next connection, or until the cards have another address."""
         if self._setup is None:
             await asyncio.sleep(RETRY_S)
         else:
             await wait_up_to(self._setup.address_changed, RETRY_S)
 
-    async def _serve(self) -> None:
+    async def _serve_connection(self) -> None:
         async with connected(self.config) as connection:
             reading = asyncio.create_task(connection.read(), name="messages of Home Assistant")
             tasks = {
                 reading,
-                asyncio.create_task(self._follow(connection), name="states of Home Assistant"),
+                asyncio.create_task(self._follow_states(connection), name="states of Home Assistant"),
                 asyncio.create_task(self._announcer.speak(connection), name="names for Home Assistant"),
             }
             if self._setup is not None:
@@ -218,7 +218,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                     reading.cancel()
                     await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _follow(self, connection: HomeAssistantConnection) -> None:
+    async def _follow_states(self, connection: HomeAssistantConnection) -> None:
         """Read all states, and report those of things whenever they change."""
         self._states.clear()
         self._hints.clear()
@@ -427,7 +427,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if before.get("state") != after.get("state"):
             self._announce_change()
 
-    async def _hint(self, entity: str) -> str:
+    async def _hint_for(self, entity: str) -> str:
         """Return names that are similar to that of an entity that is not there, or `""`.
 
         Everybody on the site can read it, so it lists no other entities of the home.
@@ -456,7 +456,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 # Names beyond those that are shown need no search, which takes some ms
                 hint = ""
                 if len(missing) <= MAX_NAMES:
-                    hint = await self._hint(entity)
+                    hint = await self._hint_for(entity)
                 missing.append(f"{entity} {use} ({hint})" if hint else f"{entity} {use}")
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")

@@ -167,7 +167,7 @@ class MqttThings:
     def _give_up_restoring(self) -> None:
         names = self._restoring or ()
         for name in names:
-            self._log(
+            self._log_warning(
                 f"{name} was on before the restart and is off now: not placed, or another target is off"
             )
         self._stop_restoring(names)
@@ -181,16 +181,16 @@ class MqttThings:
     async def _run(self) -> None:
         has_user = bool(self._config.username)
         try:
-            await keep_connected(self._serve, self._on_lost, has_user=has_user, retry_s=RETRY_S)
+            await keep_connected(self._serve_connection, self._on_lost, has_user=has_user, retry_s=RETRY_S)
         finally:
             await self._carrier.close()
 
     def _on_lost(self, problem: str) -> None:
         self._problem = problem
         self._carrier.tell()
-        self._log(f"{self._config.broker}: {problem}")
+        self._log_warning(f"{self._config.broker}: {problem}")
 
-    def _log(self, cause: str) -> None:
+    def _log_warning(self, cause: str) -> None:
         """Log a warning, each cause once per `LOG_PERIOD_S`."""
         now_s = asyncio.get_running_loop().time()
         logged_s = self._logged_s.get(cause, -math.inf)
@@ -201,7 +201,7 @@ class MqttThings:
         self._logged_s[cause] = now_s
         log.warning("%s", cause)
 
-    async def _serve(self) -> None:
+    async def _serve_connection(self) -> None:
         from aiomqtt import MqttError, Will  # noqa: PLC0415 - an extra
 
         status = self._announcements.status_topic
@@ -237,7 +237,7 @@ class MqttThings:
 
     def _on_refused(self, problem: str) -> None:
         self._problem = problem
-        self._log(f"{self._config.broker}: {problem}")
+        self._log_warning(f"{self._config.broker}: {problem}")
 
     async def _read_retained(self, client: BrokerClient) -> dict[str, object]:
         """Return the announcements and states that the broker has retained: payloads by topic."""
@@ -308,10 +308,12 @@ class MqttThings:
             # What is retained would switch a thing again at each connection
             command = self._announcements.command(self._things or (), topic, message.payload)
             if message_age_ns(None, 0, is_retained=message.retain) > MAX_COMMAND_AGE_S * NS_PER_S:
-                self._log(f"{topic} is retained, thus old, and ignored: send commands without `retain`")
+                self._log_warning(
+                    f"{topic} is retained, thus old, and ignored: send commands without `retain`"
+                )
                 continue
             if command is None:
-                self._log(
+                self._log_warning(
                     f"{topic} is no command to a switch, and ignored: send ON or OFF to a switch of the map"
                 )
                 continue
@@ -322,7 +324,7 @@ class MqttThings:
             try:
                 await self._bus.call(SET_THING, SetThing(thing=thing_id, on=on), USER)
             except PointItError as error:
-                self._log(f"{topic}: {error}")
+                self._log_warning(f"{topic}: {error}")
 
 
 @dataclass(frozen=True)

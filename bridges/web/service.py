@@ -118,7 +118,7 @@ class Web(Service[WebConfig]):
             self.NAME,
             self._now_s(),
             recent,
-            self._on_valid,
+            self._on_change,
             on_person=self._on_person,
             on_service=self._on_service,
         )
@@ -132,7 +132,7 @@ class Web(Service[WebConfig]):
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
-            wrists=self._wrists, people=self._people, clock=self.clock, ended=self._changed
+            wrists=self._wrists, people=self._people, clock=self.clock, ended=self._update_status
         )
 
         # Pages of now and of the past
@@ -156,7 +156,7 @@ class Web(Service[WebConfig]):
             now_ns=self.clock.now_ns,
             send=self._people.move,
             answer=lambda page, ask: answer_request(self._actions, page, "wrist", ask),
-            changed=self._changed,
+            changed=self._update_status,
             warnings=self.bus,
             greeting=hello("wrist", speaks=config.announce == "phone"),
         )
@@ -178,7 +178,7 @@ class Web(Service[WebConfig]):
 
         # The server, and what its pages may do
         routes = [*self._phones.routes, *self._scan_server.routes, metrics_route(self._metrics, access)]
-        app = application(access, bundle, self._open, self._downloads.answer, routes)
+        app = application(access, bundle, self._open_page, self._downloads.answer, routes)
         self._separability = FloorSeparability()
         maps = MapEditor(self.bus)
         self._devices = Devices(
@@ -187,7 +187,7 @@ class Web(Service[WebConfig]):
             address=config.devices_at,
             run_output=config.run_output,
             present=lambda: self._model.present,
-            changed=self._changed,
+            changed=self._update_status,
         )
         self._lan = Lan(config, self.bus.site, app)
         self._actions = ActionContext(
@@ -204,7 +204,7 @@ class Web(Service[WebConfig]):
             devices=self._devices,
             home=home,
             present=lambda: self._model.present,
-            changed=self._changed,
+            changed=self._update_status,
         )
 
         # Own health
@@ -215,7 +215,7 @@ class Web(Service[WebConfig]):
 
         # The port is bound last: nobody would close it if another step failed
         for topic in SHOWN:
-            self.bus.subscribe(topic, functools.partial(self._on, topic))
+            self.bus.subscribe(topic, functools.partial(self._on_message, topic))
         follow_site(self._model.state, self.bus, self._now_s, ())
         bound_socket = bind(config.host, config.port, "--port")
         self._listener = Listener(app, bound_socket)
@@ -283,7 +283,7 @@ class Web(Service[WebConfig]):
         """Point as the wearer of a page's headset does, while the page may."""
         if session.rights(motion.user) == "viewer":  # e.g. the phone's link was revoked
             if self._wrists.release_from(motion.user, session.page):
-                self._changed()
+                self._update_status()
             return
         try:
             measured = self._wrists.move_by_headset(session.page, motion, self.clock.now_ns())
@@ -314,7 +314,7 @@ class Web(Service[WebConfig]):
             "load it again",
         )
 
-    async def _open(self, socket: WebSocket, role: Role) -> None:
+    async def _open_page(self, socket: WebSocket, role: Role) -> None:
         if not await self._pages.admit(socket, role):
             return
         if socket.url.path == PAST:
@@ -327,7 +327,7 @@ class Web(Service[WebConfig]):
     def _on_closed(self, page: str) -> None:
         self._people.forget_voice(page)
         if self._wrists.close(page):
-            self._changed()
+            self._update_status()
 
     def _status(self) -> Status:
         """Return the status of the site for a page that moves no wrist."""
@@ -348,16 +348,16 @@ class Web(Service[WebConfig]):
 
     # Input from the bus.
 
-    def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
+    def _on_message(self, topic: Topic[Any], message: Message, name: str) -> None:
         has_room = self._model.take(topic, name, message, self.clock.now_ns(), self._now_s())
         if not has_room:
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
         if isinstance(message, Deployment):
             self._devices.on_deployment(message)
-            self._changed(now=not message.services)  # this process may end with the run
+            self._update_status(now=not message.services)  # this process may end with the run
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
-    def _on_valid(self, change: Change) -> None:
+    def _on_change(self, change: Change) -> None:
         """Pass a new message to the parts of the server that follow it."""
         self._metrics.take(change)
         name = change.name
@@ -413,7 +413,7 @@ class Web(Service[WebConfig]):
         self._visits.remember(SERVICE_ALIVE, instance, present=present)
         self._history.set_service(instance, present=present)
         self._pages.notify_pages()
-        self._changed()
+        self._update_status()
 
     def _on_person(self, user: str, present: bool) -> None:
         self._visits.remember(USER_ALIVE, user, present=present)
@@ -424,7 +424,7 @@ class Web(Service[WebConfig]):
             self._wrists.forget(user)
             self._phones.forget(user)
         self._pages.notify_pages()
-        self._changed()
+        self._update_status()
 
     # Time.
 
@@ -440,7 +440,7 @@ class Web(Service[WebConfig]):
             self._pages.measure()
             self._pages.tell_status()
 
-    def _changed(self, *, now: bool = False) -> None:
+    def _update_status(self, *, now: bool = False) -> None:
         self._motion.wake()
         if now:
             self._pages.tell_status()

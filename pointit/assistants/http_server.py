@@ -107,7 +107,7 @@ class TokenMiddleware:
             scope[SCOPE_KEY] = role
             self._requests[role] += 1
             try:
-                await self._apps[role](scope, _timed(receive), send)
+                await self._apps[role](scope, _with_body_timeout(receive), send)
             except SlowBodyError:
                 text = f"the request is not complete after {BODY_TIMEOUT_S:g} s: send it at once\n"
                 await PlainTextResponse(text, 408)(scope, receive, send)
@@ -115,7 +115,7 @@ class TokenMiddleware:
                 self._requests[role] -= 1
 
 
-def _timed(receive: Receive) -> Receive:
+def _with_body_timeout(receive: Receive) -> Receive:
     """Return `receive`, which raises `SlowBodyError` while the body is incomplete for too long."""
     ends_s = asyncio.get_running_loop().time() + BODY_TIMEOUT_S
     is_complete = False

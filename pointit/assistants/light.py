@@ -64,7 +64,7 @@ class Lights:
         Raises:
             PointItError: If it has no lamp, or the site refuses.
         """
-        lamp = _lamp(item)
+        lamp = _lamp_of(item)
         reply = await site.lamp(lamp).set(color)
         self._shown.pop(lamp, None)
         if color is not None:
@@ -78,7 +78,7 @@ class Lights:
             PointItError: If they are not there or are being asked, or two candidates have no own lamp.
         """
         await check_present(site, user)
-        lamps = {item.name: _lamp(item) for item in candidates}
+        lamps = {item.name: _lamp_of(item) for item in candidates}
         if len(set(lamps.values())) < len(candidates):
             raise PointItError(
                 "two candidates have the same lamp, so light cannot tell them apart: ask in words"
@@ -98,7 +98,7 @@ class Lights:
                         await site.lamp(lamp).set(COLORS[shown[name]])
                         turns.append((site.now_ns(), name))
                         async for event in presses.during(TURN_S):
-                            chosen = _lit_at(event, turns)
+                            chosen = _candidate_lit_at(event, turns)
                             if chosen:
                                 return AnswerByLight(chosen=chosen, shown=shown)
                         await self._give_back(site, lamp)
@@ -123,13 +123,13 @@ class Lights:
         await site.lamp(lamp).set(self._shown.get(lamp))
 
 
-def _lamp(item: Item) -> str:
+def _lamp_of(item: Item) -> str:
     if not item.lamp:
         raise PointItError(f"{item.kind} {item.name!r} has no lamp, and none is near it: ask in words")
     return item.lamp
 
 
-def _lit_at(event: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
+def _candidate_lit_at(event: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
     """Return the candidate that was lit when the person decided to press, or `""`."""
     decided_ns = event.stamp_ns - round(REACTION_S * NS_PER_S)
     lit = [name for since_ns, name in turns if since_ns <= decided_ns]

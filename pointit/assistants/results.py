@@ -175,7 +175,7 @@ async def people(site: Site) -> People:
 async def items(site: Site) -> Items:
     """Return the things, lamps and robots of the room, and the objects that trackers see."""
     room = await site.latest.map.wait()
-    all_items = [*_of_map(site, room), *_moving(site, room)]
+    all_items = [*_map_items(site, room), *_moving_items(site, room)]
     left_out = max(0, len(all_items) - MAX_ITEMS)
     return Items(items=tuple(all_items[:MAX_ITEMS]), left_out=left_out)
 
@@ -207,7 +207,7 @@ async def find(site: Site, name: str, kind: str = "") -> Item:
     raise PointItError(f"{noun} is called {plain(name)!r}; {hint}")
 
 
-def _of_map(site: Site, room: Environment) -> Iterable[Item]:
+def _map_items(site: Site, room: Environment) -> Iterable[Item]:
     owners: dict[str, str] = {}
     selection = site.latest.selection.get("")
     if selection is not None:
@@ -231,7 +231,7 @@ def _of_map(site: Site, room: Environment) -> Iterable[Item]:
             yield Item(name=lamp.id, kind="lamp", position_m=lamp.position_m, lamp=lamp.id)
 
 
-def _moving(site: Site, room: Environment) -> Iterable[Item]:
+def _moving_items(site: Site, room: Environment) -> Iterable[Item]:
     for robot, state in sorted(site.latest.robot.items()):
         activity = state.phase
         if state.user:

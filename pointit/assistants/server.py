@@ -76,12 +76,12 @@ def make_server(tools: Tools) -> MCPServer[Any]:
     @server.resource("pointit://room", title="Map of the room", mime_type="application/json")
     async def room() -> str:
         """Things, lamps, robots and objects with their positions, m, x y z, z up."""
-        return await _read(tools, "pointit://room", _room)
+        return await _read_resource(tools, "pointit://room", _room)
 
     @server.resource("pointit://state", title="Live state", mime_type="application/json")
     async def state() -> str:
         """People who are there, whether they point, and the activity of each robot."""
-        return await _read(tools, "pointit://state", _state)
+        return await _read_resource(tools, "pointit://state", _state)
 
     async def _room() -> Items:
         return await items(tools.site)
@@ -96,7 +96,7 @@ def make_server(tools: Tools) -> MCPServer[Any]:
     return server
 
 
-async def _read(tools: Tools, uri: str, read: Any) -> str:
+async def _read_resource(tools: Tools, uri: str, read: Any) -> str:
     """Return the result of `read` as JSON, and record that it was read. All roles may."""
     try:
         with tools.recorded("", "viewer", uri, {}):

@@ -52,7 +52,7 @@ class SiteConnection:
         while True:
             try:
                 async with self._join() as site:
-                    _receive(site)
+                    _begin_receiving(site)
                     self._site = site
                     log.info("joined site %s", site.name)
                     await site.sleep(FOREVER_S)
@@ -64,7 +64,7 @@ class SiteConnection:
             await asyncio.sleep(RETRY_S)
 
 
-def _receive(site: Site) -> None:
+def _begin_receiving(site: Site) -> None:
     """Begin to receive what tools look up: it is there when the first one is called."""
     latest = site.latest
     for newest in (latest.cursor, latest.pose, latest.interaction, latest.objects, latest.robot):

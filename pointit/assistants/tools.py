@@ -176,7 +176,7 @@ class Tools:
             role = self.role_of(ctx)
             try:
                 name = tool.__name__
-                with self.recorded(caller_of(ctx), role, name, asked), self._counted(name, role):
+                with self.recorded(caller_of(ctx), role, name, asked), self._count_call(name, role):
                     if role not in (needs, "operator"):
                         raise AccessDeniedError(f"{name} needs the operator's token, this is a viewer's")
                     return await tool(self.site, **asked)
@@ -223,7 +223,7 @@ class Tools:
             self._audit.end(call, outcome, text)
 
     @contextlib.contextmanager
-    def _counted(self, tool: str, role: Role) -> Generator[None]:
+    def _count_call(self, tool: str, role: Role) -> Generator[None]:
         """Count a call while the block runs. Raises PointItError if too many run."""
         if self._calls[tool, role] >= MAX_CALLS:
             raise PointItError(f"{MAX_CALLS} calls of {tool} run, the limit: wait until one has ended")

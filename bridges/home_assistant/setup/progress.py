@@ -136,7 +136,7 @@ class SetupProgress:
             return self._known_target
         if self.state.step != "place":
             return None
-        pressed = self._pressed(self.state.place)
+        pressed = self._pressed_targets(self.state.place)
         for target in self.targets:
             if target not in pressed:
                 return target
@@ -146,7 +146,7 @@ class SetupProgress:
     def place(self) -> HomePlace:
         """Return the place at which the person is to stand, or `""` if that does not matter now."""
         if self.is_aligning:
-            has_pressed_here = self.state.step == "place" and bool(self._pressed(self.state.place))
+            has_pressed_here = self.state.step == "place" and bool(self._pressed_targets(self.state.place))
             return self.state.place if has_pressed_here else FIRST
         return self.state.place if self.state.step == "place" else ""
 
@@ -216,7 +216,7 @@ class SetupProgress:
         if target is None:
             raise RefusedError("it is no lamp's turn now")
         if self.is_aligning:
-            self._align(target, azimuth_rad)
+            self._align_yaw(target, azimuth_rad)
             return
         lamp, end = target
         press = LampPress(
@@ -379,7 +379,7 @@ class SetupProgress:
         first = self.state.placed[0]
         return (first.lamp, first.end)
 
-    def _align(self, target: tuple[str, End], azimuth_rad: float) -> None:
+    def _align_yaw(self, target: tuple[str, End], azimuth_rad: float) -> None:
         """Find the zero of the device's yaw from the azimuth in {H} of a lamp that is known."""
         state = self.state
         known_rad = self._known_azimuth(target)
@@ -416,7 +416,7 @@ class SetupProgress:
         presses = tuple(press for press in self.state.presses if press.lamp not in reasons)
         self._change(left_out=self.state.left_out | reasons, presses=presses)
 
-    def _pressed(self, place: str) -> set[tuple[str, End]]:
+    def _pressed_targets(self, place: str) -> set[tuple[str, End]]:
         return {(press.lamp, press.end) for press in self.state.presses if press.place == place}
 
     def _set_pose(self, position_m: tuple[float, float], yaw_rad: float) -> None:

@@ -106,7 +106,7 @@ class SetupSession:
         bus.subscribe(RAY, self._on_ray)
         bus.subscribe(IMU, self._on_imu)
         bus.subscribe(BUTTON, self._on_button)
-        self._report()
+        self._report_progress()
 
     def config_of(self, config: HomeAssistantConfig) -> HomeAssistantConfig:
         """Return `config` with the address that was set up, and the token's file."""
@@ -139,16 +139,16 @@ class SetupSession:
         async with self._acting:
             if query.act != "read":
                 self._problem = ""
-                await self._act(query)
-                await self._store()
+                await self._perform_act(query)
+                await self._store_progress()
             await self._read_entities()
-            return await self._reply(connection_problem)
+            return await self._make_reply(connection_problem)
 
-    async def _act(self, query: SetUpHome) -> None:
+    async def _perform_act(self, query: SetUpHome) -> None:
         """Do one act. Raises PointItError."""
         progress = self.progress
         without_values: dict[str, Callable[[], None]] = {
-            "press": self._press,
+            "press": self._process_press,
             "take_back": progress.take_back,
             "walk": progress.walk,
             "stay": progress.stay,
@@ -163,7 +163,7 @@ class SetupSession:
         elif query.act in ("connect", "without"):
             self._set_address(query)
         elif query.act == "choose":
-            await self._choose(query.lamps)
+            await self._choose_lamps(query.lamps)
         elif query.act == "show":
             name = query.lamps[0] if query.lamps else ""
             self._shown = (name, self._loop.time() + SHOWN_S)
@@ -182,8 +182,8 @@ class SetupSession:
         self._entities_s = -math.inf
         self.address_changed.set()
 
-    async def _choose(self, names: Sequence[str]) -> None:
-        offered = {lamp.id: lamp for lamp in await self._offered()}
+    async def _choose_lamps(self, names: Sequence[str]) -> None:
+        offered = {lamp.id: lamp for lamp in await self._offered_lamps()}
         offered |= {lamp.id: lamp for lamp in self.progress.state.lamps}  # one may be missing for a moment
         for name in names:
             if name not in offered:
@@ -191,14 +191,14 @@ class SetupSession:
         chosen = [offered[name] for name in dict.fromkeys(names)]
         self.progress.choose(chosen, tuple(offered))
 
-    def _report(self) -> None:
+    def _report_progress(self) -> None:
         """Report a home that is not set up yet: `pointit doctor` and the page show it."""
         sentence = "the home is not set up yet: go on with its cards in the page"
         if self.progress.state.step == "done":
             sentence = ""
         self._bus.warn("set-up", sentence, severity="note")
 
-    async def _store(self) -> None:
+    async def _store_progress(self) -> None:
         """Locate the lamps once all presses are there. Store the state after the files from it."""
         progress = self.progress
         state_before = progress.state
@@ -226,9 +226,9 @@ class SetupSession:
             self.files.draft.unlink(missing_ok=True)
         if stored != progress.state:
             await asyncio.to_thread(self.files.state.write, progress.state)
-        self._report()
+        self._report_progress()
 
-    async def _offered(self) -> list[ChosenLamp]:
+    async def _offered_lamps(self) -> list[ChosenLamp]:
         """Return all lamps that can be chosen."""
         lamps: list[ChosenLamp] = []
         for entity in self._entities:
@@ -263,7 +263,7 @@ class SetupSession:
         is_map_enough = all(_is_of_map(lamp.id) for lamp in state.lamps)
         return "" if is_map_enough else connection_problem
 
-    async def _reply(self, connection_problem: str) -> HomeSetup:
+    async def _make_reply(self, connection_problem: str) -> HomeSetup:
         """Return the content of the present card."""
         progress = self.progress
         state = progress.state
@@ -275,7 +275,7 @@ class SetupSession:
             advice = await asyncio.to_thread(advice_on, content, self.files.map, state.places_m)
         has_token = self.files.token.exists()
         is_connected = self._connection is not None
-        lamps = tuple(await self._lamps())
+        lamps = tuple(await self._shown_lamps())
 
         # From here on nothing waits: place, poses and pose are those of one moment.
         name = ""
@@ -322,7 +322,7 @@ class SetupSession:
             advice=shown_advice,
         )
 
-    async def _lamps(self) -> list[HomeLamp]:
+    async def _shown_lamps(self) -> list[HomeLamp]:
         """Return the lamps of the present card."""
         progress = self.progress
         state = progress.state
@@ -330,7 +330,7 @@ class SetupSession:
         chosen = {lamp.id: lamp for lamp in state.lamps}
         listed = list(state.lamps)
         if state.step in ("choose", "done"):
-            offered = {lamp.id: lamp for lamp in await self._offered()}
+            offered = {lamp.id: lamp for lamp in await self._offered_lamps()}
             for name, lamp in chosen.items():
                 offered.setdefault(name, lamp)  # one that is missing for a moment stays in the list
             listed = list(offered.values())
@@ -362,7 +362,7 @@ class SetupSession:
 
     # Presses.
 
-    def _press(self) -> None:
+    def _process_press(self) -> None:
         """Note a press with the rays before it. Raises RefusedError."""
         now_s = self._loop.time()
         rays = [ray for received_s, ray in self._rays if now_s - received_s <= PRESS_RAYS_S]
@@ -387,8 +387,8 @@ class SetupSession:
         async with self._acting:
             self._problem = ""
             try:
-                self._press()
-                await self._store()
+                self._process_press()
+                await self._store_progress()
             except PointItError as error:
                 self._problem = str(error)
 
@@ -421,10 +421,10 @@ class SetupSession:
         try:
             self.progress.on_connected()
             async with self._acting:
-                await self._store()
+                await self._store_progress()
                 await asyncio.to_thread(self.files.write_site, self.progress.state)
             while not self.address_changed.is_set():
-                await self._light(connection)
+                await self._light_spot(connection)
                 await asyncio.sleep(TICK_S)
         finally:
             self._connection = None
@@ -455,7 +455,7 @@ class SetupSession:
         lamp, _ = target
         return "" if _is_of_map(lamp) else lamp
 
-    async def _light(self, connection: HomeAssistantConnection) -> None:
+    async def _light_spot(self, connection: HomeAssistantConnection) -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""
         previous_spot = self._spot
         self._spot = self._wanted_spot()

@@ -165,7 +165,7 @@ class Devices:
         """Connect the stored devices, and end the processes of all when cancelled."""
         try:
             if self.address:
-                self._begin_stored()
+                self._start_stored()
             await asyncio.Event().wait()
         finally:
             tasks: list[asyncio.Task[None]] = []
@@ -243,10 +243,10 @@ class Devices:
         # It is stored before anything ends, so that a file that cannot be written changes nothing
         ended = {device.id}
         ended.update(previous.id for previous in connected)  # a device has one wearer, or one strip
-        self._store(ended, device)
+        self._replace_stored(ended, device)
         for device_id in ended:
-            await self._end(device_id)
-        self._begin(device)
+            await self._stop_device(device_id)
+        self._start_device(device)
 
         if device.kind == "wrist":
             outcome = f"{device.name} joins"
@@ -262,8 +262,8 @@ class Devices:
         """
         async with self._changing:
             device = self._device(device_id)
-            self._store({device_id})
-            await self._end(device_id)
+            self._replace_stored({device_id})
+            await self._stop_device(device_id)
         self.changed()
         return {"message": f"{device.label} is disconnected and forgotten"}
 
@@ -307,7 +307,7 @@ class Devices:
             running.progress = line
             self.changed()
 
-        measure = ("person", "calibrate", "mounting", "--non-interactive", "--json", *self._link)
+        measure = ("person", "calibrate", "mounting", "--non-interactive", "--json", *self._site_arguments)
         arguments = (*measure, "--", device.name)
         try:
             problem = await run_command(arguments, on_log_line, result.update)
@@ -319,7 +319,7 @@ class Devices:
 
     # Processes.
 
-    def _begin_stored(self) -> None:
+    def _start_stored(self) -> None:
         try:
             stored = self._file.read() or StoredDevices()
         except ConfigError as error:
@@ -329,9 +329,9 @@ class Devices:
         # A file that was written by hand may have one twice: the last entry counts
         devices = {device.id: device for device in stored.devices}
         for device in devices.values():
-            self._begin(device)
+            self._start_device(device)
 
-    def _begin(self, device: ConnectedDevice) -> None:
+    def _start_device(self, device: ConnectedDevice) -> None:
         running = self._running[device.id] = _Running(device)
         if device.kind == "light" and device.option == self.run_output:
             problem = (
@@ -339,10 +339,10 @@ class Devices:
             )
             self._set_problem(running, problem)
             return
-        running.task = asyncio.create_task(self._serve(running), name=f"device {device.id}")
+        running.task = asyncio.create_task(self._run_device(running), name=f"device {device.id}")
         self.changed()
 
-    async def _serve(self, running: _Running) -> None:
+    async def _run_device(self, running: _Running) -> None:
         """Run the process of a device until it ends, and report its problems."""
         device = running.device
         arguments = self._arguments(device)
@@ -366,9 +366,17 @@ class Devices:
     def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
         """Return the command of `device`. Names follow `=` or `--`: one that begins with `-` is no option."""
         if device.kind == "light":
-            return ("output", "add", f"--strip={device.name}", "--json", *self._link, "--", device.option)
+            return (
+                "output",
+                "add",
+                f"--strip={device.name}",
+                "--json",
+                *self._site_arguments,
+                "--",
+                device.option,
+            )
 
-        arguments = ["person", "add", f"--imu={device.option}", "--no-view", *self._link]
+        arguments = ["person", "add", f"--imu={device.option}", "--no-view", *self._site_arguments]
         if self._localizes:
             arguments.append("--localize")
         if device.plugin in MOUNTINGS:
@@ -378,10 +386,10 @@ class Devices:
         return (*arguments, "--", device.name)
 
     @property
-    def _link(self) -> tuple[str, ...]:
+    def _site_arguments(self) -> tuple[str, ...]:
         return ("--site", self.bus.site, "--connect", self.address)
 
-    async def _end(self, device_id: str) -> None:
+    async def _stop_device(self, device_id: str) -> None:
         running = self._running.pop(device_id, None)
         if running is not None and running.task is not None:
             running.task.cancel()
@@ -403,7 +411,7 @@ class Devices:
     def _path(self) -> Path:
         return site_folder(self.bus.site, "web") / "devices.json"
 
-    def _store(self, removed_ids: Collection[str], *added: ConnectedDevice) -> None:
+    def _replace_stored(self, removed_ids: Collection[str], *added: ConnectedDevice) -> None:
         """Store devices without touching those of another run of the site."""
         if self._is_damaged:
             with contextlib.suppress(OSError):

@@ -82,7 +82,7 @@ async def _run_child(
         await asyncio.gather(_read_lines(child.stderr, on_log), _read_objects(child.stdout, on_object))
         code = await child.wait()
     finally:
-        await _end(child)
+        await _stop_process(child)
     if not code:
         return ""
     return reason.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
@@ -122,7 +122,7 @@ async def _read_objects(stream: asyncio.StreamReader | None, on_object: Callable
     await _read_lines(stream, on_line)
 
 
-async def _end(child: asyncio.subprocess.Process) -> None:
+async def _stop_process(child: asyncio.subprocess.Process) -> None:
     """End the process and close its pipes, even if this task is cancelled meanwhile: a loop closes."""
     # It may end in its own time, but is killed after that
     if child.returncode is None:

@@ -69,7 +69,7 @@ class HomeSite:
             await asyncio.to_thread(self._store_token, token.get_secret_value().strip())
         reply = await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
         async with self._working:
-            await self._follow(reply, pixels)
+            await self._apply_reply(reply, pixels)
         return reply.model_dump(mode="json")
 
     def _store_token(self, token: str) -> None:
@@ -80,7 +80,7 @@ class HomeSite:
             )
         write_atomically(expand_home(self._folder) / TOKEN_FILE, token.encode(), mode=0o600)
 
-    async def _follow(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
+    async def _apply_reply(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Send the requests that an answer calls for: map, pose and light."""
         # The map of this home alone: the right to any map is an operator's
         version = await asyncio.to_thread(_version_of, reply.map)
@@ -99,9 +99,9 @@ class HomeSite:
 
         # A light that fails is no reason to stop: the card has its name
         with contextlib.suppress(PointItError):
-            await self._show(reply, pixels)
+            await self._show_target(reply, pixels)
 
-    async def _show(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
+    async def _show_target(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Light the end of a strip, or the lamp of the map, whose turn it is."""
         # The previous lamp is its own again before the next one is lit
         lamp = ""

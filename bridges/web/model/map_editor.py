@@ -52,7 +52,7 @@ class MapEditor:
         Raises:
             PointItError: If it cannot be read here.
         """
-        return await self._beside(_read, await self._used())
+        return await self._run_in_thread(_read_file, await self._used_path())
 
     async def check(self, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
         """Return the `findings` on the map after `edits`.
@@ -60,7 +60,7 @@ class MapEditor:
         Raises:
             PointItError: If the edits are impossible, or the file is not that of `digest` any more.
         """
-        return await self._beside(_check, await self._used(), edits, digest)
+        return await self._run_in_thread(_check_file, await self._used_path(), edits, digest)
 
     async def save(self, edits: Sequence[Edit], digest: str, name: str) -> dict[str, Any]:
         """Save the map after `edits`, as another file beside it if `name` is one, and have it used.
@@ -72,7 +72,7 @@ class MapEditor:
             PointItError: If the edits are impossible, the file is not that of `digest` any more, a file
                 `name` is there already, or it cannot be written. Then nothing is.
         """
-        path = await self._beside(_save, await self._used(), edits, digest, name)
+        path = await self._run_in_thread(_save_file, await self._used_path(), edits, digest, name)
         log.info("a page has saved the map %s with %d edits", path, len(edits))
         shown = shown_path(path)
         message = f"saved as {shown}, and people point at it"
@@ -88,20 +88,20 @@ class MapEditor:
         except PointItError as error:
             reason = with_shown_path(str(error), path)
             message = f"saved as {shown}, but the site still uses the map as it was: {reason}"
-        saved_map = await self._beside(_read, str(path))
+        saved_map = await self._run_in_thread(_read_file, str(path))
         return {**saved_map, "message": message}
 
-    async def _used(self) -> str:
+    async def _used_path(self) -> str:
         reply = await self._bus.call(USE_MAP, UseMap())
         return reply.path
 
-    async def _beside(self, work: Callable[..., T], *arguments: Any) -> T:
+    async def _run_in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
         async with self._work:
             return await in_daemon_thread(functools.partial(work, *arguments), "map editor")
 
 
 @contextlib.contextmanager
-def _opened(name_or_path: str) -> Generator[tuple[Path, bytes]]:
+def _opened_file(name_or_path: str) -> Generator[tuple[Path, bytes]]:
     """Yield the path and content of a map."""
     with map_path(name_or_path) as path:
         try:
@@ -124,7 +124,7 @@ def _is_shipped(path: Path) -> bool:
     return isinstance(folder, Path) and path.resolve().parent == folder.resolve()
 
 
-def _examined(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[str, str]]]:
+def _examine(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[str, str]]]:
     """Return a map's contents in words, `""` if it cannot be read, and the first findings."""
     from pointit.maps.checks.check import examined  # noqa: PLC0415 - loads scipy, which most pages never need
 
@@ -132,10 +132,10 @@ def _examined(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[s
     return has, [dataclasses.asdict(finding) for finding in findings[:MAX_FINDINGS]]
 
 
-def _read(name_or_path: str) -> dict[str, Any]:
-    with _opened(name_or_path) as (path, content):
+def _read_file(name_or_path: str) -> dict[str, Any]:
+    with _opened_file(name_or_path) as (path, content):
         file = parse_map_file(content, path)
-        _, findings = _examined(path, lambda: file)
+        _, findings = _examine(path, lambda: file)
         return {
             "path": str(path),
             "shipped": _is_shipped(path),
@@ -145,22 +145,22 @@ def _read(name_or_path: str) -> dict[str, Any]:
         }
 
 
-def _after(path: Path, content: bytes, edits: Sequence[Edit], digest: str) -> bytes:
+def _edited_content(path: Path, content: bytes, edits: Sequence[Edit], digest: str) -> bytes:
     if _digest(content) != digest:
         raise StaleMapError(f"{path} was changed by somebody else since it was loaded here: load it again")
     return edited(content, edits, path)
 
 
-def _check(name_or_path: str, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
-    with _opened(name_or_path) as (path, content):
-        text = _after(path, content, edits, digest)
-        _, findings = _examined(path, lambda: parse_map_file(text, path))
+def _check_file(name_or_path: str, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
+    with _opened_file(name_or_path) as (path, content):
+        text = _edited_content(path, content, edits, digest)
+        _, findings = _examine(path, lambda: parse_map_file(text, path))
         return {"findings": findings}
 
 
-def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> Path:
-    with _opened(name_or_path) as (path, content):
-        text = _after(path, content, edits, digest)
+def _save_file(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> Path:
+    with _opened_file(name_or_path) as (path, content):
+        text = _edited_content(path, content, edits, digest)
         is_shipped = _is_shipped(path)
         if is_shipped and not name:
             raise RefusedError(f"{path.stem} comes with PointIt and stays as it is: give your copy a name")
@@ -174,7 +174,7 @@ def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> P
             target = folder / f"{stem}{SUFFIX}"
 
         # It is written only if it can be read again
-        has, findings = _examined(target, lambda: parse_map_file(text, target))
+        has, findings = _examine(target, lambda: parse_map_file(text, target))
         if not has:
             raise RefusedError(f"not saved: {findings[0]['where']}: {findings[0]['text']}")
         if name:

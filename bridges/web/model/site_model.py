@@ -180,7 +180,7 @@ class SiteObservation:
         return "none" if own_source == 0.0 else "device"
 
     def _observe(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
-        """Return what is known of the site, and note the services that are missing from now on."""
+        """Return the observation of the site now, and store the services that are missing from now on."""
         began_s = max(self._began_s, now_s - WINDOW_S)  # older than this observation
         reports = {name: tuple(received) for name, received in self._reports.items() if received}
         observation = Observation(

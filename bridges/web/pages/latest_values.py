@@ -155,7 +155,7 @@ class LatestValueCache:
             self._events.append((stamp_ns, change))
             self._event_count += 1
             return
-        self._set(change)
+        self._store_change(change)
         if urgent:
             self.urgent_version = self._version
 
@@ -174,7 +174,7 @@ class LatestValueCache:
         """Mark a key's message as no longer valid, if there is one."""
         entry = self._entries.get((topic.key, name))
         if entry is not None and entry.change[2] is not None:
-            self._set((topic.key, name, None))
+            self._store_change((topic.key, name, None))
 
     def become(self, other: "LatestValueCache") -> None:
         """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
@@ -185,11 +185,11 @@ class LatestValueCache:
         new_keys = {(key, name) for key, name, _ in new_states}
         for key, name, _ in old_states:
             if (key, name) not in new_keys:
-                self._set((key, name, None))
+                self._store_change((key, name, None))
         held = set(old_states)
         for change in new_states:
             if change not in held:
-                self._set(change)
+                self._store_change(change)
 
         self._events.clear()
         self._past = []
@@ -241,7 +241,7 @@ class LatestValueCache:
         behind = min(self._event_count - count, kept)
         return [self._events[index][1] for index in range(kept - behind, kept)]
 
-    def _set(self, change: Change) -> None:
+    def _store_change(self, change: Change) -> None:
         key = (change[0], change[1])
         self._entries.pop(key, None)
         self._version += 1

@@ -259,7 +259,7 @@ class PageSession:
                 return
 
             # Acknowledgements are as many as batches are sent. Of viewers, all else and errors cost.
-            parsed = self._understood(message.get("text"))
+            parsed = self._parse_message(message.get("text"))
             is_free = isinstance(parsed, Ack) and self._on_ack(parsed)
             if self._viewer_bucket is not None and not is_free:
                 await asyncio.sleep(self._viewer_bucket.reserve(self._loop.time()))
@@ -274,7 +274,7 @@ class PageSession:
             elif isinstance(parsed, AimAt | Play | Turn | HeadsetMotion):
                 self._on_motion(parsed)
 
-    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | HeadsetMotion | None:
+    def _parse_message(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | HeadsetMotion | None:
         if text is None:
             self._on_malformed("page", "binary messages are not accepted")
             return None
@@ -334,9 +334,9 @@ class PageSession:
         await self._slots.acquire()
         task = self._loop.create_task(self._answer(ask), name=f"{self.page} asks")
         self._answering.add(task)
-        task.add_done_callback(self._answered)
+        task.add_done_callback(self._on_answered)
 
-    def _answered(self, task: asyncio.Task[None]) -> None:
+    def _on_answered(self, task: asyncio.Task[None]) -> None:
         self._answering.discard(task)
         self._slots.release()
 

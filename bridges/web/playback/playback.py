@@ -46,7 +46,7 @@ class Playback:
     def play(self, now_s: float, *, is_playing: bool | None = None, speed: float | None = None) -> None:
         """Play or pause, and set the speed."""
         # The position is that of the speed until now
-        self._move(self.at_ns(now_s), now_s)
+        self._set_position(self.at_ns(now_s), now_s)
         if speed is not None:
             self.speed = speed
         if is_playing is not None:
@@ -62,7 +62,7 @@ class Playback:
         for entry in past.states_at(at_ns):
             is_event = isinstance(entry.row, Topic) and entry.row.delivery is Delivery.EVENT
             if not is_event:
-                self._apply(entry, model)
+                self._apply_entry(entry, model)
 
         # The page's feed reads the cache of before, which takes over the new states
         cache = self.model.cache
@@ -71,8 +71,8 @@ class Playback:
         self.model = model
         self._entries = past.entries(at_ns)
         self._next = next(self._entries, None)
-        self._move(at_ns, now_s)
-        self._tick()
+        self._set_position(at_ns, now_s)
+        self._tick_model()
 
     def step(self, by: int, now_s: float) -> None:
         """Pause, and go to the next entry, or with `by` < 0 to the one before."""
@@ -84,16 +84,16 @@ class Playback:
             return
         if self._next is not None:
             at_ns = self._play_until(self._next.time_ns)
-            self._move(at_ns, now_s)
-            self._tick()
+            self._set_position(at_ns, now_s)
+            self._tick_model()
 
     def advance(self, now_s: float) -> None:
         """Play the entries until the position of `now_s`."""
         if not self.is_playing:
             return
         at_ns = self._play_until(self.at_ns(now_s))
-        self._move(at_ns, now_s)
-        self._tick()
+        self._set_position(at_ns, now_s)
+        self._tick_model()
         if at_ns >= self._past.ended_ns:
             self.is_playing = False
 
@@ -102,7 +102,7 @@ class Playback:
         people = [PersonLine(user=user) for user in sorted(self.model.state.people)]
         return self.model.status(people, self._at_ns / NS_PER_S, viewers=1, lan_url="", speed=1.0)
 
-    def _move(self, at_ns: int, now_s: float) -> None:
+    def _set_position(self, at_ns: int, now_s: float) -> None:
         self._at_ns = at_ns
         self._since_s = now_s
 
@@ -110,11 +110,11 @@ class Playback:
         for _ in range(MAX_AT_ONCE):
             if self._next is None or self._next.time_ns > at_ns:
                 return at_ns
-            self._apply(self._next, self.model)
+            self._apply_entry(self._next, self.model)
             self._next = next(self._entries, None)
         return at_ns if self._next is None else min(at_ns, self._next.time_ns)
 
-    def _apply(self, entry: Entry, model: SiteModel) -> None:
+    def _apply_entry(self, entry: Entry, model: SiteModel) -> None:
         at_s = entry.time_ns / NS_PER_S
         row = entry.row
         name = entry.name
@@ -128,7 +128,7 @@ class Playback:
         elif row is USER_ALIVE:
             model.set_person(name, present=bool(body))
 
-    def _tick(self) -> None:
+    def _tick_model(self) -> None:
         """Remove what is no longer valid, once a recorded second."""
         at_s = self._at_ns // NS_PER_S
         if at_s != self._ticked_s:

@@ -178,15 +178,17 @@ class Lanes:
 
     def add(self, at_ns: int, row: AnyRow, name: str, body: Body) -> None:
         """Update the lanes from the fields of an entry; entries come in order of time."""
-        self._settle(at_ns)
+        self._show_missing_services(at_ns)
         if isinstance(body, Interaction):
-            self._set("interaction", name, "", "" if body.state == "idle" else body.state, at_ns)
+            self._set_interval("interaction", name, "", "" if body.state == "idle" else body.state, at_ns)
         elif isinstance(body, RobotState):
             state = (body.user, body.phase, bool(body.reason))
-            self._set("robot", name, instance_of(ROBOT, name), _robot(body), at_ns, identity=state)
+            self._set_interval(
+                "robot", name, instance_of(ROBOT, name), _robot_text(body), at_ns, identity=state
+            )
         elif isinstance(body, Hover):
             if body.object_id or ("hover", name, "") in self._open:
-                self._set("hover", name, "", self._called(body.object_id), at_ns)
+                self._set_interval("hover", name, "", self._object_name(body.object_id), at_ns)
         elif isinstance(body, SelectionEvent | ActOutcome):
             self._on_event(self._act_results.event_to_show(body), at_ns)
         elif isinstance(body, Health):
@@ -233,7 +235,7 @@ class Lanes:
             lanes.append(Lane(kind=kind, user=user, items=tuple(shown_items)))
         return tuple(lanes)
 
-    def _settle(self, at_ns: int) -> None:
+    def _show_missing_services(self, at_ns: int) -> None:
         """Show the services that have left and are still missing after a while."""
         while self._gone and at_ns - self._gone[0][0] > GRACE_NS:
             gone_ns, instance = self._gone.popleft()
@@ -246,9 +248,9 @@ class Lanes:
             if present:
                 self._append_item("interaction", name, None)
             else:
-                self._close(name, "", at_ns)
+                self._end_intervals(name, "", at_ns)
         elif row is SERVICE_ALIVE and not present:
-            self._close("", name, at_ns)
+            self._end_intervals("", name, at_ns)
             self._gone.append((at_ns, name))
 
     def _on_health(self, health: Health, instance: str, at_ns: int) -> None:
@@ -258,12 +260,12 @@ class Lanes:
             sentences = "; ".join(problem.sentence for problem in problems)
             text = f"{instance}: {sentences}"
         identities = [problem.identity for problem in problems]
-        self._set("warnings", health.user, instance, text, at_ns, identity=identities)
+        self._set_interval("warnings", health.user, instance, text, at_ns, identity=identities)
 
     def _on_event(self, event: SelectionEvent | None, at_ns: int) -> None:
         if event is None:
             return
-        thing = self._called(event.object_id, event.kind)
+        thing = self._object_name(event.object_id, event.kind)
 
         # Without wanted kinds, or a kind, nothing is wrong
         wanted: set[str] = set()
@@ -282,7 +284,7 @@ class Lanes:
             if wanted and is_wanted:
                 self._append_item("misses", "", (at_ns, at_ns, f"{thing} left without being selected"))
 
-    def _called(self, object_id: str, kind: str = "") -> str:
+    def _object_name(self, object_id: str, kind: str = "") -> str:
         """Return the name of an object in the page, such as `red 24`, or `""` without an object."""
         if object_id and not kind:
             kind = self._kind_of(object_id)
@@ -299,7 +301,7 @@ class Lanes:
                     return tracked_object.kind
         return ""
 
-    def _set(
+    def _set_interval(
         self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int, *, identity: object = None
     ) -> None:
         """End the interval that is open, and begin another one if `text` is not empty.
@@ -320,11 +322,11 @@ class Lanes:
                 del self._open[next(iter(self._open))]
             self._open[key] = (at_ns, text[:MAX_TEXT], identity)
 
-    def _close(self, user: str, instance: str, at_ns: int) -> None:
+    def _end_intervals(self, user: str, instance: str, at_ns: int) -> None:
         """End the open intervals of a service that has gone, or without one those of a person who has."""
         for kind, open_user, open_instance in list(self._open):
             if open_instance == instance and (instance or open_user == user):
-                self._set(kind, open_user, instance, "", at_ns)
+                self._set_interval(kind, open_user, instance, "", at_ns)
 
     def _append_item(self, kind: LaneKind, user: str, item: Item | None) -> None:
         """Add `item` to its lane, or only create the lane if it is None."""
@@ -334,7 +336,7 @@ class Lanes:
                 items.append((item[0], item[1], item[2][:MAX_TEXT]))
 
 
-def _robot(state: RobotState) -> str:
+def _robot_text(state: RobotState) -> str:
     """Return the phase of a robot, its owner and its reason, or `""` while it stands and nobody steers it."""
     is_at_rest = state.phase in ("idle", "landed")
     if is_at_rest and not state.user and not state.reason:
@@ -393,9 +395,9 @@ class Recent:
         self._window_ns = round(window_s * NS_PER_S)
         self._newest: dict[Key, Moment] = {}
         """By key, as far as it is valid now."""
-        self._begin(0)
+        self._restart(0)
 
-    def _begin(self, at_ns: int) -> None:
+    def _restart(self, at_ns: int) -> None:
         """Begin with the states that are valid, as of `at_ns`."""
         self._last_ns = at_ns
         for key, state in self._newest.items():
@@ -424,7 +426,7 @@ class Recent:
         """
         # A clock that is set back a little stands until it is there again
         if at_ns < self._last_ns - STEP_NS:
-            self._begin(at_ns)
+            self._restart(at_ns)
         at_ns = max(at_ns, self._last_ns)
         self._last_ns = at_ns
 

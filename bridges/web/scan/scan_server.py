@@ -91,9 +91,9 @@ class ScanServer:
     def routes(self) -> list[BaseRoute]:
         """Return the routes for pages that map the room."""
         routes: list[BaseRoute] = [
-            Route("/scan", self._open, methods=["GET"]),
+            Route("/scan", self._open_scan, methods=["GET"]),
             Route("/scan", self._on_message, methods=["POST"]),
-            Route("/scan/map.yaml", self._map, methods=["GET"]),
+            Route("/scan/map.yaml", self._download_map, methods=["GET"]),
         ]
         if self._room is not None:
             routes.append(Route("/scan/room", self._see_room, methods=["GET"]))
@@ -117,7 +117,7 @@ class ScanServer:
             self._lit_seq += 1
             self._changed.set()
 
-    async def _open(self, request: Request) -> Response:
+    async def _open_scan(self, request: Request) -> Response:
         token = request.query_params.get("token")
         if token is not None:
             secret = self._pairing.redeem(token, time.monotonic())
@@ -170,7 +170,7 @@ class ScanServer:
         self._open_until_s = now_s + OPEN_S
         return may_begin
 
-    async def _map(self, request: Request) -> Response:
+    async def _download_map(self, request: Request) -> Response:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
         try:

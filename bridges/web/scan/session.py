@@ -240,7 +240,7 @@ class ScanSession:
         """
         match message:
             case ScanBegin():
-                self._begin(message)
+                self._begin_scan(message)
             case ScanView():
                 self._add_view(message)
             case ScanUndo():
@@ -250,7 +250,7 @@ class ScanSession:
             case ScanLook():
                 pass
 
-    def _begin(self, message: ScanBegin) -> None:
+    def _begin_scan(self, message: ScanBegin) -> None:
         if max(self._counts.values(), default=0) < 2:
             raise RefusedError(
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "

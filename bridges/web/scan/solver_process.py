@@ -84,12 +84,12 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
         is_complete=scan.complete(),
         advice=" ".join(capitalized),
         next_m=advice.position_m if advice is not None else None,
-        thing=functools.partial(_thing, scan, size),
+        thing=functools.partial(_solved_thing, scan, size),
         map_text=functools.partial(_map_text, scan, size),
     )
 
 
-def _corners(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> "list[PointedAt]":
+def _located_corners(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> "list[PointedAt]":
     from pointit.scan.by_tapping import Tap, locate  # noqa: PLC0415
 
     corners: list[PointedAt] = []
@@ -99,11 +99,11 @@ def _corners(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> "list[Poi
     return corners
 
 
-def _thing(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> ScanStrip:
+def _solved_thing(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> ScanStrip:
     """Return a thing for pages. Raises RefusedError if its corners span none."""
     from pointit.scan.by_tapping import tapped_text  # noqa: PLC0415
 
-    corners = _corners(scan, size, thing)
+    corners = _located_corners(scan, size, thing)
     for corner in corners:
         if corner.reason:
             raise RefusedError(corner.reason)
@@ -136,7 +136,7 @@ def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence
     placed = scan.placed((x_m, y_m, 0.0), heading_rad)
 
     # Things are located in the same frame as the strips
-    shapes = {thing.name: (thing.shape, _corners(placed, size, thing)) for thing in things}
+    shapes = {thing.name: (thing.shape, _located_corners(placed, size, thing)) for thing in things}
     head = (
         "# Origin of the scan: at the height of the lowest light, "
         f"below the first LED of {base.name}{x_axis}.\n"

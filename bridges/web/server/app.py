@@ -83,7 +83,7 @@ class Downloads:
     async def answer(self, _request: Request) -> Response:
         """Return the last minute as a file. A request during writing gets that file."""
         if self._writing is None or self._writing.done():
-            self._writing = asyncio.create_task(self._write(), name="web writes a recording")
+            self._writing = asyncio.create_task(self._write_file(), name="web writes a recording")
         name, content = await asyncio.shield(self._writing)  # others may wait for it, too
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
         return Pieces(content, headers=headers, media_type="application/octet-stream")
@@ -93,7 +93,7 @@ class Downloads:
         if self._writing is not None:
             self._writing.cancel()
 
-    async def _write(self) -> tuple[str, bytes]:
+    async def _write_file(self) -> tuple[str, bytes]:
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
         past = self._recent.past(now_ns)
@@ -139,7 +139,7 @@ class _Page:
         token = request.query_params.get("token")
         if token is not None:
             if self._access.enter(token, info, now_s) is None:
-                return await self._refused(info, now_s)
+                return await self._refuse(info, now_s)
             # redirected, so that the token does not stay in the address bar
             if info.site == "cross-site":
                 response: Response = HTMLResponse(ONWARDS)
@@ -149,7 +149,7 @@ class _Page:
             response.headers["Cache-Control"] = "no-store"
             return response
         if self._access.admit(info, now_s) is None:
-            return await self._refused(info, now_s)
+            return await self._refuse(info, now_s)
         return file_response(request, self._bundle, "index.html")
 
     async def socket(self, socket: WebSocket) -> None:
@@ -185,7 +185,7 @@ class _Page:
         if self._access.is_rate_limited(info.address, time.monotonic()):
             await asyncio.sleep(REFUSAL_S)
 
-    async def _refused(self, info: RequestInfo, now_s: float) -> Response:
+    async def _refuse(self, info: RequestInfo, now_s: float) -> Response:
         await self._slow_down(info)
         if self._access.is_rate_limited(info.address, now_s):
             return refusal(429, "Not now", BARRED)

@@ -60,7 +60,7 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
 
     # The stored one. Browsers warn of a new one again, so its damage is worth a sentence.
     try:
-        stored = _read(certificate_file, key_file)
+        stored = _read_certificate(certificate_file, key_file)
         if _fits(stored, names, all_addresses, now):
             certificate = stored
     except FileNotFoundError:
@@ -95,7 +95,7 @@ def _names(host: str) -> set[str]:
     return {"localhost"}
 
 
-def _read(certificate: Path, key: Path) -> x509.Certificate:
+def _read_certificate(certificate: Path, key: Path) -> x509.Certificate:
     """Return the stored certificate.
 
     Raises:

@@ -200,7 +200,7 @@ class Listener:
         # They had a second to close by themselves
         closing = {connection for connection in self._state.connections if connection.transport.is_closing()}
         for connection in closing & self._lingering:
-            _cut(connection)
+            _cut_connection(connection)
         self._lingering = closing
 
         # A connection is alive if it has a new request, works on one, or its client has read something
@@ -216,7 +216,7 @@ class Listener:
                 visit.owed = owed
                 visit.since_s = now_s
             elif now_s - visit.since_s > QUIET_S:
-                _cut(connection)
+                _cut_connection(connection)
 
     async def close(self) -> None:
         """Stop accepting, and close or cut every connection."""
@@ -237,7 +237,7 @@ class Listener:
 
         # What is left is cut
         for connection in list(state.connections):
-            _cut(connection)
+            _cut_connection(connection)
         for task in state.tasks:
             task.cancel()
         if state.tasks:
@@ -287,9 +287,9 @@ class Listener:
         self._unserved.add(accepted)
         task = asyncio.create_task(self._let_in(accepted, address), name=f"port {self.port} lets in")
         self._arriving[task] = address
-        task.add_done_callback(functools.partial(self._arrived, accepted))
+        task.add_done_callback(functools.partial(self._on_arrived, accepted))
 
-    def _arrived(self, accepted: socket.socket, task: asyncio.Task[None]) -> None:
+    def _on_arrived(self, accepted: socket.socket, task: asyncio.Task[None]) -> None:
         self._arriving.pop(task, None)
         if accepted in self._unserved:  # cancelled before it began
             self._hang_up(accepted)
@@ -330,20 +330,20 @@ class Listener:
         idle = [connection for connection in oldest if not _is_busy(connection)]
         for connection in idle or crowd[:1] or [newest]:
             del self._visits[connection]
-            _cut(connection)
+            _cut_connection(connection)
 
     def _make_connection(self) -> asyncio.Protocol:
         return H11Protocol(self._config, self._state, {})
 
 
-def _cut(connection: Any) -> None:
+def _cut_connection(connection: Any) -> None:
     """Close it at once; TLS that was closed twice, for which 3.11.2 raises, by `ssl_shutdown_timeout`."""
     with contextlib.suppress(AttributeError):
         connection.transport.abort()
 
 
 def _of_busiest(addresses: Mapping[Any, str]) -> list[Any]:
-    """Return the clients of the address that has most, in their order; none if there are none."""
+    """Return the clients of the address that has most, in their order."""
     counts = Counter(addresses.values()).most_common(1)
     if not counts:
         return []

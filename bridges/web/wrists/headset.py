@@ -37,7 +37,7 @@ COVARIANCE = (
     *(0.0, POSITION_SIGMA_M**2, 0.0),
     *(0.0, 0.0, YAW_SIGMA_RAD**2),
 )
-"""Of x, y and yaw, a row a line."""
+"""Covariance of x, y (m) and yaw (rad), a row a line."""
 
 
 @dataclass(slots=True)

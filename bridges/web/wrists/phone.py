@@ -158,13 +158,15 @@ class PhoneConnection:
             self.on_malformed(summarize_validation_error(error))
             return None
         if isinstance(message, Turn):
-            return self._turn(message)
+            return self._process_turn(message)
 
         # A request is answered beside the samples, which must not wait for it
         if len(self.asks) >= MAX_ASKS:
             self.put(Answer(id=message.id, error="too much is asked at once: wait for the answers"))
             return None
-        task = asyncio.create_task(self._ask(message), name=f"asked by the phone of {self.phone.user}")
+        task = asyncio.create_task(
+            self._answer_request(message), name=f"asked by the phone of {self.phone.user}"
+        )
         self.asks.add(task)
         task.add_done_callback(self.asks.discard)
         return None
@@ -186,7 +188,7 @@ class PhoneConnection:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _turn(self, turn: Turn) -> WristSample | None:
+    def _process_turn(self, turn: Turn) -> WristSample | None:
         phone = self.phone
         wrists = self._host.wrists
         holder_before = wrists.holder(phone.user)
@@ -195,7 +197,7 @@ class PhoneConnection:
             self._host.changed()
         return sample
 
-    async def _ask(self, ask: Ask) -> None:
+    async def _answer_request(self, ask: Ask) -> None:
         own = ask.model_copy(update={"name": self.phone.user})
         answer = await self._host.answer(self.phone.page, own)
         self.put(answer)
@@ -229,7 +231,7 @@ class PhoneCues:
         None: an `Announced` has no name, and the phone knows already that names are spoken.
         """
         if isinstance(feedback, Announced):
-            changed = self._change(has_names=True)
+            changed = self._update_state(has_names=True)
             if not feedback.label:
                 return changed
             return self.current.model_copy(update={"announced": feedback.label})
@@ -241,11 +243,11 @@ class PhoneCues:
 
     def end_names(self) -> Cue | None:
         """Return the state in which no names are spoken, or None if it is unchanged."""
-        return self._change(has_names=False)
+        return self._update_state(has_names=False)
 
     def interaction(self, interaction: Interaction) -> Cue | None:
         """Return the new state, or None if it is unchanged."""
-        return self._change(
+        return self._update_state(
             state=interaction.state,
             next_step=interaction.next_step,
             press=interaction.press,
@@ -258,7 +260,7 @@ class PhoneCues:
         progress = None
         if is_aiming:
             progress = round(STEPS * update.progress) / STEPS
-        changed = self._change(progress=progress)
+        changed = self._update_state(progress=progress)
 
         # A sentence once for each phase, target and reason
         announcement = (update.phase, update.target_id, update.reason)
@@ -274,7 +276,7 @@ class PhoneCues:
             return self.say(update.reason)
         return changed
 
-    def _change(self, **fields: Any) -> Cue | None:
+    def _update_state(self, **fields: Any) -> Cue | None:
         previous = self._current
         self._current = previous.model_copy(update=fields)
         return None if self._current == previous else self._current
@@ -287,7 +289,7 @@ class Phones:
         self._host = host
         self._pairing = pairing
         self._bundle = bundle
-        self._lines: dict[str, PhoneConnection] = {}
+        self._connections: dict[str, PhoneConnection] = {}
         """By page id."""
         self._sockets: dict[str, WebSocket] = {}
         """Open sockets by page id."""
@@ -299,9 +301,9 @@ class Phones:
     def routes(self) -> list[BaseRoute]:
         """Return the routes for phones."""
         return [
-            Route("/phone", self._open, methods=["GET"]),
-            Route("/wrist", self._post, methods=["POST"]),
-            WebSocketRoute("/ws/wrist", self._connect),
+            Route("/phone", self._open_page, methods=["GET"]),
+            Route("/wrist", self._on_post, methods=["POST"]),
+            WebSocketRoute("/ws/wrist", self._on_connect),
         ]
 
     def is_paired(self, connection: HTTPConnection) -> bool:
@@ -329,8 +331,8 @@ class Phones:
         """Set the lamps of the map, whose names the phones show."""
         if lamps != self._lamps:
             self._lamps = lamps
-            for line in self._lines.values():
-                line.put(self._hello(line.phone))
+            for connection in self._connections.values():
+                connection.put(self._greeting_of(connection.phone))
 
     def lost(self, user: str, *, is_own: bool = False) -> None:
         """Notify the phone of `user` that it has lost the wrist; `is_own`: to the person's own device."""
@@ -352,12 +354,12 @@ class Phones:
 
     async def cut(self, page: str) -> None:
         """Close the connections of the unpaired phone with this page id; `""` is ignored."""
-        line = self._lines.pop(page, None)
-        if line is None:
+        connection = self._connections.pop(page, None)
+        if connection is None:
             return
-        line.clear()
+        connection.clear()
         self._host.wrists.close(page)
-        await line.end()
+        await connection.end()
         socket = self._sockets.pop(page, None)
         if socket is not None:
             await _close(socket, UNPAIRED, "not paired any more")
@@ -365,10 +367,10 @@ class Phones:
 
     async def close(self) -> None:
         """Close all connections."""
-        for page in list(self._lines):
+        for page in list(self._connections):
             await self.cut(page)
 
-    async def _open(self, request: Request) -> Response:
+    async def _open_page(self, request: Request) -> Response:
         token = request.query_params.get("token")
         if token is None:
             if self._phone(request) is None:
@@ -380,34 +382,34 @@ class Phones:
         self._host.changed()
         return redirect_with_cookie(request, "/phone", _cookie(request), secret, COOKIE_S)
 
-    async def _post(self, request: Request) -> Response:
+    async def _on_post(self, request: Request) -> Response:
         phone = self._phone(request)
         if phone is None:
             return PlainTextResponse(NOT_PAIRED, 403)
-        line = self._line(phone)
+        connection = self._connection_of(phone)
         try:
             items = _items(await request.body())
         except ClientDisconnect:
             return Response(status_code=400)
         if items is None:
-            line.on_malformed(f"a post is a JSON list of at most {MAX_ITEMS} objects")
+            connection.on_malformed(f"a post is a JSON list of at most {MAX_ITEMS} objects")
             return PlainTextResponse("a list is expected", 400)
         if not items:
-            self._greet(line)
-        earlier_asks = set(line.asks)
+            self._send_greeting(connection)
+        earlier_asks = set(connection.asks)
         sample = None
         for item in items:
-            sample = line.hear(item) or sample
-        self._send(phone, sample)  # only the newest orientation counts
+            sample = connection.hear(item) or sample
+        self._send_sample(phone, sample)  # only the newest orientation counts
 
         # Answers that come soon go out with this post
-        new_asks = line.asks - earlier_asks
+        new_asks = connection.asks - earlier_asks
         if new_asks:
             await asyncio.wait(new_asks, timeout=POST_PATIENCE_S)
-        messages = ",".join(line.drain())
+        messages = ",".join(connection.drain())
         return Response(f"[{messages}]", media_type="application/json")
 
-    async def _connect(self, socket: WebSocket) -> None:
+    async def _on_connect(self, socket: WebSocket) -> None:
         phone = self._phone(socket)
         if phone is None:
             await socket.send_denial_response(PlainTextResponse(NOT_PAIRED, 403))
@@ -415,17 +417,17 @@ class Phones:
         await socket.accept()
 
         # This socket is stored first: the end of the replaced one must not release the wrist
-        line = self._line(phone)
+        connection = self._connection_of(phone)
         replaced = self._sockets.get(phone.page)
         self._sockets[phone.page] = socket
         if replaced is not None:
             await _close(replaced, REPLACED, "opened again elsewhere")
-        self._greet(line)
+        self._send_greeting(connection)
         self._host.changed()
 
-        sender = asyncio.create_task(_drain(line, socket), name=f"to the phone of {phone.user}")
+        sender = asyncio.create_task(_send_queued(connection, socket), name=f"to the phone of {phone.user}")
         try:
-            await self._listen(line, socket)
+            await self._receive_messages(connection, socket)
         finally:
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
@@ -434,48 +436,49 @@ class Phones:
                 self._host.wrists.close(phone.page)
                 self._host.changed()
 
-    async def _listen(self, line: PhoneConnection, socket: WebSocket) -> None:
+    async def _receive_messages(self, connection: PhoneConnection, socket: WebSocket) -> None:
         """Receive until the socket ends, or is not the phone's any more."""
         while True:
             try:
                 message = await socket.receive()
             except (WebSocketDisconnect, RuntimeError):  # RuntimeError: closed by this side
                 return
-            if message["type"] != "websocket.receive" or self._sockets.get(line.phone.page) is not socket:
+            has_message = message["type"] == "websocket.receive"
+            if not has_message or self._sockets.get(connection.phone.page) is not socket:
                 return
-            dropped = line.dropped
+            dropped = connection.dropped
             text = message.get("text") or message.get("bytes") or ""
-            self._send(line.phone, line.hear(text))
-            if line.dropped > dropped:
+            self._send_sample(connection.phone, connection.hear(text))
+            if connection.dropped > dropped:
                 # what waits pauses the transport, so that a flood is not even parsed
                 await asyncio.sleep(DROPPED_PAUSE_S)
 
-    def _send(self, phone: Phone, sample: WristSample | None) -> None:
+    def _send_sample(self, phone: Phone, sample: WristSample | None) -> None:
         if sample is not None:
             self._host.send(phone.user, sample)
 
-    def _greet(self, line: PhoneConnection) -> None:
-        line.clear()
-        line.put(self._hello(line.phone))
-        line.put(self._cues_of(line.phone.user).current)
+    def _send_greeting(self, connection: PhoneConnection) -> None:
+        connection.clear()
+        connection.put(self._greeting_of(connection.phone))
+        connection.put(self._cues_of(connection.phone.user).current)
 
-    def _hello(self, phone: Phone) -> Hello:
+    def _greeting_of(self, phone: Phone) -> Hello:
         return self._host.greeting.model_copy(update={"user": phone.user, "lamps": self._lamps})
 
     def _send_cue(self, user: str, cue: Cue | None) -> None:
-        line = self._lines.get(self._pairing.paired(user, time.monotonic()))
-        if cue is not None and line is not None:
-            line.put(cue)
+        connection = self._connections.get(self._pairing.paired(user, time.monotonic()))
+        if cue is not None and connection is not None:
+            connection.put(cue)
 
     def _phone(self, connection: HTTPConnection) -> Phone | None:
         return self._pairing.phone(connection.cookies.get(_cookie(connection), ""))
 
-    def _line(self, phone: Phone) -> PhoneConnection:
-        line = self._lines.get(phone.page)
-        if line is None:
-            line = PhoneConnection(phone, self._host)
-            self._lines[phone.page] = line
-        return line
+    def _connection_of(self, phone: Phone) -> PhoneConnection:
+        connection = self._connections.get(phone.page)
+        if connection is None:
+            connection = PhoneConnection(phone, self._host)
+            self._connections[phone.page] = connection
+        return connection
 
     def _cues_of(self, user: str) -> PhoneCues:
         return self._cues.setdefault(user, PhoneCues())
@@ -494,12 +497,12 @@ def _items(body: bytes) -> list[dict[str, Any]] | None:
         return None
 
 
-async def _drain(line: PhoneConnection, socket: WebSocket) -> None:
-    """Send what is put on `line` until cancelled, or until the phone is gone."""
+async def _send_queued(connection: PhoneConnection, socket: WebSocket) -> None:
+    """Send what is put on `connection` until cancelled, or until the phone is gone."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
         while True:
-            await line.woken.wait()
-            for text in line.drain():
+            await connection.woken.wait()
+            for text in connection.drain():
                 await socket.send_text(text)
 
 

@@ -51,7 +51,7 @@ def places(room: Environment) -> NDArray[np.float64]:
     """Return points on all things of `room`, n x 3, {W}, m: vertices of lines, middles of solids."""
     points: list[Vec3] = []
     for line in (*room.strips, *room.belts):
-        points.extend(_along(line.line_m))
+        points.extend(_points_along(line.line_m))
     points.extend(lamp.position_m for lamp in room.lamps)
     for solid in (*room.boxes, *room.fixed_things, *room.cylinders, *room.spheres):
         points.append(solid.center_m)
@@ -122,7 +122,7 @@ class AssumedPose:
         During a localization that is the pose when it began, so that a localization by the mouse has a true
         value to find. Otherwise it is the newest pose.
         """
-        return self._truth or self._known
+        return self._truth or self._newest
 
     @property
     def assumed(self) -> Stand | None:
@@ -142,14 +142,14 @@ class AssumedPose:
         if progress.phase != "sampling" or progress.purpose != "pose":
             self._truth = None
         elif self._truth is None:
-            self._truth = self._known
+            self._truth = self._newest
 
     @property
-    def _known(self) -> Stand:
+    def _newest(self) -> Stand:
         return self._pose or self._place or self._in_room
 
 
-def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
+def _points_along(line: tuple[Vec3, ...]) -> list[Vec3]:
     """Return the vertices of `line` and, in long segments, points in between."""
     points = [line[0]]
     for a, b in itertools.pairwise(line):
@@ -176,21 +176,21 @@ class MouseArm:
         self._yaw_rad = 0.0
         self._tremor = Tremor(0.0, np.random.default_rng(seed))
         self._at_m: Vec3 | None = None
-        self._wanted = rotation.from_azimuth_elevation(0.0, REST_RAD)
-        self._now = self._wanted
+        self._target = rotation.from_azimuth_elevation(0.0, REST_RAD)
+        self._orientation = self._target
         self._step_ns: int | None = None
 
     def set_profile(self, profile: UserProfile) -> None:
         """Set the person's body measures, hand and ray model."""
         self._profile = profile
-        self._turn()
+        self._update_target()
 
     def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
         """Set the person's pose: {H} in {W}, m and rad."""
         if (position_m, yaw_rad) != (self._position_m, self._yaw_rad):
             self._position_m = position_m
             self._yaw_rad = yaw_rad
-            self._turn()
+            self._update_target()
 
     @property
     def eyes_height_m(self) -> float:
@@ -200,7 +200,7 @@ class MouseArm:
     def aim(self, at_m: Vec3) -> None:
         """Point at `at_m`, {W}, from now on."""
         self._at_m = at_m
-        self._turn()
+        self._update_target()
 
     def set_tremor(self, rms_rad: float) -> None:
         """Set the tremor about both axes, rad rms each; 0 turns it off."""
@@ -215,28 +215,28 @@ class MouseArm:
         """Return the arm's orientation in {H} at `now_ns`; its x axis points along the arm to the finger."""
         passed_s = 0.0
         if self._step_ns is None:
-            self._now = self._wanted  # the first sample may jump
+            self._orientation = self._target  # the first sample may jump
         else:
             passed_s = max(0, now_ns - self._step_ns) / NS_PER_S
-            self._now = _towards(self._now, self._wanted, FASTEST_RADPS * passed_s)
+            self._orientation = _turned_towards(self._orientation, self._target, FASTEST_RADPS * passed_s)
         self._step_ns = now_ns
         left_rad, up_rad = self._tremor.step(passed_s)
         if left_rad == up_rad == 0.0:
-            return self._now
+            return self._orientation
         tremor = rotation.from_azimuth_elevation(left_rad, up_rad)
-        return rotation.normalized(rotation.multiply(self._now, tremor))
+        return rotation.normalized(rotation.multiply(self._orientation, tremor))
 
     def _stance(self) -> Stance:
         profile = self._profile
         return Stance(profile.body, profile.hand, self._position_m, ray_model=profile.ray_model)
 
-    def _turn(self) -> None:
+    def _update_target(self) -> None:
         if self._at_m is not None:
             azimuth, elevation = self._stance().aim_at(self._at_m)
-            self._wanted = rotation.from_azimuth_elevation(azimuth - self._yaw_rad, elevation)
+            self._target = rotation.from_azimuth_elevation(azimuth - self._yaw_rad, elevation)
 
 
-def _towards(start: Quaternion, end: Quaternion, most_rad: float) -> Quaternion:
+def _turned_towards(start: Quaternion, end: Quaternion, most_rad: float) -> Quaternion:
     """Return `start` turned towards `end`, by `most_rad` at most."""
     x, y, z, w = rotation.multiply(rotation.inverse(start), end)
     if w < 0.0:  # the shorter way round
@@ -339,7 +339,7 @@ class WristControl:
             return False
         if person.by == "phone":
             person.lost.add(page)  # its further samples are no request for the wrist
-        self._free(person)
+        self._release(person)
         return True
 
     def release(self, user: str) -> str:
@@ -353,7 +353,7 @@ class WristControl:
         """Release the wrists of `page`, which is gone for now or for ever, and return their users."""
         users = [user for user, person in self._people.items() if person.page == page]
         for user in users:
-            self._free(self._people[user])
+            self._release(self._people[user])
         return users
 
     def forget(self, user: str) -> None:
@@ -449,7 +449,7 @@ class WristControl:
                 heard_ns = person.phones[person.page].heard_ns
             silence_s = (now_ns - heard_ns) / (speed * NS_PER_S)
             if silence_s > timeout_s:
-                self._free(person)
+                self._release(person)
                 continue
 
             # Its last sample again, but none of a headset before its first message
@@ -522,5 +522,5 @@ class WristControl:
             battery=phone.turn.battery,
         )
 
-    def _free(self, person: _Person) -> None:
+    def _release(self, person: _Person) -> None:
         person.page = ""

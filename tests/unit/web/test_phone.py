@@ -222,7 +222,7 @@ async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone
         for _ in range(1500):
             await socket.send(json.dumps(TURN))
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
-        line = next(iter(bench.phones._lines.values()))
+        line = next(iter(bench.phones._connections.values()))
         await until(lambda: line.dropped > 0)
         assert "were dropped" in bench.health.warnings["phone anna"]
         assert len(bench.sent) < 1500

@@ -319,7 +319,7 @@ class SiteMetrics:
             "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries(users)
         )
 
-        # Totals of all people: a label of a person would keep a series for each who was ever here
+        # Totals of all people together
         yield _counter(
             "pointit_localizations",
             "Localizations that have ended",
@@ -334,7 +334,7 @@ class SiteMetrics:
         )
 
     def _batteries(self, users: Sequence[str]) -> Rows:
-        """Yield the charge of each person's wrist, the lower one of a phone and its wrist."""
+        """Yield the charge of each person's wrist, the lowest of several."""
         for instance, health in self._health.items():
             service, user = split_instance(instance)
             if service != "imu-bridge" or user not in users:

@@ -89,7 +89,7 @@ class TokenMiddleware:
         info = request_info(scope)
         now_s = time.monotonic()
 
-        # A cookie of the page counts for nothing: a page of another site could use it
+        # Only a bearer token lets in, no cookie of the page alone
         self._follow_tokens()
         role = self._access.admit(info, now_s) if info.bearer else None
         is_foreign = bool(info.origin) and not self._access.is_own_origin(info)

@@ -140,7 +140,7 @@ class SiteObservation:
         now_ns: int | None = None,
     ) -> Status:
         """Return the status of the site now, at `now_ns` of the wall clock, Unix ns, if that is known."""
-        # Services that have left are forgotten first, as an observation lists those that are left
+        # Before the observation, which lists the services that have left
         self._forget_left(expected_services(deployments), now_s)
         observation = replace(self._observe(deployments, now_s, speed), now_ns=now_ns)
 

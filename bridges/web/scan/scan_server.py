@@ -76,7 +76,7 @@ class ScanServer:
         self._lit_seq = 0
         self._changed = asyncio.Event()
 
-        # Three times: a wrist that goes on scanning must not keep the scan open for the next one
+        # Three times, so that a wrist that goes on scanning cannot begin another scan for ever
         open_until_s = math.inf if token else 0.0
         self._begin_until_s = open_until_s
         """Time until which wrists may begin a scan."""

@@ -235,7 +235,7 @@ def headers(info: RequestInfo) -> dict[str, str]:
         "base-uri 'none'",
         "form-action 'none'",
     )
-    # Sensors and the camera are for phones, as wrists and for scans of the room
+    # Sensors, microphone and headset are for people's arms and words, the camera for scans of the room
     return {
         "Content-Security-Policy": "; ".join(policy),
         "X-Content-Type-Options": "nosniff",

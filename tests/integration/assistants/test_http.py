@@ -33,7 +33,7 @@ from tests.support.bench import until
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_client_lists_and_calls_with_the_rights_of_its_token(mode: str) -> None:
+async def test_client_has_the_rights_of_its_token(mode: str) -> None:
     async with served() as (url, _bus):
         async with client_of(url, OPERATOR, mode) as client:
             assert len((await client.list_tools()).tools) == 9
@@ -48,14 +48,14 @@ async def test_a_client_lists_and_calls_with_the_rights_of_its_token(mode: str) 
         assert calls == [("operator", "who_is_here"), ("viewer", "stop_robot"), ("viewer", "say")]
 
 
-async def test_the_operators_token_only_looks_where_that_is_all_that_is_allowed() -> None:
+async def test_operator_token_only_looks_when_the_server_only_looks() -> None:
     async with served("viewer") as (url, _bus), client_of(url, OPERATOR) as client:
         assert (await client.call_tool("say", {"text": "hello"})).is_error
         assert not (await client.call_tool("who_is_here", {})).is_error
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_cancelled_call_ends_on_the_server(mode: str) -> None:
+async def test_cancelled_call_ends_on_the_server(mode: str) -> None:
     async with served() as (url, bus), client_of(url, OPERATOR, mode) as client:
         bus.publisher(topics.CURSOR, "anna").put(Cursor(stamp_ns=1))
         call = asyncio.create_task(client.call_tool("wait_for_pointing", {"user": "anna", "timeout": 100}))
@@ -72,7 +72,7 @@ def records() -> list[dict[str, object]]:
         return []
 
 
-async def test_only_a_token_and_a_name_of_this_machine_let_in() -> None:
+async def test_request_needs_a_token_and_a_host_of_this_machine() -> None:
     async with served() as (url, _bus), httpx.AsyncClient(headers=HEADERS) as http:
         for token, more, status in (
             ("nothing", {"Authorization": "Basic eDp5"}, 401),
@@ -88,7 +88,7 @@ async def test_only_a_token_and_a_name_of_this_machine_let_in() -> None:
         assert (await http.post(url, json=HELLO)).headers["www-authenticate"] == "Bearer"
 
 
-async def test_a_session_belongs_to_the_token_that_began_it() -> None:
+async def test_session_belongs_to_the_token_that_began_it() -> None:
     async with served() as (url, _bus), httpx.AsyncClient(headers=HEADERS) as http:
         begun = await http.post(url, json=HELLO, headers={"Authorization": f"Bearer {OPERATOR}"})
         session = {"mcp-session-id": begun.headers["mcp-session-id"]}
@@ -97,14 +97,14 @@ async def test_a_session_belongs_to_the_token_that_began_it() -> None:
         assert stolen.status_code == 404
 
 
-async def test_a_large_request_is_refused() -> None:
+async def test_large_request_is_refused() -> None:
     async with served() as (url, _bus), httpx.AsyncClient(headers=HEADERS) as http:
         bearer = {"Authorization": f"Bearer {OPERATOR}"}
         response = await http.post(url, content=b" " * (MAX_BODY + 1), headers=bearer)
         assert response.status_code == 413
 
 
-async def test_no_other_machine_can_reach_it() -> None:
+async def test_server_is_closed_to_other_machines() -> None:
     bus = MemoryBus()
     door = SiteConnection(lambda: Site.on(bus, WallClock()), "site shop")
     server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), "viewer"))
@@ -133,7 +133,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_operator_works_while_a_viewer_opens_sessions_without_end(mode: str) -> None:
+async def test_operator_works_while_a_viewer_opens_endless_sessions(mode: str) -> None:
     async with served() as (url, _bus), httpx.AsyncClient(headers=VIEWERS) as http:
         answers = [(await http.post(url, json=HELLO)).status_code for _ in range(2 * MAX_SESSIONS)]
         assert answers == [200] * MAX_SESSIONS + [503] * MAX_SESSIONS
@@ -246,7 +246,7 @@ async def allowed(folder: SiteFolder, name: str) -> dict[str, bool]:
 
 
 @pytest.mark.slow
-async def test_a_tool_has_the_rights_of_the_identity_that_joined(tmp_path: Path) -> None:
+async def test_tool_has_the_rights_of_the_joined_identity(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab")
     with routed(folder):
         async with services(folder):

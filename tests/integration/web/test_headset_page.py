@@ -42,7 +42,7 @@ async def wear(page: Page, user: str = "anna", x_m: float = 0.0, **changed: Any)
     await page.say(kind="headset", user=user, **(part | changed))
 
 
-async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, page: Page) -> None:
+async def test_headset_moves_its_person_until_the_arm_is_released(bench: Bench, page: Page) -> None:
     samples = bench.collect(topics.WRIST, "anna")
     poses = bench.collect(topics.POSE, "anna")
     pressed = bench.collect(topics.BUTTON, "anna")
@@ -66,7 +66,7 @@ async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, pa
     assert (pressed[-1].source, page.person("anna")["moved_by"]) == ("page", "own")
 
 
-async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
+async def test_headsets_of_two_people_are_independent_until_a_page_closes() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as one:
         await people(bench, one, "anna", "ben")
@@ -88,7 +88,7 @@ async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
         assert one.states[POSE, "anna"]["position_m"][:2] == pytest.approx([1.0, 2.0])
 
 
-async def test_a_headset_that_is_not_aligned_is_reported(bench: Bench, page: Page) -> None:
+async def test_headset_that_is_not_aligned_is_reported(bench: Bench, page: Page) -> None:
     poses = bench.collect(topics.POSE, "anna")
     reports = bench.collect(topics.HEALTH, "web")
     await people(bench, page, "anna")
@@ -104,7 +104,7 @@ async def test_a_headset_that_is_not_aligned_is_reported(bench: Bench, page: Pag
     assert poses == []
 
 
-async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alone() -> None:
+async def test_viewer_page_moves_only_the_person_of_its_phone_link() -> None:
     lan = {"lan_port": 0, "lan_address": "127.0.0.1"}
     async with memory_bench() as bench, serving(bench, **lan) as server, server.page() as operator:
         await people(bench, operator, "anna", "ben")
@@ -134,7 +134,7 @@ async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alon
             assert "only looks on" in await take(wearer)
 
 
-async def test_names_that_a_page_has_spoken_are_counted_and_why_nothing_is_heard_is_told() -> None:
+async def test_spoken_names_are_counted_and_silence_is_reported() -> None:
     async with memory_bench(ManualClock()) as bench, serving(bench) as server, server.page() as page:
         health = bench.collect(topics.HEALTH, "web")
         await people(bench, page, "anna")

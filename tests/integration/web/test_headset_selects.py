@@ -153,7 +153,7 @@ async def _run(room: str, *, pinches: bool, users: tuple[str, ...]) -> list[str]
 
 @pytest.mark.parametrize("users", [(ANNA,), (ANNA, BEN)], ids=["alone", "beside a person with a wrist"])
 @pytest.mark.parametrize("pinches", [False, True], ids=["by staying", "by pinching"])
-def test_a_wearer_selects_three_of_three_things_that_are_close_together(
+def test_headset_selects_three_of_three_close_things(
     tmp_path: Path, users: tuple[str, ...], *, pinches: bool
 ) -> None:
     assert run(tmp_path, pinches=pinches, users=users) == list(THINGS)
@@ -240,9 +240,7 @@ async def _localize(tremor_deg: float) -> Hand:
 
 
 @pytest.mark.parametrize(("tremor_deg", "most_m"), [(0.0, 0.001), (0.2, 0.05)])
-def test_who_points_at_lamps_by_mouse_is_found_where_the_page_has_them(
-    tremor_deg: float, most_m: float
-) -> None:
+def test_mouse_pointing_at_lamps_localizes_the_person(tremor_deg: float, most_m: float) -> None:
     with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
         hand = run_virtually(_localize(tremor_deg))
     assert hand.pose is not None

@@ -126,7 +126,7 @@ async def heard(socket: ClientConnection, kind: str) -> dict[str, Any]:
                 return part
 
 
-async def test_a_phone_is_paired_and_moves_the_arm() -> None:
+async def test_paired_phone_moves_the_arm() -> None:
     async with room() as site, phone(site) as socket:
         hello = await heard(socket, "hello")
         assert (hello["role"], hello["user"]) == ("wrist", ANNA)
@@ -147,7 +147,7 @@ async def test_a_phone_is_paired_and_moves_the_arm() -> None:
         assert (cue["chime"], cue["haptic_ms"]) == ("tick", [30])
 
 
-async def test_a_phone_knows_that_names_are_spoken_until_their_selector_ends() -> None:
+async def test_phone_has_names_until_their_selector_ends() -> None:
     async def names_are(spoken: bool) -> None:
         while (await heard(socket, "cue"))["has_names"] != spoken:
             pass
@@ -160,7 +160,7 @@ async def test_a_phone_knows_that_names_are_spoken_until_their_selector_ends() -
         await names_are(False)
 
 
-async def test_centring_a_phone_makes_its_direction_the_middle_of_the_room() -> None:
+async def test_centred_phone_points_at_the_middle_of_the_room() -> None:
     async with room() as site, phone(site) as socket:
         await socket.send(turn(held(2.2)))
         await until(lambda: bool(site.imu))
@@ -183,7 +183,7 @@ async def lost_arm(socket: ClientConnection) -> str:
     return str(cue["text"])
 
 
-async def test_a_phone_is_told_that_the_mouse_takes_over_and_that_the_arm_is_given_back() -> None:
+async def test_phone_is_notified_when_the_mouse_takes_and_releases_the_arm() -> None:
     async with room() as site, phone(site) as socket:
         await socket.send(turn(held(0.0)))
         await until(lambda: site.person["moved_by"] == "phone")
@@ -227,7 +227,7 @@ async def test_flood_of_a_phone_is_not_parsed_beyond_its_rate(monkeypatch: pytes
         assert parsed < 500
 
 
-async def test_a_phone_is_unpaired() -> None:
+async def test_phone_is_disconnected_when_unpaired() -> None:
     async with room() as site, phone(site) as socket:
         await socket.send(turn(held(0.0)))
         await until(lambda: site.person["moved_by"] == "phone")

@@ -58,9 +58,7 @@ def socket_through(port: int, cookie: str, origin: str = PUBLIC) -> connect:
     )
 
 
-async def test_page_behind_the_default_nginx_is_told_what_the_proxy_lacks(
-    server: Server, tmp_path: Path
-) -> None:
+async def test_page_behind_default_nginx_names_the_missing_setting(server: Server, tmp_path: Path) -> None:
     with nginx(tmp_path, f"location / {{ proxy_pass {server.url}; }}") as port:
         await until(lambda: is_listening(port), what="nginx")
         cookie = (await cookie_through(port)).partition(";")[0]
@@ -73,7 +71,7 @@ async def test_page_behind_the_default_nginx_is_told_what_the_proxy_lacks(
     assert "docs/how-to/network.md" in reason
 
 
-async def test_page_behind_a_proxy_is_served_by_the_lines_of_the_guide(bench: Bench, tmp_path: Path) -> None:
+async def test_page_behind_a_proxy_works_with_the_documented_lines(bench: Bench, tmp_path: Path) -> None:
     async with serving(bench, public_url=f"{PUBLIC}/") as server:
         with nginx(tmp_path, lines_of_guide(server)) as port:
             await until(lambda: is_listening(port), what="nginx")
@@ -96,7 +94,7 @@ async def test_proxy_that_passes_on_no_websocket_is_named(bench: Bench, tmp_path
             )
 
 
-async def test_proxy_whose_name_is_not_known_leads_to_its_parameter(server: Server, tmp_path: Path) -> None:
+async def test_unknown_proxy_name_leads_to_its_parameter(server: Server, tmp_path: Path) -> None:
     with nginx(tmp_path, lines_of_guide(server)) as port:
         await until(lambda: is_listening(port), what="nginx")
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", headers=HOST) as client:
@@ -105,7 +103,7 @@ async def test_proxy_whose_name_is_not_known_leads_to_its_parameter(server: Serv
     assert "set web.public_url to its address" in answer.text
 
 
-async def test_who_is_not_admitted_is_told_no_address(server: Server) -> None:
+async def test_refused_visitor_learns_no_address(server: Server) -> None:
     async with server.client() as client:
         answer = await client.get("/ws", params={"page": PUBLIC})
     assert answer.status_code == 403
@@ -125,6 +123,6 @@ async def test_other_sites_get_no_websocket_through_a_proxy(bench: Bench, tmp_pa
     "url",
     ["http://lab.example", "lab.example", "https://lab.example/lab", "https://a:b@lab.example", "https://[x"],
 )
-def test_address_behind_which_no_page_can_be_is_refused(url: str) -> None:
+def test_public_url_that_serves_no_page_is_refused(url: str) -> None:
     with pytest.raises(ValidationError, match="write https:// and a host"):
         WebConfig(public_url=url)

@@ -49,7 +49,7 @@ FLOODER = "127.0.0.2"
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1", FLOODER])
-def test_without_a_host_all_addresses_of_this_machine_are_listened_at(address: str) -> None:
+def test_listener_without_a_host_uses_all_addresses(address: str) -> None:
     with bind("", 0, "--port") as bound:
         bound.listen()
         socket.create_connection((address, bound.getsockname()[1])).close()
@@ -118,14 +118,14 @@ def has_ended(client: socket.socket) -> bool:
         return False
 
 
-async def test_many_who_say_nothing_keep_nobody_out() -> None:
+async def test_silent_connections_block_no_browser() -> None:
     async with listening(most=8) as listener, flood(listener, 30, "127.0.0.1") as idle:
         assert await is_answered(listener)
         assert await is_cut(idle[0])
         assert not has_ended(idle[-1])
 
 
-async def test_who_is_answered_is_not_cut_for_newer_ones() -> None:
+async def test_busy_connection_is_not_cut_for_newer_ones() -> None:
     async with listening(most=4) as listener, talking(listener, limit=PIECE) as (reader, writer):
         writer.write(LONG_ASKED)
         await reader.readline()
@@ -138,7 +138,7 @@ async def test_who_is_answered_is_not_cut_for_newer_ones() -> None:
 
 @pytest.mark.parametrize("said", HALF_OPEN)
 @pytest.mark.parametrize("address", [FLOODER, "127.0.0.1"])
-async def test_connections_half_open_at_every_place_keep_no_browser_out(address: str, said: bytes) -> None:
+async def test_half_open_connections_block_no_browser(address: str, said: bytes) -> None:
     async with listening(most=8) as listener, flood(listener, 40, address, said):
         for _ in range(5):
             assert await is_answered(listener)
@@ -151,7 +151,7 @@ async def test_silent_connections_take_few_places() -> None:
         assert await is_cut(silent[0])
 
 
-async def test_a_browser_that_rests_is_not_cut_for_the_many_connections_of_another_address() -> None:
+async def test_resting_browser_is_not_cut_for_another_address() -> None:
     async with (
         listening(most=8) as listener,
         talking(listener) as (reader, writer),
@@ -168,7 +168,7 @@ def cuts_all(listener: Listener) -> bool:
 
 
 @pytest.mark.parametrize("said", HALF_OPEN)
-async def test_who_is_quiet_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
+async def test_quiet_connection_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
     monkeypatch.setattr(serving, "CUT_PERIOD_S", 0.1)
     async with listening() as listener, flood(listener, 1, "127.0.0.1", said):
         await until(lambda: listener.connections() == 1)
@@ -177,7 +177,7 @@ async def test_who_is_quiet_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes)
         assert await is_answered(listener)
 
 
-async def test_who_asks_again_and_again_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_active_connection_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serving, "CUT_PERIOD_S", 60.0)
     monkeypatch.setattr(serving, "QUIET_S", 0.0)  # a connection without a request since the last call is cut
     async with listening() as listener, talking(listener) as (reader, writer):
@@ -189,7 +189,7 @@ async def test_who_asks_again_and_again_is_not_cut(monkeypatch: pytest.MonkeyPat
         await until(functools.partial(cuts_all, listener), what="who asks no more to be cut")
 
 
-async def test_of_who_does_not_read_little_is_kept() -> None:
+async def test_unread_response_uses_little_memory() -> None:
     async with listening() as listener, flood(listener, 5, "127.0.0.1") as clients:
         tracemalloc.start()
         try:
@@ -215,7 +215,7 @@ def secured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Contexts:
     return tls, ssl.create_default_context(cafile=kept.certificate)
 
 
-async def test_a_slow_handshake_is_not_cut_for_the_many_of_another_address(secured: Contexts) -> None:
+async def test_slow_handshake_is_not_cut_for_another_address(secured: Contexts) -> None:
     async with listening(secured[0]) as listener:
         phone = await opened(listener)
         async with flood(listener, 40) as many:
@@ -227,7 +227,7 @@ async def test_a_slow_handshake_is_not_cut_for_the_many_of_another_address(secur
                 await reader.readuntil(b"hello")
 
 
-async def test_tls_that_is_never_agreed_keeps_nobody_out(secured: Contexts) -> None:
+async def test_unfinished_tls_handshakes_block_no_browser(secured: Contexts) -> None:
     async with listening(secured[0]) as listener:
         silent = [socket.create_connection(("127.0.0.1", listener.port)) for _ in range(60)]  # all at once
         try:

@@ -96,7 +96,7 @@ def line(page: Page, kind: str) -> dict[str, Any]:
     return next((each for each in lines if each["kind"] == kind), dict[str, Any]())
 
 
-async def test_devices_are_found_with_the_words_that_choose_them() -> None:
+async def test_devices_are_found_with_their_options() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         reply = (await page.ask(deed="find_devices"))["reply"]
         assert [(each["use"], each["label"], each["pixels"]) for each in reply["devices"]] == [
@@ -139,7 +139,7 @@ async def test_only_an_operator_may_find_connect_test_and_forget(started: Path) 
     assert len(commands(started)) == 1
 
 
-async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Path) -> None:
+async def test_light_is_connected_tested_stored_and_forgotten(started: Path) -> None:
     shown: list[ShowPixels] = []
 
     async def show(query: ShowPixels, _name: str) -> Done:
@@ -167,7 +167,7 @@ async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Pat
     assert commands(started) == [expected, expected]
 
 
-async def test_device_whose_name_begins_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_device_name_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its command comes to the device, with a sentence, and not to the help or another option."""
     monkeypatch.setattr(run_command, "BEGIN", BEGIN)
     stored = [
@@ -186,7 +186,7 @@ async def test_device_whose_name_begins_with_a_dash_is_no_option(monkeypatch: py
     assert "user '-anna': use 1 to 64 letters" in problems["c"]
 
 
-async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> None:
+async def test_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> None:
     async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
         await room(bench, page)
         reply = (await page.ask(deed="connect_device", query=WRIST))["reply"]
@@ -211,7 +211,7 @@ async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> N
     assert (measure[:3], measure[-2:]) == (["person", "calibrate", "mounting"], ["--", "anna"])
 
 
-async def test_a_device_that_two_pages_connect_and_rename_has_one_process(started: Path) -> None:
+async def test_device_connected_by_two_pages_has_one_process(started: Path) -> None:
     async with (
         memory_bench() as bench,
         serving(bench, devices_at=AT) as server,
@@ -228,7 +228,7 @@ async def test_a_device_that_two_pages_connect_and_rename_has_one_process(starte
         await until(lambda: bool(commands(started)) and commands(started)[-1][-1] == "carla")
 
 
-async def test_a_stored_light_waits_while_the_run_has_its_controller_as_output(started: Path) -> None:
+async def test_stored_light_waits_while_the_run_uses_its_controller(started: Path) -> None:
     async with memory_bench() as bench:
         async with serving(bench, devices_at=AT) as server, server.page() as page:
             await room(bench, page)
@@ -247,7 +247,7 @@ async def test_a_stored_light_waits_while_the_run_has_its_controller_as_output(s
             await until(lambda: bool(line(page, "light").get("is_on")))
 
 
-async def test_a_damaged_list_is_kept_beside_the_next_one() -> None:
+async def test_damaged_device_list_is_kept_beside_the_next_one() -> None:
     async with memory_bench() as bench:
         file = site_folder(bench.bus.site, "web") / "devices.json"
         file.parent.mkdir(parents=True)
@@ -261,7 +261,7 @@ async def test_a_damaged_list_is_kept_beside_the_next_one() -> None:
         assert "kitchen.local" in file.read_text()
 
 
-async def test_what_cannot_be_connected_is_refused_in_a_sentence(
+async def test_device_is_refused_in_a_sentence_when_it_cannot_connect(
     started: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
@@ -277,7 +277,7 @@ async def test_what_cannot_be_connected_is_refused_in_a_sentence(
         assert "how many pixels" in await refusal(page, address="hall.local", name="hall")
 
 
-async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
+async def test_ended_device_is_a_problem_with_its_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(run_command, "BEGIN", f"import sys; sys.argv.append('broken'){run_command.BEGIN}")
@@ -295,7 +295,7 @@ async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
         assert not line(page, "light")["problem"]
 
 
-async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path) -> None:
+async def test_unreadable_device_file_is_named_and_kept(own_state: Path) -> None:
     async with memory_bench() as bench:
         file = own_state / bench.bus.site / "web" / "devices.json"
         file.parent.mkdir(parents=True)
@@ -309,7 +309,7 @@ async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path)
 STUBBORN = "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
 
 
-async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_process_is_killed_when_it_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_command, "BEGIN", STUBBORN)
     monkeypatch.setattr(run_command, "STOP_TIMEOUT_S", 0.05)
     told: list[object] = []

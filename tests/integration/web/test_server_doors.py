@@ -29,7 +29,7 @@ async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
     return response.status_code
 
 
-async def test_a_link_lets_one_in_and_its_token_vanishes(client: httpx.AsyncClient) -> None:
+async def test_link_admits_and_its_token_vanishes(client: httpx.AsyncClient) -> None:
     link = await client.get("/", params={"token": OPERATOR})
     assert link.status_code == 303
     assert link.headers["location"] == "/"
@@ -42,7 +42,7 @@ async def test_a_link_lets_one_in_and_its_token_vanishes(client: httpx.AsyncClie
     assert page.text == INDEX
 
 
-async def test_without_the_token_there_is_a_sentence_that_helps(client: httpx.AsyncClient) -> None:
+async def test_page_without_the_token_says_where_its_link_is(client: httpx.AsyncClient) -> None:
     for query in ({}, {"token": ""}, {"token": "wrong"}):
         answer = await client.get("/", params=query)
         assert answer.status_code == 403
@@ -50,7 +50,7 @@ async def test_without_the_token_there_is_a_sentence_that_helps(client: httpx.As
         assert "set-cookie" not in answer.headers
 
 
-async def test_who_comes_from_another_site_is_led_on_without_a_redirection(server: Server) -> None:
+async def test_link_on_another_site_leads_on_without_a_redirection(server: Server) -> None:
     headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}
     async with server.client(**headers) as client:
         link = await client.get("/", params={"token": OPERATOR})
@@ -59,7 +59,7 @@ async def test_who_comes_from_another_site_is_led_on_without_a_redirection(serve
         assert "set-cookie" in link.headers
 
 
-async def test_everything_has_the_headers(server: Server, client: httpx.AsyncClient) -> None:
+async def test_every_response_has_the_security_headers(server: Server, client: httpx.AsyncClient) -> None:
     wanted = access.headers(access.RequestInfo(scheme="http", host=server.host, address=""))
     for path in ("/", f"/?token={OPERATOR}", "/static/app.js", "/phone", "/no", "/recording.mcap"):
         headers = (await client.get(path)).headers
@@ -67,7 +67,7 @@ async def test_everything_has_the_headers(server: Server, client: httpx.AsyncCli
         assert "server" not in headers, path
 
 
-async def test_a_foreign_name_bound_to_this_address_sees_nothing(server: Server) -> None:
+async def test_foreign_host_name_is_refused(server: Server) -> None:
     async with server.client(Host="evil.example") as client:
         for path in ("/", "/static/app.js", f"/?token={OPERATOR}"):
             answer = await client.get(path)
@@ -75,7 +75,7 @@ async def test_a_foreign_name_bound_to_this_address_sees_nothing(server: Server)
             assert "set-cookie" not in answer.headers
 
 
-async def test_a_websocket_wants_cookie_and_own_origin(server: Server) -> None:
+async def test_websocket_needs_cookie_and_own_origin(server: Server) -> None:
     cookie = await server.cookie()
     assert await refused(server, Cookie=cookie, Origin="https://evil.example") == 403
     assert await refused(server, Cookie=cookie, Origin="http://127.0.0.1:1") == 403
@@ -87,9 +87,7 @@ async def test_a_websocket_wants_cookie_and_own_origin(server: Server) -> None:
         pass
 
 
-async def test_nothing_long_is_posted_and_nothing_from_elsewhere(
-    server: Server, client: httpx.AsyncClient
-) -> None:
+async def test_post_is_refused_when_long_or_from_elsewhere(server: Server, client: httpx.AsyncClient) -> None:
     for headers in ({}, {"Origin": "https://evil.example"}, {"Origin": "null"}):
         answer = await client.post("/wrist", content="[]", headers=headers)
         assert answer.status_code == 403
@@ -114,7 +112,7 @@ async def test_files_are_sent_once_and_compressed(client: httpx.AsyncClient) -> 
     assert plain.text == INDEX
 
 
-async def test_nothing_beside_the_bundle_is_served(server: Server) -> None:
+async def test_files_outside_the_bundle_are_not_served(server: Server) -> None:
     for file in ("../secret.txt", "%2e%2e/secret.txt", "link.txt", "/etc/passwd", "%00"):
         reader, writer = await asyncio.open_connection(*server.host.split(":"))
         request = f"GET /static/{file} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n"
@@ -127,7 +125,7 @@ async def test_nothing_beside_the_bundle_is_served(server: Server) -> None:
         assert b"secret" not in answer.replace(file.encode(), b"")
 
 
-async def test_a_taken_port_is_said_in_a_sentence(bench: Bench, server: Server) -> None:
+async def test_taken_port_is_reported_in_a_sentence(bench: Bench, server: Server) -> None:
     port = int(server.host.rpartition(":")[2])
     with pytest.raises(ListenError, match=rf"port {port} of 127\.0\.0\.1 .*--port"):
         async with asyncio.timeout(60.0):
@@ -144,7 +142,7 @@ async def test_a_taken_port_is_said_in_a_sentence(bench: Bench, server: Server) 
         ({"operator_token": "the same token", "viewer_token": "the same token"}, "viewer_token"),
     ],
 )
-def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) -> None:
+def test_unsafe_configuration_is_refused(parameters: dict[str, str], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         Web.validate_config(WebConfig.model_validate(parameters))
 
@@ -161,7 +159,7 @@ def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: p
         Web.validate_config(published.model_copy(update={"published_port": 0}))
 
 
-async def test_a_published_page_is_opened_by_the_address_that_it_tells(
+async def test_published_page_opens_at_its_announced_address(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")
@@ -187,7 +185,7 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
             assert (await client.get("/", headers={**headers, "Host": f"{foreign}:4321"})).status_code == 403
 
 
-async def test_token_is_never_logged_but_kept_in_a_file_if_unknown(caplog: pytest.LogCaptureFixture) -> None:
+async def test_random_token_is_in_a_file_and_never_logged(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("DEBUG")
     async with memory_bench() as bench:
         async with serving(bench) as server, server.page(), server.client() as client:
@@ -207,7 +205,7 @@ async def test_token_is_never_logged_but_kept_in_a_file_if_unknown(caplog: pytes
             link_in(caplog.text)
 
 
-async def test_no_more_pages_than_may_be() -> None:
+async def test_number_of_pages_is_limited() -> None:
     async with memory_bench() as bench, serving(bench, most_viewers=1) as server:
         cookie = await server.cookie()
         async with server.page():

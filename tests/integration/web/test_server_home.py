@@ -73,7 +73,7 @@ async def test_token_goes_into_a_private_file_and_nowhere_else(
     assert SECRET not in told
 
 
-async def test_only_operators_set_up_a_home_and_only_where_there_is_one(tmp_path: Path) -> None:
+async def test_home_is_set_up_only_by_operators_of_a_home(tmp_path: Path) -> None:
     async with memory_bench() as bench, serving(bench, home_folder=str(tmp_path)) as server:
         home = HomeServer(bench, HomeSetup(step="connect"))
         async with server.page(VIEWER) as viewer:
@@ -92,7 +92,7 @@ async def test_only_operators_set_up_a_home_and_only_where_there_is_one(tmp_path
         assert "start `pointit home`" in (await page.ask(**act()))["error"]
 
 
-async def test_site_follows_the_map_and_the_pose_of_an_answer_once(tmp_path: Path) -> None:
+async def test_site_uses_map_and_pose_of_an_answer_once(tmp_path: Path) -> None:
     file = tmp_path / "home.yaml"
     file.write_text("paced_from: {A: {position: [0, 0]}}\n")
     reply = HomeSetup(step="try", map=str(file), user="anna", poses=1, pose_m=(0.5, 2.0), pose_yaw_rad=0.3)

@@ -111,7 +111,7 @@ async def test_fifty_pages_are_served() -> None:
         leave.set()
 
 
-async def test_all_viewers_have_one_budget_which_refused_requests_spend(
+async def test_viewers_share_a_budget_that_refused_requests_spend(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(page_session, "VIEWERS_HZ", 0.001)
@@ -224,7 +224,7 @@ async def test_viewers_that_open_too_many_pages_at_a_time_are_refused(
             assert operator.hello is not None
 
 
-async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench, page: Page) -> None:
+async def test_excess_requests_of_a_page_are_refused_and_reported(bench: Bench, page: Page) -> None:
     count = int(ASKS_BURST) + 20
     for number in range(count):
         await page.say(kind="ask", id=number, key="no/such")
@@ -243,7 +243,7 @@ def connected(server: Server) -> int:
 
 
 @pytest.mark.usefixtures("tight")
-async def test_a_server_that_ends_closes_its_pages_at_once(bench: Bench) -> None:
+async def test_pages_are_closed_at_once_when_the_server_ends(bench: Bench) -> None:
     loop = asyncio.get_running_loop()
     async with serving(bench) as server:
         cookie = await server.cookie()
@@ -307,7 +307,7 @@ ANYTHING = SAID | JSON.map(json.dumps) | st.text(max_size=100) | st.binary(max_s
 
 @given(st.lists(st.lists(ANYTHING, max_size=30), min_size=1, max_size=10))
 @settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_whatever_pages_say_the_server_lives(
+def test_server_survives_any_page_message(
     caplog: pytest.LogCaptureFixture, sessions: list[list[str | bytes]]
 ) -> None:
     async def say() -> None:
@@ -330,7 +330,7 @@ def test_whatever_pages_say_the_server_lives(
 
 @given(st.lists(st.binary(max_size=200), max_size=10))
 @settings(max_examples=5)
-def test_whatever_bytes_come_the_server_lives(bytes_sent: list[bytes]) -> None:
+def test_server_survives_any_bytes(bytes_sent: list[bytes]) -> None:
     async def send() -> None:
         async with memory_bench() as bench, serving(bench) as server:
             host, _, port = server.host.partition(":")

@@ -26,7 +26,7 @@ def bearer(token: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {token}"}
 
 
-async def test_metrics_are_shown_to_who_has_a_token_or_the_cookie_of_a_page(
+async def test_metrics_need_a_token_or_the_cookie_of_a_page(
     bench: Bench, server: Server, client: httpx.AsyncClient
 ) -> None:
     bench.bus.announce(SERVICE_ALIVE, "pui")
@@ -40,7 +40,7 @@ async def test_metrics_are_shown_to_who_has_a_token_or_the_cookie_of_a_page(
         assert 'pointit_site_info{site="' in answer.text
 
 
-async def test_metrics_are_computed_once_a_second_for_all_who_read(
+async def test_metrics_are_computed_once_a_second_for_all_readers(
     server: Server, client: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed: list[str] = []
@@ -57,7 +57,7 @@ async def test_metrics_are_computed_once_a_second_for_all_who_read(
     assert len(computed) <= 1 + (time.monotonic() - begin_s)
 
 
-async def test_without_a_token_there_are_no_metrics(client: httpx.AsyncClient) -> None:
+async def test_metrics_are_refused_without_a_token(client: httpx.AsyncClient) -> None:
     for headers in ({}, bearer("wrong"), {"Authorization": f"Basic {VIEWER}"}):
         answer = await client.get(PATH, headers=headers)
         assert answer.status_code == 401
@@ -74,7 +74,7 @@ async def test_wrong_tokens_of_a_scrape_count_as_guesses(monkeypatch: pytest.Mon
         assert (await client.get(PATH, headers=bearer(VIEWER))).status_code == 200
 
 
-async def test_a_server_of_its_own_answers_this_machine_without_a_token() -> None:
+async def test_metrics_server_answers_this_machine_without_a_token() -> None:
     server = MetricsServer(SiteMetrics("hall", "1"), "127.0.0.1", 0)
     serving_it = asyncio.create_task(server.run())
     try:
@@ -88,7 +88,7 @@ async def test_a_server_of_its_own_answers_this_machine_without_a_token() -> Non
         await asyncio.gather(serving_it, return_exceptions=True)
 
 
-async def test_a_server_of_its_own_is_not_open_to_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_metrics_server_is_closed_to_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(access.CONTAINER, "oci")  # many containers share the network of their host
     with pytest.raises(ConfigError, match=r"listen at 127\.0\.0\.1"):
         MetricsServer(SiteMetrics("lab", "1"), "0.0.0.0", 0)  # noqa: S104 - refused
@@ -98,7 +98,7 @@ def now(bench: Bench) -> dict[str, Any]:
     return {"stamp_ns": bench.clock.now_ns()}
 
 
-async def test_a_page_goes_back_in_time_while_another_one_stays_live() -> None:
+async def test_page_shows_the_past_while_another_stays_live() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as live:
 
@@ -138,7 +138,7 @@ async def test_a_page_goes_back_in_time_while_another_one_stays_live() -> None:
         assert clock.now_ns() > START_NS
 
 
-async def test_the_past_cannot_be_changed_and_the_present_not_played(server: Server) -> None:
+async def test_past_cannot_be_changed_and_present_not_played(server: Server) -> None:
     async with server.page(path=PAST) as page:
         for wish in ({"deed": "press", "name": "anna"}, {"key": "conveyor/reset"}):
             answer = await page.ask(**wish)
@@ -153,7 +153,7 @@ async def test_the_past_cannot_be_changed_and_the_present_not_played(server: Ser
         )
 
 
-async def test_few_pages_look_at_the_past_at_a_time(server: Server) -> None:
+async def test_number_of_pages_of_the_past_is_limited(server: Server) -> None:
     async with contextlib.AsyncExitStack() as stack:
         for _ in range(MAX_PAST_PAGES):
             await stack.enter_async_context(server.page(path=PAST))
@@ -162,7 +162,7 @@ async def test_few_pages_look_at_the_past_at_a_time(server: Server) -> None:
         await stack.enter_async_context(server.page())
 
 
-async def test_seeks_are_few_a_second_and_the_newest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_seeks_are_limited_and_the_newest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(past_page, "SEEK_S", 60.0)
     async with memory_bench() as bench, serving(bench) as server, server.page(path=PAST) as page:
         await until(lambda: bool(page.playing))

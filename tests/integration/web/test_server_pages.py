@@ -34,7 +34,7 @@ async def unknown(page: Page, key: str, name: str = "") -> None:
     await until(lambda: (key, name) not in page.states, what=f"that {key} of {name} is gone")
 
 
-async def test_a_page_is_told_what_is_true_and_what_happens(bench: Bench, server: Server) -> None:
+async def test_page_gets_states_and_events(bench: Bench, server: Server) -> None:
     bench.put(topics.MAP, models.Environment(**NOW, name="lab"))
     bench.put(topics.CURSOR, models.Cursor(**NOW, miss_m=1.0), "anna")
     async with server.page(VIEWER) as page:
@@ -57,7 +57,7 @@ async def told_of_before(server: Server) -> list[tuple[str, str]]:
     return [(event["user"], event["object_id"]) for event in told]
 
 
-async def test_a_server_that_comes_after_the_events_has_them_from_the_selectors_journal() -> None:
+async def test_late_server_has_earlier_events_from_the_journal() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         bench.start(Selector)
@@ -76,7 +76,7 @@ async def test_a_server_that_comes_after_the_events_has_them_from_the_selectors_
         assert told == [("anna", "a"), ("ben", "b")]
 
 
-async def test_a_frame_of_light_is_sent_at_once() -> None:
+async def test_frame_of_light_is_sent_at_once() -> None:
     async with memory_bench() as bench, serving(bench, rate_hz=0.1) as server, server.page() as page:
         await known(page, topics.HEALTH.key, "web")
         loop = asyncio.get_running_loop()
@@ -95,12 +95,12 @@ def lag(bench: Bench, page: Page, late_s: float) -> str:
     return "".join(warning for warning in warnings if "messages of plant reach" in warning)
 
 
-async def test_that_what_is_shown_is_long_past_is_told(bench: Bench, page: Page) -> None:
+async def test_lag_of_pages_is_reported(bench: Bench, page: Page) -> None:
     await until(lambda: "4.0 s late" in lag(bench, page, 4.0), 20.0, "the page to speak of it")
     await until(lambda: not lag(bench, page, 0.0), 20.0, "the page to speak of it no more")
 
 
-async def test_who_leaves_is_no_ghost(bench: Bench, server: Server, page: Page) -> None:
+async def test_person_who_leaves_disappears(bench: Bench, server: Server, page: Page) -> None:
     token = bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.put(topics.CURSOR, models.Cursor(**NOW), "anna")
     await known(page, topics.CURSOR.key, "anna")
@@ -113,7 +113,7 @@ async def test_who_leaves_is_no_ghost(bench: Bench, server: Server, page: Page) 
         assert (topics.CURSOR.key, "anna") not in late.states
 
 
-async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Bench, page: Page) -> None:
+async def test_replaced_scenario_leaves_only_its_map(bench: Bench, page: Page) -> None:
     tokens = [bench.bus.announce(topics.SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
     services = (models.ExpectedService(service="conveyor-sim"),)
     first = models.Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
@@ -138,7 +138,7 @@ async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Ben
     assert (topics.MAP.key, "") in page.states
 
 
-async def test_a_request_is_answered_by_its_server(bench: Bench, page: Page) -> None:
+async def test_request_is_answered_by_its_server(bench: Bench, page: Page) -> None:
     asked: list[models.Query] = []
 
     async def set_speed(query: models.SetSpeed, _name: str) -> models.Done:
@@ -162,7 +162,7 @@ async def test_a_request_is_answered_by_its_server(bench: Bench, page: Page) -> 
     assert "selector does not answer" in nobody["error"]
 
 
-async def test_a_viewer_is_answered_and_nothing_is_done(bench: Bench, server: Server) -> None:
+async def test_viewer_request_is_refused_without_effect(bench: Bench, server: Server) -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
     presses = bench.collect(topics.BUTTON)
@@ -177,7 +177,7 @@ async def test_a_viewer_is_answered_and_nothing_is_done(bench: Bench, server: Se
     assert samples == []
 
 
-async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
+async def test_press_of_a_page_presses_the_button(bench: Bench, page: Page) -> None:
     presses = bench.collect(topics.BUTTON, "anna")
     assert "anna is not there" in (await page.ask(deed="press", name="anna"))["error"]
     bench.bus.announce(topics.USER_ALIVE, "anna")
@@ -196,7 +196,7 @@ async def person(bench: Bench, page: Page, state: str = "pointing") -> None:
     await until(lambda: bool(page.person("anna")))
 
 
-async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
+async def test_mouse_moves_the_arm_until_it_is_released() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as page:
         await person(bench, page)
@@ -219,7 +219,7 @@ async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
 
 
 @pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0), ("localizing", 0)])
-async def test_who_is_idle_begins_to_point_when_taken(
+async def test_idle_person_begins_to_point_when_taken(
     bench: Bench, page: Page, state: str, presses: int
 ) -> None:
     pressed = bench.collect(topics.BUTTON, "anna")
@@ -229,13 +229,13 @@ async def test_who_is_idle_begins_to_point_when_taken(
     assert len(pressed) == presses
 
 
-async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) -> None:
+async def test_arm_is_not_taken_without_an_imu_bridge(bench: Bench, page: Page) -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     await until(lambda: bool(page.person("anna")))
     assert "imu-bridge --user anna" in (await page.ask(deed="take", name="anna"))["error"]
 
 
-async def test_the_last_who_takes_has_it_until_their_page_closes_and_the_other_is_told() -> None:
+async def test_last_page_that_takes_has_the_arm_until_it_closes() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as one:
         await person(bench, one)
         async with server.page() as two:
@@ -253,7 +253,7 @@ async def take_in_turn(one: Page, two: Page) -> None:
     assert not (await two.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
 
 
-async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_phone_is_paired_only_over_the_local_network(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn_by: list[bool] = []
 
     def drawn(url: str, fingerprint: str) -> dict[str, Any]:
@@ -280,7 +280,7 @@ async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest
         await until(lambda: "waiting" in page.person("anna")["phone"])
 
 
-async def test_the_figures_are_told_in_health(bench: Bench, server: Server) -> None:
+async def test_page_figures_are_in_health(bench: Bench, server: Server) -> None:
     reports = bench.collect(topics.HEALTH, "web")
 
     def figure(name: str) -> float | None:
@@ -295,7 +295,7 @@ async def test_the_figures_are_told_in_health(bench: Bench, server: Server) -> N
     await until(lambda: figure("viewers") == 0.0)
 
 
-async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Server) -> None:
+async def test_last_minute_is_a_file_for_operators(bench: Bench, server: Server) -> None:
     bench.put(topics.CURSOR, models.Cursor(**NOW), "anna")
     await bench.settle()
     async with server.client(Cookie=await server.cookie()) as client:
@@ -309,7 +309,7 @@ async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Ser
         assert (await client.get("/recording.mcap")).status_code == 403
 
 
-async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_request_while_writing_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[int] = []
     write = app.write_recording
 

@@ -33,7 +33,7 @@ def places(fleet: Fleet, now_ns: int = START_NS) -> dict[str, tuple[float, float
     return {each.id: each.position_m[:2] for each in fleet.objects(now_ns)}
 
 
-def test_every_agv_of_the_broker_is_an_object_where_it_said_last() -> None:
+def test_each_agv_is_an_object_at_its_last_place() -> None:
     fleet = fleet_of(leave_out=("acme/9",))
     assert fleet.on_message(topic("visualization"), at(1.0, 2.0, deviationRange=0.1), START_NS)
     assert fleet.on_message(topic("visualization"), at(1.5, 2.0, number=2), START_NS)
@@ -50,7 +50,7 @@ def test_every_agv_of_the_broker_is_an_object_where_it_said_last() -> None:
     assert (second.id, second.position_sigma_m) == ("acme-8", 0.1)
 
 
-def test_an_agv_that_drives_is_shown_where_it_is_now_and_not_for_long_without_news() -> None:
+def test_moving_agv_is_extrapolated_for_a_short_time() -> None:
     fleet = fleet_of()
     fleet.on_message(topic("visualization"), at(1.0, 1.0, vx=0.5, theta=math.pi / 2), START_NS)
     ((x, y),) = places(fleet, START_NS + NS_PER_S).values()
@@ -58,7 +58,7 @@ def test_an_agv_that_drives_is_shown_where_it_is_now_and_not_for_long_without_ne
     assert places(fleet, START_NS + 3 * NS_PER_S) == {}
 
 
-def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:
+def test_agv_has_left_when_off_on_another_map_or_silent() -> None:
     fleet = fleet_of(map_id="hall")
     gone = b'{"headerId": 1, "connectionState": "CONNECTIONBROKEN"}'
     for number, (kind, payload) in enumerate(
@@ -77,7 +77,7 @@ def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:
     assert places(fleet) == {}
 
 
-def test_an_agv_that_loses_its_position_and_states_none_is_not_shown_where_it_was() -> None:
+def test_agv_is_not_shown_when_it_loses_its_position() -> None:
     fleet = fleet_of()
     fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
     lost = at(None, None, number=2, theta=None, positionInitialized=False)
@@ -88,7 +88,7 @@ def test_an_agv_that_loses_its_position_and_states_none_is_not_shown_where_it_wa
 @pytest.mark.parametrize(
     "prefix", ["uagv/2.0", "uagv/2.1.0", "/uagv/v2", "uagv", "plant/hall 3/uagv/v3", "robots"]
 )
-def test_topics_with_other_first_levels_are_those_of_their_parameter(prefix: str) -> None:
+def test_topic_prefix_selects_topics_with_other_first_levels(prefix: str) -> None:
     name = f"{prefix}/acme/7/state"
     assert not fleet_of().on_message(name, at(1.0, 2.0), START_NS)
     fleet = fleet_of(topic_prefix=prefix)
@@ -97,7 +97,7 @@ def test_topics_with_other_first_levels_are_those_of_their_parameter(prefix: str
     assert not fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
 
 
-def test_other_devices_of_a_broker_are_no_agvs_and_no_problem() -> None:
+def test_other_devices_of_a_broker_are_ignored() -> None:
     fleet = fleet_of()
     for name, payload in (
         ("homeassistant/sensor/door/state", b"ON"),
@@ -108,14 +108,14 @@ def test_other_devices_of_a_broker_are_no_agvs_and_no_problem() -> None:
     assert (fleet.problem, fleet.objects(START_NS)) == ("", ())
 
 
-def test_an_agv_of_two_versions_is_shown_by_the_one_that_reported_first() -> None:
+def test_agv_of_two_versions_is_shown_by_the_first_one() -> None:
     fleet = fleet_of()
     fleet.on_message("uagv/v1/acme/7/state", at(1.0, 2.0), START_NS)
     fleet.on_message("uagv/v2/acme/7/state", at(9.0, 9.0), START_NS)
     assert places(fleet) == {"acme-7": (1.0, 2.0)}
 
 
-def test_unreadable_fields_are_named_once_and_the_others_are_shown() -> None:
+def test_unreadable_fields_are_named_once() -> None:
     fleet = fleet_of()
     for number, degrees in enumerate((170.0, 171.0)):
         message = at(1.0 + number, 2.0, number=number, theta=degrees, deviationRange=-1, vx="fast")
@@ -131,7 +131,7 @@ def test_unreadable_fields_are_named_once_and_the_others_are_shown() -> None:
 
 
 @pytest.mark.parametrize("where", [{"x": "here"}, {"positionInitialized": "perhaps"}])
-def test_an_agv_that_drives_and_whose_position_cannot_be_read_is_not_shown_where_it_was(
+def test_moving_agv_is_not_shown_when_its_position_is_unreadable(
     where: dict[str, Any],
 ) -> None:
     fleet = fleet_of()
@@ -146,7 +146,7 @@ def test_an_agv_that_drives_and_whose_position_cannot_be_read_is_not_shown_where
     assert next(iter(where)) in fleet.problem
 
 
-def test_an_agv_that_states_no_map_is_reported_if_one_is_wanted() -> None:
+def test_agv_without_a_map_is_reported_when_one_is_configured() -> None:
     fleet = fleet_of(map_id="hall")
     fleet.on_message(topic("state"), at(1.0, 0.0, mapId=None), START_NS)
     assert places(fleet) == {}
@@ -155,7 +155,7 @@ def test_an_agv_that_states_no_map_is_reported_if_one_is_wanted() -> None:
     assert (len(places(fleet)), fleet.problem) == (1, "")
 
 
-def test_a_message_that_is_none_is_reported_until_the_next_one() -> None:
+def test_malformed_message_is_reported_until_the_next_one() -> None:
     fleet = fleet_of()
     assert not fleet.on_message(topic("state"), b"\x00\x01", START_NS)
     assert fleet.objects(START_NS) == ()
@@ -164,7 +164,7 @@ def test_a_message_that_is_none_is_reported_until_the_next_one() -> None:
     assert fleet.problem == ""
 
 
-def test_the_number_of_agvs_is_bounded() -> None:
+def test_number_of_agvs_is_bounded() -> None:
     fleet = fleet_of()
     for serial in range(MAX_AGVS + 9):
         fleet.on_message(topic("visualization", f"{serial}"), at(1.0, 2.0), START_NS)
@@ -201,7 +201,7 @@ def test_agv_is_not_shown_by_a_retained_state_of_yesterday(
     assert (places(fleet, now_ns), fleet.problem) == ({}, "")
 
 
-def test_agv_that_is_off_is_not_shown_by_a_state_of_before_though_it_is_not_marked_as_retained() -> None:
+def test_agv_that_is_off_is_not_shown_by_an_earlier_state() -> None:
     fleet = fleet_of()
     fleet.on_message(topic("connection"), GONE, YESTERDAY_NS + 40 * NS_PER_S)
     fleet.on_message(topic("state"), STATE, YESTERDAY_NS + 40 * NS_PER_S)
@@ -227,5 +227,5 @@ def test_agv_that_returns_is_shown_by_its_next_state() -> None:
     st.sampled_from([topic("state"), topic("connection"), "a/b", "////", "", "a/////state"]),
     st.binary(max_size=99),
 )
-def test_no_message_raises(name: str, payload: bytes) -> None:
+def test_malformed_messages_never_raise(name: str, payload: bytes) -> None:
     assert not fleet_of().on_message(name, payload, START_NS)

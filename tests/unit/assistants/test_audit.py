@@ -22,7 +22,7 @@ def _audit() -> AuditFile:
     return AuditFile(site_folder("lab", FOLDER))
 
 
-def test_a_call_is_shown_with_its_caller_and_outcome(audit: AuditFile) -> None:
+def test_call_is_shown_with_its_caller_and_outcome(audit: AuditFile) -> None:
     call = audit.begin("robo 1.0", "viewer", "stop_robot", {"robot": "rover"})
     audit.end(call, "refused", "no\x1b[2J\nway")
     records = json.loads(shown("--json").output)["calls"]
@@ -35,12 +35,14 @@ def test_a_call_is_shown_with_its_caller_and_outcome(audit: AuditFile) -> None:
     assert len(json.loads(shown("--json", "--last", "1").output)["calls"]) == 1
 
 
-def test_only_its_owner_may_read_it(audit: AuditFile) -> None:
+def test_audit_file_is_readable_only_by_its_owner(audit: AuditFile) -> None:
     audit.begin("", "viewer", "things", {})
     assert (site_folder("lab", FOLDER) / FILE).stat().st_mode & 0o077 == 0
 
 
-def test_it_is_bounded_and_an_older_part_is_kept(audit: AuditFile, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_audit_file_is_bounded_and_keeps_an_older_part(
+    audit: AuditFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(audit_file, "MAX_BYTES", 2000)
     for number in range(100):
         audit.begin("", "viewer", f"tool{number}", {})
@@ -56,7 +58,7 @@ def test_damaged_lines_are_left_out(audit: AuditFile) -> None:
     assert [each["tool"] for each in read_audit("lab")] == ["things"]
 
 
-def test_without_calls_it_says_so() -> None:
+def test_audit_without_calls_says_so() -> None:
     with pytest.raises(ConfigError, match="no assistant has asked site lab"):
         shown()
 
@@ -67,7 +69,7 @@ def test_people_and_objects_are_no_filter_of_calls(audit: AuditFile) -> None:
         shown("--user", "anna")
 
 
-def test_record_after_a_line_that_has_no_end_begins_a_line(audit: AuditFile) -> None:
+def test_record_begins_a_line_when_the_previous_has_no_end(audit: AuditFile) -> None:
     """A crash cuts the last line off, and editors leave out the last line end."""
     first = audit.begin("", "viewer", "things", {})
     path = site_folder("lab", FOLDER) / FILE

@@ -66,7 +66,7 @@ async def endless_body() -> AsyncIterator[bytes]:
         await asyncio.sleep(BODY_TIMEOUT_S / 4)
 
 
-async def test_bodies_that_never_end_hold_nobody_up_and_are_refused_in_seconds() -> None:
+async def test_endless_bodies_are_refused_in_seconds_and_block_nobody() -> None:
     async with clients() as (operator, viewer):
         slow = [
             asyncio.create_task(viewer.post(PATH, content=endless_body(), headers={"Content-Length": "5000"}))

@@ -52,7 +52,7 @@ async def test_people_and_things_are_listed_with_their_lights(assistant: Assista
     assert items["rover"]["state"] == "idle"
 
 
-async def test_a_word_is_asked_for_at_its_time(assistant: Assistant, played: Played) -> None:
+async def test_word_is_resolved_at_its_time(assistant: Assistant, played: Played) -> None:
     played.point("kettle")
     found = await assistant.call("what_is_pointed_at", user="anna", word_time="2026-03-01T14:30:05.250+01:00")
     assert found["candidates"][0]["name"] == "kettle"
@@ -74,13 +74,13 @@ async def test_a_word_is_asked_for_at_its_time(assistant: Assistant, played: Pla
         "9" * 30,
     ],
 )
-def test_a_time_of_a_word_without_zone_or_sense_is_refused(text: str) -> None:
+def test_word_time_is_refused_without_zone_or_sense(text: str) -> None:
     with pytest.raises(SchemaError, match="word_time"):
         ns_of(text)
 
 
 @pytest.mark.parametrize("is_there", [False, True])
-async def test_a_listener_is_reported_missing_only_if_it_is(*, is_there: bool) -> None:
+async def test_listener_is_reported_missing_only_when_it_is(*, is_there: bool) -> None:
     bus = MemoryBus()
     played = Played(bus)
     bus.announce(topics.USER_ALIVE, "anna")
@@ -113,13 +113,13 @@ async def test_waiting_ends_when_two_looks_agree(assistant: Assistant, played: P
     assert waited["pointed"]["candidates"][0]["name"] == "kettle"
 
 
-async def test_waiting_ends_in_time(assistant: Assistant, played: Played) -> None:
+async def test_waiting_ends_at_its_timeout(assistant: Assistant, played: Played) -> None:
     played.point("radio")
     waited = await assistant.call("wait_for_pointing", user="anna", what=["kettle"], timeout=1)
     assert waited["came"] is False
 
 
-async def test_a_cancelled_call_ends_and_is_in_the_audit(assistant: Assistant) -> None:
+async def test_cancelled_call_ends_and_is_in_the_audit(assistant: Assistant) -> None:
     call = asyncio.create_task(
         assistant.client.call_tool("wait_for_pointing", {"user": "anna", "timeout": 100})
     )
@@ -129,14 +129,14 @@ async def test_a_cancelled_call_ends_and_is_in_the_audit(assistant: Assistant) -
     await until(lambda: assistant.audit == [("wait_for_pointing", "cancelled")])
 
 
-async def test_a_thing_is_lit_by_its_lamp(assistant: Assistant, played: Played) -> None:
+async def test_thing_is_lit_by_its_lamp(assistant: Assistant, played: Played) -> None:
     await assistant.call("light", thing="The Kettle", colour="red")
     await assistant.call("light", thing="kettle", colour="#0102ff")
     await assistant.call("light", thing="kettle", colour="off")
     assert played.lamps == [("desk", RED), ("desk", (1, 2, 255)), ("desk", None)]
 
 
-async def test_a_press_answers_a_question_by_light(assistant: Assistant, played: Played) -> None:
+async def test_press_answers_a_question_by_light(assistant: Assistant, played: Played) -> None:
     await assistant.call("light", thing="desk", colour="red")
     asking = asyncio.create_task(assistant.call("ask_by_light", user="anna", candidates=["kettle", "radio"]))
     await until(lambda: ("door", BLUE) in played.lamps)
@@ -149,9 +149,7 @@ async def test_a_press_answers_a_question_by_light(assistant: Assistant, played:
     ]  # fmt: skip
 
 
-async def test_a_press_before_the_light_could_be_seen_is_no_answer(
-    assistant: Assistant, played: Played
-) -> None:
+async def test_press_before_the_light_was_visible_is_no_answer(assistant: Assistant, played: Played) -> None:
     asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
     asking = asyncio.create_task(assistant.call("ask_by_light", **asked))
     await until(lambda: bool(played.lamps))
@@ -171,7 +169,7 @@ async def test_one_press_does_not_answer_two_questions(assistant: Assistant, pla
     await assistant.call("ask_by_light", **asked)
 
 
-async def test_who_could_not_be_heard_may_be_asked_again(
+async def test_person_may_be_asked_again_after_a_lost_question(
     assistant: Assistant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_about: object) -> None:
@@ -199,7 +197,7 @@ async def test_lamps_are_given_back_when_a_question_ends(
         assert json.loads(text_of(asking.result()))["chosen"] == ""
 
 
-async def test_a_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, played: Played) -> None:
+async def test_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, played: Played) -> None:
     await assistant.call("send_robot", robot="rover", user="anna", place=[3, 2, 0])
     await assistant.call("send_robot", robot="rover", user="anna", thing="radio")
     assert played.asked == [
@@ -216,7 +214,7 @@ async def test_a_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, pla
         ({}, "it does not answer"),
     ],
 )
-async def test_a_robot_that_does_not_set_off_says_why(
+async def test_reason_is_returned_when_a_robot_does_not_set_off(
     assistant: Assistant, played: Played, changes: dict[str, Any], reason: str
 ) -> None:
     played.rover = ROVER.model_copy(update=changes)
@@ -224,7 +222,7 @@ async def test_a_robot_that_does_not_set_off_says_why(
     assert why == f"rover does not set off: {reason}"
 
 
-async def test_numbers_without_sense_reach_no_robot(assistant: Assistant, played: Played) -> None:
+async def test_robot_is_not_sent_to_senseless_numbers(assistant: Assistant, played: Played) -> None:
     for place in ([float("nan"), 0, 0], [1e9, 0, 0], [1, 2]):
         asked: dict[str, Any] = {"robot": "rover", "user": "anna", "place": place}
         assert (await assistant.client.call_tool("send_robot", asked)).is_error
@@ -252,7 +250,7 @@ REFUSALS: list[tuple[str, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("tool", "arguments", "sentence"), REFUSALS)
-async def test_what_cannot_be_done_is_refused_in_one_sentence_without_links_and_without_an_effect(
+async def test_impossible_call_is_refused_in_one_sentence_without_effect(
     assistant: Assistant, played: Played, tool: str, arguments: dict[str, Any], sentence: str
 ) -> None:
     reason = await assistant.refused(tool, **arguments)
@@ -261,12 +259,12 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_without_links_and_
     assert (played.asked, played.lamps) == ([], [])
 
 
-async def test_a_text_goes_to_all_who_are_there(assistant: Assistant, played: Played) -> None:
+async def test_text_goes_to_all_present_people(assistant: Assistant, played: Played) -> None:
     assert await assistant.call("say", text="tea is ready") == {"message": "told anna"}
     assert played.asked == [("anna", Say(text="tea is ready"))]
 
 
-async def test_a_viewer_looks_and_stops_robots_only(played: Played) -> None:
+async def test_viewer_only_looks_and_stops_robots(played: Played) -> None:
     async with assistant_of(played, "viewer") as viewer:
         await viewer.call("who_is_here")
         await viewer.call("stop_robot", robot="rover", reason="a child")
@@ -285,12 +283,12 @@ async def test_a_viewer_looks_and_stops_robots_only(played: Played) -> None:
         assert viewer.audit[1:3] == [("stop_robot", "done"), ("light", "refused")]
 
 
-async def test_a_caller_without_a_token_is_a_viewer_where_tokens_count(played: Played) -> None:
+async def test_remote_caller_without_a_token_is_a_viewer(played: Played) -> None:
     async with assistant_of(played, is_remote=True) as unknown:
         assert "needs the operator's token" in await unknown.refused("say", text="hello")
 
 
-async def test_every_call_is_in_the_audit_or_is_not_done(played: Played, tmp_path: Path) -> None:
+async def test_calls_are_audited_or_not_done(played: Played, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     async with assistant_of(played, folder=tmp_path / "file") as assistant:
         assert "nothing is done" in await assistant.refused("light", thing="desk", colour="red")
@@ -361,7 +359,7 @@ class Joiner:
         return str(raised.value)
 
 
-async def test_a_wrong_site_is_named_until_the_right_one_is_there() -> None:
+async def test_unreachable_site_is_named_until_it_is_there() -> None:
     joiner = Joiner()
     joiner.failures.append(WrongSiteError("there is site hall"))
     joiner.is_there.set()
@@ -370,7 +368,7 @@ async def test_a_wrong_site_is_named_until_the_right_one_is_there() -> None:
         await until(lambda: not joiner.why())
 
 
-async def test_a_site_that_comes_later_is_joined_and_again_after_its_end() -> None:
+async def test_late_site_is_joined_and_joined_again_after_its_end() -> None:
     joiner = Joiner()
     async with joiner.door.opened():
         await asyncio.sleep(1000)
@@ -385,7 +383,7 @@ async def test_a_site_that_comes_later_is_joined_and_again_after_its_end() -> No
         await until(lambda: not joiner.why())
 
 
-async def test_a_lost_connection_is_said_in_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_lost_connection_is_reported_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
     joiner = Joiner()
     joiner.is_there.set()
     async with joiner.door.opened():

@@ -63,14 +63,14 @@ async def test_three_hundred_entities_become_things_by_four_messages(tmp_path: P
     assert {each.mode for each in things} == {"switch"}
 
 
-async def test_a_state_that_is_too_long_is_left_out_alone(tmp_path: Path) -> None:
+async def test_state_that_is_too_long_is_left_out_alone(tmp_path: Path) -> None:
     rain = {"hours": "x" * 200_000}
     home = MemoryHome({"light.a": ("on", {}), "sensor.rain": ("1", rain), LAMP: ("on", {})})
     async with home.connected(config_of(tmp_path, 1)) as connection, reading(connection):
         assert set(await connection.states()) == {"light.a", LAMP}
 
 
-async def test_a_lamp_that_the_map_gains_may_show_another_sites_hover(
+async def test_lamp_added_to_the_map_may_show_another_sites_hover(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({LAMP: ("on", {"brightness": 120}), "light.a": ("on", {"brightness": 100})})
@@ -96,7 +96,7 @@ async def test_entities_that_cannot_be_switched_are_not_offered(tmp_path: Path) 
         assert {each.entity for each in await entities_of(connection)} == {"cover.door", "media_player.radio"}
 
 
-async def test_three_hundred_things_act_by_a_message_each_and_show_their_states(
+async def test_three_hundred_things_act_by_one_message_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = large_home()
@@ -136,7 +136,7 @@ async def test_many_deleted_and_unavailable_entities_are_named_and_counted(
         await until(lambda: "in Home Assistant" not in str(health[-1]), what="all to be there again")
 
 
-async def test_hover_is_one_call_ends_after_its_time_and_waits_after_what_others_set(
+async def test_hover_is_one_call_and_waits_after_changes_by_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({LAMP: ("on", {"brightness": 100})})
@@ -226,7 +226,7 @@ async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
         await until(lambda: sentence in str(health[-1:]), what="the voice")
 
 
-async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_within_seconds(
+async def test_silent_home_assistant_is_reported_within_seconds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({LAMP: ("off", {})})
@@ -254,7 +254,7 @@ async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_w
         assert health[-1].problems == ()
 
 
-async def test_while_home_assistant_starts_people_are_told_to_wait_and_then_it_works(
+async def test_things_wait_while_home_assistant_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({"light.other": ("off", {})})
@@ -269,7 +269,7 @@ async def test_while_home_assistant_starts_people_are_told_to_wait_and_then_it_w
         assert (site.states["desk"].state, site.states["desk"].reason) == ("off", "")
 
 
-async def test_act_behind_another_call_is_not_sent_after_the_process_stood_still(
+async def test_late_act_is_not_sent_when_the_process_stood_still(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({LAMP: ("on", {"brightness": 100})})

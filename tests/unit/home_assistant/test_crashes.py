@@ -168,7 +168,7 @@ async def check_restored(
     assert stored_lights(folder) <= {NO_LIGHTS}, "nothing is left to restore"
 
 
-async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hover(tmp_path: Path) -> None:
+async def test_orderly_end_short_after_a_hover_leaves_nothing_to_restore(tmp_path: Path) -> None:
     home = lit_home()
     folder = tmp_path / "state"
     folder.mkdir()
@@ -183,7 +183,7 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hov
     assert stored_lights(folder) == {NO_LIGHTS}, "a lamp that is set by hand meanwhile stays so"
 
 
-async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tmp_path: Path) -> None:
+async def test_orderly_end_during_a_hover_leaves_nothing_to_restore(tmp_path: Path) -> None:
     home = lit_home()
     folder = tmp_path / "state"
     folder.mkdir()
@@ -207,7 +207,7 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tm
         pytest.param(restart_home, nothing, False, id="restart of Home Assistant"),
     ],
 )
-def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
+def test_lamps_are_restored_after_a_kill_at_any_effect(
     acts: Acts, next_acts: Acts, *, is_killed_again: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     changed: int = 0

@@ -67,7 +67,7 @@ def things(text: str) -> dict[str, Any]:
     return {each.id: each for each in things_of(parse_map_file(f"things: {text}".encode(), Path("m.yaml")))}
 
 
-def test_thing_of_an_entity_needs_no_position_and_is_a_switch_if_the_entity_is_on_or_off() -> None:
+def test_thing_of_an_entity_needs_no_position_and_may_be_a_switch() -> None:
     found = things(
         "{a: {home_assistant: light.a}, b: {home_assistant: scene.b}, "
         "c: {home_assistant: {entity: light.c, action: light.turn_on, data: {flash: short}}}, "
@@ -122,7 +122,7 @@ def test_entity_that_is_neither_switched_nor_run_needs_an_action(entity: str) ->
     ("action", "is_allowed"),
     [("light.turn_on", True), ("scene.apply", True), ("script.night", True), ("shell_command.run", False)],
 )
-def test_action_of_another_domain_is_allowed_only_if_it_is_listed(action: str, *, is_allowed: bool) -> None:
+def test_action_of_another_domain_is_allowed_only_when_listed(action: str, *, is_allowed: bool) -> None:
     home_action = HomeAction(LAMP, action)
     assert home_action.is_of(()) is is_allowed
     assert home_action.is_of((action,))

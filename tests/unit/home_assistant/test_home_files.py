@@ -86,7 +86,7 @@ def test_lamps_are_added_and_what_people_wrote_stays() -> None:
     assert [place.position for place in file.paced_from.values()] == [(0, 0), (0.12, 2.04)]
 
 
-def test_one_place_removes_the_second_one_of_before() -> None:
+def test_second_place_is_removed_when_one_place_suffices() -> None:
     setup = setup_of(ChosenLamp(id="light.desk", label="desk"), desk=(3.0, 0.5, 0.9))
     twice = placed_map(
         placed_map(OWN, PATH, setup), PATH, setup.model_copy(update={"places_m": ((0.0, 0.0),)})
@@ -128,7 +128,7 @@ def test_parameters_of_other_services_stay() -> None:
     assert changed.startswith("# mine\n")
 
 
-def test_confused_names_and_lamps_are_told() -> None:
+def test_confused_names_and_lamps_are_reported() -> None:
     content = b"""
 things:
   a: {home_assistant: light.a, label: Lamp, center: [3, 0, 1], size: [0.3, 0.3, 0.3]}

@@ -27,7 +27,7 @@ def announced(**properties: str | None) -> NetworkService:
     return NetworkService("Our home", "192.168.1.7", 8123, "3b8f.local", {**PROPERTIES, **properties})
 
 
-def test_address_of_the_network_is_that_which_home_assistant_states() -> None:
+def test_network_address_is_the_one_that_home_assistant_states() -> None:
     home = announced_home(announced())
     assert home.address == "http://192.168.1.5:8123"
     assert home.label == (
@@ -53,7 +53,7 @@ def test_announcement_without_properties_or_with_controls_has_a_label() -> None:
     ).label.isprintable()
 
 
-def test_url_of_another_machine_is_one_word_of_a_shell() -> None:
+def test_url_of_another_machine_is_quoted_for_a_shell() -> None:
     home = announced_home(announced(internal_url="http://hub;reboot:8123"))
     assert ";" not in import_options(home) or "'" in import_options(home)
 

@@ -117,7 +117,7 @@ def test_brightness_is_stored_before_the_call_and_one_call_shows_a_hover(site: L
         pytest.param(100, OURS, id="no level between"),
     ],
 )
-def test_first_report_after_the_call_is_its_answer_however_rounded(
+def test_first_report_after_the_call_is_its_answer_with_any_rounding(
     site: LampSite, brightness: int, context: object
 ) -> None:
     site.show(brightness, context)
@@ -130,7 +130,7 @@ def test_answer_that_comes_long_after_the_result_counts_too(site: LampSite) -> N
     assert site.end() == 100
 
 
-def test_lamp_that_fades_reports_levels_that_come_nearer_to_what_was_commanded(site: LampSite) -> None:
+def test_fading_lamp_reports_levels_nearer_to_the_command(site: LampSite) -> None:
     site.show(104)
     for brightness in (110, 118, 120):
         site.report(brightness, OURS)
@@ -153,7 +153,7 @@ def test_lamp_that_fades_reports_levels_that_come_nearer_to_what_was_commanded(s
         pytest.param(121, DEVICE, id="hand at the wall later"),
     ],
 )
-def test_lamp_that_somebody_else_sets_during_the_hover_is_left_as_it_is(
+def test_lamp_is_left_when_somebody_else_sets_it_during_the_hover(
     site: LampSite, brightness: int, context: object
 ) -> None:
     site.show(120)
@@ -170,7 +170,7 @@ def test_first_report_is_no_answer_if_somebody_else_has_caused_it(
     assert site.is_forgotten
 
 
-def test_act_of_somebody_else_during_the_call_is_told_apart_by_the_context_of_its_result(
+def test_act_of_others_during_a_call_differs_by_context(
     site: LampSite,
 ) -> None:
     call = site.hover()
@@ -182,7 +182,7 @@ def test_act_of_somebody_else_during_the_call_is_told_apart_by_the_context_of_it
 
 
 @pytest.mark.parametrize(("brightness", "end"), [(120, 100), (200, None)])
-def test_lamp_that_was_set_after_kill_minus_nine_is_left_and_else_restored(
+def test_lamp_is_restored_after_a_kill_unless_others_set_it(
     site: LampSite, brightness: int, end: int | None
 ) -> None:
     site.show(120)
@@ -215,7 +215,7 @@ def test_restored_lamp_is_called_again_only_if_it_still_shows_the_hover(
     assert site.is_forgotten is (again is None)
 
 
-def test_brightness_that_others_set_shows_no_hover_until_it_has_stood(site: LampSite) -> None:
+def test_lamp_shows_no_hover_until_a_foreign_brightness_has_stood(site: LampSite) -> None:
     site.report(60, APP)
     site.now_s += STANDING_S - 1
     assert site.feedback.begin(LAMP, site.state) is None
@@ -223,7 +223,7 @@ def test_brightness_that_others_set_shows_no_hover_until_it_has_stood(site: Lamp
     assert site.hover().data["brightness"] == 72
 
 
-def test_what_a_call_has_set_before_the_connection_has_to_stand_and_what_a_lamp_reports_has_not(
+def test_state_set_by_a_call_has_to_stand_after_a_connection(
     site: LampSite,
 ) -> None:
     site.state = lamp(120, APP)
@@ -234,7 +234,7 @@ def test_what_a_call_has_set_before_the_connection_has_to_stand_and_what_a_lamp_
     site.hover()
 
 
-def test_hover_is_over_before_another_site_takes_it_for_the_brightness_of_before(site: LampSite) -> None:
+def test_hover_ends_before_another_site_stores_its_brightness(site: LampSite) -> None:
     site.show(120)
     site.now_s += MAX_HOVER_S - 1
     assert not site.feedback.is_over(LAMP)
@@ -274,7 +274,7 @@ class SharedLamp:
             each.now_s += duration_s
 
 
-def test_two_sites_on_one_lamp_leave_it_as_it_was(tmp_path: Path) -> None:
+def test_lamp_of_two_sites_returns_to_its_brightness(tmp_path: Path) -> None:
     home = SharedLamp(tmp_path)
     for _ in range(3):
         home.hover()  # at the same instant
@@ -315,7 +315,7 @@ def test_single_lamp_without_an_effect_shows_the_hover(site: LampSite, attribute
     assert site.feedback.begin(LAMP, lamp(100, **attributes)) is not None
 
 
-def test_file_that_is_damaged_is_named(tmp_path: Path) -> None:
+def test_damaged_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "lights.json").write_text("{")
     with pytest.raises(ConfigError, match=r"lights\.json: cannot be used; move it away"):
         LampSite(tmp_path)

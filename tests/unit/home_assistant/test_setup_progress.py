@@ -168,7 +168,7 @@ def test_right_lamp_after_a_wrong_press_is_placed() -> None:
     assert_directions(progress)
 
 
-def test_one_place_suffices_for_who_stays_there() -> None:
+def test_one_place_suffices_when_the_person_stays() -> None:
     progress = at_place()
     for _ in LAMPS:
         point(progress)
@@ -227,7 +227,7 @@ def test_act_at_the_wrong_time_is_refused_and_changes_nothing(act: str) -> None:
     assert progress.state == before
 
 
-def test_step_without_the_ones_before_is_refused() -> None:
+def test_step_is_refused_without_its_previous_steps() -> None:
     progress = SetupProgress()
     for step in ("hand", "place", "try", "done"):
         with pytest.raises(RefusedError):

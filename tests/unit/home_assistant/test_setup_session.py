@@ -86,7 +86,7 @@ def pointing(bench: Bench, azimuth_rad: float) -> Any:
     return repeated(0.05, ray)
 
 
-async def test_lamp_of_the_turn_is_lit_and_is_as_before_afterwards(
+async def test_lamp_is_lit_at_its_turn_and_restored_afterwards(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = home_of_two()
@@ -144,7 +144,7 @@ async def test_lamp_that_was_lit_before_a_kill_goes_off(
         await until(lambda: home.states[DOOR]["state"] == "off", what="off again")
 
 
-async def test_wrong_token_is_told_and_another_one_is_tried_at_once(
+async def test_wrong_token_is_reported_and_another_one_tried_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = home_of_two()

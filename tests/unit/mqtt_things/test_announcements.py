@@ -67,7 +67,7 @@ def test_triggers_fire_when_a_person_points_presses_or_lets_go(
 
 
 @pytest.mark.parametrize("mode", ["button", "switch", "claim"])
-def test_triggers_belong_to_the_device_of_the_site_and_differ_by_type_and_thing(mode: ThingMode) -> None:
+def test_triggers_of_the_site_device_differ_by_type_and_thing(mode: ThingMode) -> None:
     configs = triggers(thing(mode)) | triggers(thing(mode, "4.screws"))
     assert len({(each["type"], each["subtype"]) for each in configs.values()}) == len(configs)
     for topic, config in configs.items():
@@ -77,7 +77,7 @@ def test_triggers_belong_to_the_device_of_the_site_and_differ_by_type_and_thing(
     assert ("released" in {each["type"] for each in configs.values()}) == (mode == "claim")
 
 
-def test_triggers_of_things_that_are_gone_or_changed_their_mode_are_taken_back() -> None:
+def test_triggers_are_removed_when_things_go_or_change_mode() -> None:
     topics = [each.topic for each in SITE.discovery(thing("claim"))]
     assert {each.topic for each in SITE.outdated(topics, [])} == set(topics)
     taken_back = {each.topic: each.payload for each in SITE.outdated(topics, [thing("switch")])}
@@ -87,7 +87,7 @@ def test_triggers_of_things_that_are_gone_or_changed_their_mode_are_taken_back()
     }
 
 
-def test_state_of_a_switch_is_on_another_topic_than_its_events() -> None:
+def test_switch_has_different_topics_for_state_and_events() -> None:
     message = SITE.event(thing("switch"), event("deselected"))
     assert message is not None
     assert message.topic == "pointit/lab/things/screws/event"

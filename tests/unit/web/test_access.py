@@ -39,18 +39,18 @@ def with_cookie(token: str) -> RequestInfo:
 @pytest.mark.parametrize(
     ("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer"), ("else", None), ("", None)]
 )
-def test_the_token_gives_the_role_and_so_does_the_cookie(doors: Access, token: str, role: str | None) -> None:
+def test_token_and_its_cookie_give_the_same_role(doors: Access, token: str, role: str | None) -> None:
     assert doors.enter(token, HERE, 0.0) == role
     assert doors.admit(with_cookie(token), 0.0) == role
 
 
-def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
+def test_missing_cookie_gives_no_role_and_is_no_guess(doors: Access) -> None:
     for _ in range(2 * MAX_GUESSES):
         assert doors.admit(HERE, 0.0) is None
     assert not doors.is_rate_limited("127.0.0.1", 0.0)
 
 
-def test_right_token_enters_however_often_its_address_has_guessed(doors: Access) -> None:
+def test_right_token_enters_after_any_number_of_guesses(doors: Access) -> None:
     for guess in range(10 * MAX_GUESSES):
         assert doors.enter(f"guess {guess}", HERE, 0.0) is None
     assert doors.is_rate_limited("127.0.0.1", 0.0)
@@ -62,14 +62,14 @@ def test_right_token_enters_however_often_its_address_has_guessed(doors: Access)
     assert not doors.is_rate_limited("127.0.0.1", GUESSES_S + 0.1)
 
 
-def test_a_page_that_tries_its_old_cookie_again_and_again_is_not_barred(doors: Access) -> None:
+def test_repeated_old_cookie_counts_as_one_guess(doors: Access) -> None:
     for second in range(100):
         assert doors.admit(with_cookie("of the run before"), float(second)) is None
         assert not doors.is_rate_limited("127.0.0.1", float(second))
 
 
 @pytest.mark.parametrize("destination", ["image", "iframe", "script", "empty"])
-def test_foreign_pages_cannot_guess_through_what_they_embed(doors: Access, destination: str) -> None:
+def test_embedded_page_cannot_guess_tokens(doors: Access, destination: str) -> None:
     embedded = asked(destination=destination)
     for guess in range(2 * MAX_GUESSES):
         assert doors.enter(f"guess {guess}", embedded, 0.0) is None
@@ -77,7 +77,7 @@ def test_foreign_pages_cannot_guess_through_what_they_embed(doors: Access, desti
     assert doors.enter(OPERATOR, asked(destination="document"), 0.0) == "operator"
 
 
-def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> None:
+def test_number_of_remembered_addresses_is_bounded(doors: Access) -> None:
     for number in range(2 * MAX_ADDRESSES):
         doors.enter("wrong", asked(address=f"10.0.{number // 256}.{number % 256}"), 0.0)
     assert len(doors._guesses) <= MAX_ADDRESSES
@@ -100,7 +100,7 @@ def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> N
         ("user@localhost", False),
     ],
 )
-def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bool) -> None:
+def test_host_is_known_only_when_it_names_this_server(doors: Access, host: str, known: bool) -> None:
     doors.know_hosts(["192.168.1.20", "fd00::1"])
     assert doors.is_known_host(host) == known
 
@@ -119,11 +119,13 @@ def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bo
         ("http", "127.0.0.1:8090", "http://127.0.0.1:8090.evil.example", False),
     ],
 )
-def test_only_the_own_origin_is_own(doors: Access, scheme: str, host: str, origin: str, own: bool) -> None:
+def test_origin_is_own_only_when_scheme_and_host_match(
+    doors: Access, scheme: str, host: str, origin: str, own: bool
+) -> None:
     assert doors.is_own_origin(asked(scheme=scheme, host=host, origin=origin)) == own
 
 
-def test_the_cookie_is_strict_and_holds_no_token() -> None:
+def test_cookie_is_strict_and_holds_no_token() -> None:
     cookie = access.cookie(HERE, OPERATOR)
     assert "; HttpOnly; SameSite=Strict" in cookie
     assert "Secure" not in cookie
@@ -141,7 +143,7 @@ def test_cookies_of_two_servers_on_one_host_do_not_clash() -> None:
     assert all(name.replace("-", "").isalnum() for name in names)
 
 
-def test_headers_let_nothing_foreign_in() -> None:
+def test_headers_allow_no_foreign_content() -> None:
     headers = access.headers(asked(scheme="https", host="10.0.0.7:8443"))
     policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
     assert policy["default-src"] == policy["frame-ancestors"] == policy["base-uri"] == "'none'"
@@ -165,7 +167,7 @@ def parsed(found: Certificate) -> x509.Certificate:
     return x509.load_pem_x509_certificate(found.certificate.read_bytes())
 
 
-def test_it_names_this_machine_and_is_taken_by_browsers(tmp_path: Path) -> None:
+def test_certificate_names_this_machine_and_is_valid_for_browsers(tmp_path: Path) -> None:
     files = made(tmp_path / "web")
     assert stat.S_IMODE(files.key.stat().st_mode) == 0o600
     certificate = parsed(files)
@@ -177,7 +179,7 @@ def test_it_names_this_machine_and_is_taken_by_browsers(tmp_path: Path) -> None:
     assert certificate.not_valid_before_utc <= NOW - dt.timedelta(minutes=30)
 
 
-def test_what_is_kept_is_used_while_it_covers_and_lasts(tmp_path: Path) -> None:
+def test_stored_certificate_is_used_while_it_covers_and_lasts(tmp_path: Path) -> None:
     first = made(tmp_path)
     assert made(tmp_path) == first
     assert made(tmp_path, ADDRESSES[:1]) == first
@@ -197,7 +199,7 @@ def test_what_is_kept_is_used_while_it_covers_and_lasts(tmp_path: Path) -> None:
         ("key.pem", b""),
     ],
 )
-def test_a_damaged_file_is_made_anew_and_said(tmp_path: Path, name: str, content: bytes) -> None:
+def test_damaged_certificate_is_replaced_with_a_warning(tmp_path: Path, name: str, content: bytes) -> None:
     first = made(tmp_path)
     (tmp_path / name).write_bytes(content)
     again = made(tmp_path)
@@ -206,7 +208,7 @@ def test_a_damaged_file_is_made_anew_and_said(tmp_path: Path, name: str, content
     assert made(tmp_path).warning == ""
 
 
-def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
+def test_certificate_is_damaged_when_its_names_cannot_be_read(tmp_path: Path) -> None:
     first = made(tmp_path)
     key = serialization.load_pem_private_key(first.key.read_bytes(), None)
     assert isinstance(key, ec.EllipticCurvePrivateKey)
@@ -218,7 +220,7 @@ def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
     assert "damaged" in made(tmp_path).warning
 
 
-def test_another_ones_key_or_one_that_others_read_is_not_used(tmp_path: Path) -> None:
+def test_key_is_not_used_when_it_is_foreign_or_readable_by_others(tmp_path: Path) -> None:
     first = made(tmp_path / "a")
     other = made(tmp_path / "b")
     first.key.write_bytes(other.key.read_bytes())
@@ -231,14 +233,14 @@ def test_another_ones_key_or_one_that_others_read_is_not_used(tmp_path: Path) ->
     assert third.fingerprint != second.fingerprint
 
 
-def test_where_it_cannot_be_kept_one_sentence_says_so(tmp_path: Path) -> None:
+def test_certificate_that_cannot_be_stored_is_an_error_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match=r"file.*cannot be written"):
         made(tmp_path / "file" / "web")
 
 
 @pytest.mark.parametrize("host", ["", "größe", "x" * 80, "a b"])
-def test_a_host_that_is_no_name_is_left_out(tmp_path: Path, host: str) -> None:
+def test_host_is_left_out_of_the_certificate_when_it_is_no_name(tmp_path: Path, host: str) -> None:
     found = parsed(obtain(tmp_path, [], host, NOW))
     other = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert other.get_values_for_type(x509.DNSName) == ["localhost"]

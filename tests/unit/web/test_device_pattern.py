@@ -7,7 +7,7 @@ from pointit.bridges.web.devices.devices import BLUE, GREEN, RED, pattern
 
 
 @given(st.integers(1, 4096))
-def test_a_pattern_lights_each_pixel_at_most_once_and_begins_green(pixels: int) -> None:
+def test_pattern_lights_each_pixel_once_at_most_and_begins_green(pixels: int) -> None:
     lit = [(pixel, part.color) for part in pattern("a", pixels) for pixel in part.pixels]
     numbers = [pixel for pixel, _ in lit]
     assert numbers == sorted(set(numbers))

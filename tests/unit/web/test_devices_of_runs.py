@@ -46,7 +46,7 @@ def wrist(number: int, user: str) -> ConnectDevice:
     return ConnectDevice(kind="wrist", plugin="udp", address=f"4711{number}", name=user)
 
 
-async def test_a_run_keeps_the_devices_that_another_run_of_the_site_has_stored(
+async def test_devices_of_another_run_of_the_site_stay_stored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "run_command", never_end)

@@ -58,7 +58,7 @@ def test_url_writes_ipv6_addresses_in_brackets() -> None:
     assert url("https", "fd00::5", 8443) == "https://[fd00::5]:8443"
 
 
-async def test_the_page_is_served_by_a_certificate_that_proves_itself() -> None:
+async def test_page_is_served_with_its_own_certificate() -> None:
     door = lan()
     try:
         assert door.url == ""
@@ -78,7 +78,7 @@ async def test_the_page_is_served_by_a_certificate_that_proves_itself() -> None:
         await fetched(url)
 
 
-async def test_a_taken_port_gives_way_to_the_next_and_that_is_said() -> None:
+async def test_next_port_is_used_and_noted_when_one_is_taken() -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -94,7 +94,7 @@ async def test_a_taken_port_gives_way_to_the_next_and_that_is_said() -> None:
             await door.close()
 
 
-async def test_where_there_is_no_network_it_is_refused_with_a_remedy() -> None:
+async def test_page_is_not_opened_when_there_is_no_network() -> None:
     door = Lan(WebConfig(lan_port=0), "lab", APP, addresses=list)
     with pytest.raises(RefusedError, match="no address in a local network"):
         await door.open()

@@ -14,7 +14,7 @@ from tests.support import there
 FAST_HZ = 1e6
 
 
-def test_a_batch_travels_as_the_wire_says() -> None:
+def test_batch_is_packed_as_the_wire_format_says() -> None:
     cache = LatestValueCache()
     feed = cache.open(60.0)
     cache.put(CURSOR, "anna", b"\x81")
@@ -24,7 +24,7 @@ def test_a_batch_travels_as_the_wire_says() -> None:
     assert batch.packed(5, 2.0) == pack(expected)
 
 
-def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
+def test_urgent_state_does_not_wait_for_the_previous_batch() -> None:
     cache = LatestValueCache()
     feed = cache.open(10.0)
     cache.put(CURSOR, "anna", b"1")
@@ -43,7 +43,7 @@ def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
     assert [payload for _, _, payload in batch.states] == [b"4", b"5"]
 
 
-def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> None:
+def test_page_without_acknowledgements_gets_three_batches_then_the_newest() -> None:
     cache = LatestValueCache()
     feed = cache.open(FAST_HZ)
     sent = 0
@@ -74,7 +74,7 @@ def test_forgotten_keys_that_pages_know_make_room() -> None:
     assert len(cache._entries) <= 10
 
 
-def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
+def test_forgotten_key_makes_room_when_its_page_closes() -> None:
     cache = LatestValueCache(max_keys=3)
     feed = cache.open(FAST_HZ)
     for name in ("a", "b", "c"):
@@ -183,7 +183,7 @@ class Story:
 
 
 @given(ACTIONS)
-def test_in_whatever_order_pages_end_with_what_is_true(actions: list[tuple[str, int, str]]) -> None:
+def test_pages_end_with_the_newest_states_in_any_order(actions: list[tuple[str, int, str]]) -> None:
     story = Story()
     for what, which, name in actions:
         story.now_s += 1.0
@@ -193,21 +193,21 @@ def test_in_whatever_order_pages_end_with_what_is_true(actions: list[tuple[str, 
     story.end()
 
 
-def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:
+def test_bucket_passes_a_burst_and_then_its_rate() -> None:
     bucket = TokenBucket(20.0, 40.0)
     assert sum(bucket.take(5.0) for _ in range(100)) == 40
     assert bucket.wait_s(5.0) == pytest.approx(1 / 20)
     assert sum(bucket.take(5.0 + k / 1000) for k in range(1, 1001)) == 20
 
 
-def test_a_clock_that_goes_back_gives_nothing() -> None:
+def test_bucket_gives_no_token_when_the_clock_goes_back() -> None:
     bucket = TokenBucket(10.0, 1.0)
     assert bucket.take(100.0)
     assert not bucket.take(0.0)
     assert not bucket.take(100.0)
 
 
-def test_the_quantile_is_one_of_the_values_and_forgets() -> None:
+def test_latency_quantile_is_one_of_the_values_of_its_window() -> None:
     latencies = Latencies()
     assert latencies.p95_ms(0.0) is None
     for value in range(1, 101):
@@ -218,7 +218,7 @@ def test_the_quantile_is_one_of_the_values_and_forgets() -> None:
     assert latencies.p95_ms(3.0 + LATENCIES_S) is None
 
 
-def test_tokens_that_are_reserved_by_many_come_one_after_another() -> None:
+def test_reserved_tokens_come_one_after_another() -> None:
     bucket = TokenBucket(50.0, 2.0)
     assert [round(bucket.reserve(1.0), 3) for _ in range(5)] == [0.0, 0.0, 0.02, 0.04, 0.06]
     assert bucket.reserve(2.0) == 0.0, "a second later they are there again"

@@ -74,7 +74,7 @@ def site(tmp_path: Path) -> Site:
     return Site(str(path))
 
 
-async def test_the_map_in_use_is_read_in_the_words_of_its_file(site: Site) -> None:
+async def test_map_in_use_is_read_in_the_words_of_its_file(site: Site) -> None:
     found = await site.editor.read()
     assert (found["path"], found["shipped"], found["findings"]) == (site.map, False, [])
     assert found["sections"]["strips"] == {
@@ -82,7 +82,7 @@ async def test_the_map_in_use_is_read_in_the_words_of_its_file(site: Site) -> No
     }
 
 
-async def test_findings_are_those_on_the_edited_map_and_the_file_stays(site: Site) -> None:
+async def test_check_reports_findings_on_edits_and_keeps_the_file(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
     below = SetValue(section="lamps", name="desk", key="position", value=[3, 1, -1])
     none = SetValue(section="strips", name="top", key="pixels", value=0)
@@ -97,7 +97,7 @@ async def test_findings_are_those_on_the_edited_map_and_the_file_stays(site: Sit
     assert text_of(site.map) == ROOM
 
 
-async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: Site) -> None:
+async def test_saved_map_keeps_comments_and_mode_and_is_used(site: Site) -> None:
     put(site.map, ROOM, mode=0o640)
     digest = (await site.editor.read())["digest"]
     saved = await site.editor.save([HIGHER], digest, "")
@@ -108,7 +108,7 @@ async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: S
     await site.editor.save([], saved["digest"], "")  # what was saved is what is edited next
 
 
-async def test_a_map_behind_a_link_is_saved_where_the_link_leads(site: Site, tmp_path: Path) -> None:
+async def test_map_behind_a_link_is_saved_at_its_target(site: Site, tmp_path: Path) -> None:
     link = tmp_path / "link.yaml"
     link.symlink_to(site.map)
     there = site.map
@@ -119,7 +119,7 @@ async def test_a_map_behind_a_link_is_saved_where_the_link_leads(site: Site, tmp
     assert "[3, 1, 1.25]" in text_of(there)
 
 
-async def test_a_file_that_somebody_else_changed_is_not_overwritten(site: Site) -> None:
+async def test_file_is_not_overwritten_when_another_user_changed_it(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
     theirs = put(site.map, ROOM + "# theirs\n")
     with pytest.raises(StaleMapError, match="was changed by somebody else since"):
@@ -129,7 +129,7 @@ async def test_a_file_that_somebody_else_changed_is_not_overwritten(site: Site) 
     assert text_of(site.map) == theirs
 
 
-async def test_a_shipped_map_is_saved_as_a_copy_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_shipped_map_is_saved_only_as_a_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     site = Site("lab")
     found = await site.editor.read()
@@ -153,7 +153,7 @@ async def test_a_shipped_map_is_saved_as_a_copy_only(tmp_path: Path, monkeypatch
         ("", RefusedError, "not saved: strips.top.pixels: write"),
     ],
 )
-async def test_what_cannot_be_saved_changes_no_file(
+async def test_refused_save_changes_no_file(
     site: Site, tmp_path: Path, name: str, error: type[Exception], sentence: str
 ) -> None:
     put(str(tmp_path / "other.yaml"), "theirs")
@@ -163,7 +163,7 @@ async def test_what_cannot_be_saved_changes_no_file(
     assert texts_in(tmp_path) == {"room.yaml": ROOM, "other.yaml": "theirs"}
 
 
-async def test_that_the_site_does_not_take_a_saved_map_is_said(site: Site) -> None:
+async def test_reply_says_when_the_site_refuses_a_saved_map(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
     site.refuses = f"{site.map}: nothing to point at"
     saved = await site.editor.save([HIGHER], digest, "")
@@ -172,13 +172,13 @@ async def test_that_the_site_does_not_take_a_saved_map_is_said(site: Site) -> No
     assert str(Path(site.map).parent) not in saved["message"]
 
 
-async def test_a_copy_elsewhere_is_used_by_its_path_that_only_the_user_knows(site: Site) -> None:
+async def test_message_on_a_copy_elsewhere_has_no_full_path(site: Site) -> None:
     saved = await site.editor.save([HIGHER], (await site.editor.read())["digest"], "mine")
     assert saved["message"].endswith("from the next start on with the path of mine.yaml in --set pui.map")
     assert Path(site.map).name == "mine.yaml"
 
 
-async def test_no_sentence_of_the_editor_has_the_folder_of_the_map(site: Site, tmp_path: Path) -> None:
+async def test_editor_messages_never_have_the_folder_of_the_map(site: Site, tmp_path: Path) -> None:
     digest = (await site.editor.read())["digest"]
     put(str(tmp_path / "other.yaml"), "theirs")
     invalid: list[Edit] = [SetValue(section="lamps", name="none", key="position", value=[0, 0, 1])]
@@ -203,7 +203,7 @@ async def test_no_sentence_of_the_editor_has_the_folder_of_the_map(site: Site, t
         ("srv/maps/mine.yaml", "…/maps/mine.yaml"),
     ],
 )
-def test_a_path_is_shown_relative_to_a_folder_that_users_know(
+def test_path_is_shown_relative_to_the_start_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, shown: str
 ) -> None:
     (tmp_path / "start").mkdir()
@@ -214,6 +214,6 @@ def test_a_path_is_shown_relative_to_a_folder_that_users_know(
     assert with_shown_path(sentence, there) == f"{shown}: cut; see {shown.replace('mine', 'b')}"
 
 
-async def test_a_map_on_another_machine_is_not_edited_here() -> None:
+async def test_map_on_another_machine_cannot_be_edited() -> None:
     with pytest.raises(PointItError, match="not on the machine of this page; open a page where `pui` runs"):
         await Site("/no/such/room.yaml").editor.read()

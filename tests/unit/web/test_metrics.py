@@ -66,7 +66,7 @@ def metrics() -> TakenMetrics:
     return TakenMetrics()
 
 
-def test_services_are_shown_with_their_health_or_as_missing(metrics: TakenMetrics) -> None:
+def test_services_have_their_health_or_are_missing(metrics: TakenMetrics) -> None:
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     metrics.hear("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
     assert metrics.value("pointit_service_present", service="pointing", name="anna") == 0
@@ -85,7 +85,7 @@ def test_services_are_shown_with_their_health_or_as_missing(metrics: TakenMetric
         assert metrics.value(f"pointit_service_{name}", service="pui", name="") is None
 
 
-def test_messages_are_the_rates_times_the_time_between_reports(metrics: TakenMetrics) -> None:
+def test_message_totals_are_rates_times_the_time_between_reports(metrics: TakenMetrics) -> None:
     labels = {"service": "pui", "topic": RAY.key, "direction": "in"}
     metrics.state.set_service("pui", present=True)
     for seq, expected in ((1, 50.0), (2, 100.0), (4, 200.0)):  # the third report is lost
@@ -110,7 +110,7 @@ def durations(*values_s: float) -> Quantiles:
     return there(window.take())
 
 
-def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: TakenMetrics) -> None:
+def test_durations_of_a_kind_of_service_are_one_histogram(metrics: TakenMetrics) -> None:
     for user, values_s in (("anna", (0.004, 0.05, 9.0)), ("ben", (0.03,)), ("anna", (0.0501,))):
         metrics.state.set_service(f"pointing.{user}", present=True)
         metrics.hear(f"pointing.{user}", health(f"pointing.{user}", latency=durations(*values_s)))
@@ -128,7 +128,7 @@ def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metri
     assert metrics.value("pointit_step_seconds_count", service="pointing") is None
 
 
-def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics) -> None:
+def test_sum_of_durations_never_falls_when_a_clock_goes_back(metrics: TakenMetrics) -> None:
     metrics.state.set_service("pui", present=True)
     for values_s, count, sum_s in (((0.5,), 1, 0.5), ((-3.0,), 2, 0.5), ((0.25,), 3, 0.75)):
         metrics.hear("pui", health("pui", latency=durations(*values_s)))
@@ -136,7 +136,7 @@ def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics)
         assert metrics.value("pointit_latency_seconds_sum", service="pui") == pytest.approx(sum_s)
 
 
-def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> None:
+def test_pose_sigmas_come_from_the_covariance(metrics: TakenMetrics) -> None:
     # 0.3 m along the diagonal of the floor, 0.1 m across, 0.05 rad
     along = 0.3**2
     across = 0.1**2
@@ -153,7 +153,7 @@ def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> 
     assert metrics.value("pointit_pose_position_sigma_meters", user="anna") is None
 
 
-def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: TakenMetrics) -> None:
+def test_localization_counts_once_when_it_ends(metrics: TakenMetrics) -> None:
     for phase in ("solved", "sampling", "refused", "refused", "sampling", "solved"):
         metrics.hear("anna", Localization.model_validate({"stamp_ns": 1, "phase": phase}))
     assert metrics.value("pointit_localizations_total", purpose="pose", result="refused") == 1
@@ -178,7 +178,7 @@ def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetri
     assert metrics.value("pointit_router_refusals_total", service="router") == 9
 
 
-def test_invented_names_do_not_make_series_without_end(
+def test_number_of_series_is_bounded_when_names_are_invented(
     metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MAX_INSTANCES", 10)
@@ -199,9 +199,7 @@ def test_invented_names_do_not_make_series_without_end(
         assert {sample.labels["service"] for sample in families[f"pointit_{name}"].samples} == {OTHER}, name
 
 
-def test_people_who_left_take_no_place_of_those_who_are_there(
-    metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_people_who_left_have_no_series(metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_USERS", 3)
     pose = UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
     solving, solved = (
@@ -224,7 +222,7 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
     assert metrics.value("pointit_localizations_total", purpose="pose", result="solved") == 13
 
 
-def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) -> None:
+def test_exposition_is_read_by_parsers_of_both_formats(metrics: TakenMetrics) -> None:
     metrics.state.set_service("pui", present=True)
     quantiles = durations(0.001, 0.002)
     metrics.hear("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
@@ -243,7 +241,7 @@ def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) ->
     assert b"# TYPE pointit_messages_total counter" in plain
 
 
-def test_what_instances_counted_before_they_were_first_heard_is_not_in_the_totals() -> None:
+def test_totals_exclude_counts_from_before_the_first_report() -> None:
     totals = Totals()
     errors = Labels("errors", "pui")
     lost = Labels("discarded", "pui", RAY.key, "lost")
@@ -274,7 +272,7 @@ reports = st.lists(
 
 
 @given(reports, st.sets(st.integers(0, 29)))
-def test_totals_never_shrink_and_are_exact_when_every_report_arrives(
+def test_totals_never_fall_and_are_exact_without_loss(
     steps: list[tuple[bool, int]], unheard: set[int]
 ) -> None:
     heard_all = Totals()
@@ -299,7 +297,7 @@ def test_totals_never_shrink_and_are_exact_when_every_report_arrives(
     assert math.isclose(messages, len(steps))
 
 
-def test_a_report_that_comes_late_adds_nothing() -> None:
+def test_late_report_adds_nothing() -> None:
     totals = Totals()
     labels = Labels("errors", "pui")
     for seq in (1, 3, 2, 4):
@@ -307,7 +305,7 @@ def test_a_report_that_comes_late_adds_nothing() -> None:
     assert totals.values[labels] == 4
 
 
-def test_a_router_that_counts_backwards_does_not_lower_the_total() -> None:
+def test_total_never_falls_when_a_router_counts_backwards() -> None:
     totals = Totals()
     for seq, value, total in ((1, 5.0, 5.0), (2, -100.0, 5.0), (3, 1.0, 6.0)):
         totals.add("router", "router", health("router", seq, figures=(Figure(name="refused", value=value),)))

@@ -140,7 +140,7 @@ async def test_messages_after_a_close_by_the_server_are_limited(connection: Conn
     assert sent <= CONTROL_BURST * len(MESSAGE) + READ_BYTES
 
 
-async def test_client_counts_as_gone_after_a_ping_without_an_answer(connection: Connection) -> None:
+async def test_client_is_gone_when_it_does_not_answer_a_ping(connection: Connection) -> None:
     connection.protocol.keepalive_timeout()
 
     with pytest.raises(ClientDisconnected):  # an OSError, by which Starlette tells that a client has gone

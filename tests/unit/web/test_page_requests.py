@@ -70,13 +70,13 @@ def deeds(role: Role) -> tuple[str, ...]:
 WRIST_DEEDS = ("press", "step", "take", "give", "centre", "report_voice", "speak")
 
 
-def test_everybody_who_sees_a_robot_may_stop_it() -> None:
+def test_all_roles_that_see_a_robot_may_stop_it() -> None:
     for role in ("operator", "viewer"):
         call = parse_request(ask(topics.STOP_ROBOT.key, name="quad", reason="too near"), role)
         assert call == Call(request=topics.STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
 
 
-def test_whoever_may_cancel_a_localization_may_forget_the_bias() -> None:
+def test_role_that_cancels_localizations_may_forget_the_bias() -> None:
     wish = ask(topics.CANCEL_LOCALIZATION.key, name="anna", forget_bias=True)
     for role in ("operator", "wrist"):
         call = parse_request(wish, role)
@@ -90,7 +90,9 @@ def test_whoever_may_cancel_a_localization_may_forget_the_bias() -> None:
     ("fault", "told"),
     [(RefusedError("it is busy"), "it is busy"), (OSError("no more files"), wire.OWN_FAULT)],
 )
-async def test_a_fault_is_an_answer(fault: Exception, told: str, caplog: pytest.LogCaptureFixture) -> None:
+async def test_fault_of_the_server_is_answered(
+    fault: Exception, told: str, caplog: pytest.LogCaptureFixture
+) -> None:
     async def call(*_: Any, **__: Any) -> Any:
         raise fault
 
@@ -143,7 +145,7 @@ def test_refusal_is_an_answer_without_a_reply() -> None:
         ),
     ],
 )
-def test_viewers_and_phones_may_do_nothing_else(
+def test_requests_of_viewers_and_phones_are_refused(
     role: Role, requests: tuple[Any, ...], allowed_deeds: tuple[str, ...], sentence: str
 ) -> None:
     assert (REQUESTS[role], deeds(role)) == (requests, allowed_deeds)
@@ -174,19 +176,19 @@ def test_viewers_and_phones_may_do_nothing_else(
         (ask(topics.SET_SPEED.key, deed="press", name="anna"), "one thing at a time"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_a_sentence(wrong: Ask, sentence: str) -> None:
+def test_malformed_request_is_refused_in_a_sentence(wrong: Ask, sentence: str) -> None:
     with pytest.raises(RefusedError, match=sentence):
         parse_request(wrong, "operator")
 
 
 @pytest.mark.parametrize("name", ["", "*", "../x", "-x"])
-def test_a_name_must_be_one(name: str) -> None:
+def test_request_name_must_be_valid(name: str) -> None:
     for wish in (ask(topics.UNDO_SELECTION.key, name=name), ask(deed="press", name=name)):
         with pytest.raises((SchemaError, RefusedError)):
             parse_request(wish, "operator")
 
 
-def test_deeds_have_parameters() -> None:
+def test_actions_have_validated_parameters() -> None:
     press = parse_request(ask(deed="press", name="anna", gesture="hold"), "operator")
     assert press == PageAction(action=BY_NAME["press"], user="anna", parameters=Press(gesture="hold"))
     tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")
@@ -195,7 +197,7 @@ def test_deeds_have_parameters() -> None:
     assert step == PageAction(action=BY_NAME["step"], user="anna", parameters=StepBeside(by=-1))
 
 
-def test_lists_of_a_query_are_those_of_its_strict_model() -> None:
+def test_lists_of_a_query_become_tuples_of_its_model() -> None:
     call = parse_request(ask(topics.SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
     assert isinstance(call, Call)
     assert call.query == SetSpeed(speed_mps=1.0, belts=("a", "b"))
@@ -222,7 +224,7 @@ JSON = st.recursive(
     ),
     role=st.sampled_from(["operator", "viewer", "wrist"]),
 )
-def test_whatever_is_asked_is_understood_or_refused(
+def test_any_request_is_parsed_or_refused(
     key: str, deed: str | None, name: str, query: dict[str, Any], role: Role
 ) -> None:
     try:
@@ -244,7 +246,7 @@ RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.HeadsetMotion | wi
 
 
 @pytest.mark.skipif(not CLIENT.is_dir(), reason="the client's sources are not installed")
-def test_the_client_takes_every_topic_that_it_is_sent() -> None:
+def test_client_knows_every_topic_that_it_is_sent() -> None:
     text = CLIENT.joinpath("src", "site", "apply.ts").read_text(encoding="utf-8")
     unseen = re.search(r"type Unseen =(.*?);", text, re.DOTALL)  # tsc sees to all others
     assert unseen
@@ -265,12 +267,12 @@ def test_the_client_takes_every_topic_that_it_is_sent() -> None:
         '{"kind":"play","at_s":-1}',
     ],
 )
-def test_what_is_none_of_it_is_not(text: str) -> None:
+def test_malformed_page_messages_are_rejected(text: str) -> None:
     with pytest.raises(ValidationError):
         RECEIVED.validate_json(text)
 
 
-def test_lists_in_edits_of_a_map_reach_its_file(tmp_path: Path) -> None:
+def test_lists_in_map_edits_reach_the_file(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text("lamps:\n  desk: {position: [1, 2, 0.5]}\n")
     edit = {"op": "set", "section": "lamps", "name": "desk", "key": "position", "value": [1, 2, 0.75]}
@@ -301,7 +303,7 @@ def recording_in(html: str) -> list[Any]:
     return list(msgpack.Unpacker(io.BytesIO(packed)))
 
 
-def test_frames_until_an_instant_have_what_a_server_shows_there(past: Past) -> None:
+def test_frames_of_a_page_file_match_a_server_at_each_time(past: Past) -> None:
     held: dict[tuple[str, str], bytes] = {}
     events: list[str] = []
     for number, (at_s, states, happened, status) in enumerate(frames(past)):
@@ -322,13 +324,13 @@ def test_frames_until_an_instant_have_what_a_server_shows_there(past: Past) -> N
         assert events.count(key) == entries.count(key) > 0
 
 
-def test_recording_in_which_a_clock_leapt_is_refused(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_file_is_refused_when_a_clock_leapt(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LONGEST_S", LENGTH_S / 2.0)
     with pytest.raises(ConfigError, match="10 s from its first to its last message are too long"):
         page_file(past)
 
 
-def test_file_has_the_greeting_the_timeline_and_all_frames(past: Past) -> None:
+def test_page_file_has_greeting_timeline_and_all_frames(past: Past) -> None:
     told: list[float] = []
     hello, timeline, *played = recording_in(page_file(past, told.append))
     greeting = json.loads(hello)
@@ -338,7 +340,7 @@ def test_file_has_the_greeting_the_timeline_and_all_frames(past: Past) -> None:
     assert told[-1] == length_s == pytest.approx(LENGTH_S, abs=0.1)
 
 
-def test_file_loads_nothing(past: Past) -> None:
+def test_page_file_loads_no_other_file(past: Past) -> None:
     html = page_file(past)
     imports = there(re.search(r'<script type="importmap">(.*?)</script>', html, re.DOTALL))
     modules = {name: unquote(each) for name, each in json.loads(imports[1])["imports"].items()}
@@ -349,13 +351,15 @@ def test_file_loads_nothing(past: Past) -> None:
     assert re.findall(r'(?:src|href)="(?!#|data:)[^"]*|url\([^)]*|@import', rest) == []
 
 
-def test_a_recording_too_long_for_a_page_is_refused(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_file_is_refused_when_the_recording_is_too_long(
+    past: Past, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "MAX_BYTES", 0)
     with pytest.raises(ConfigError, match=r"limit of 0 MB is reached after 0 s.*--duration"):
         page_file(past)
 
 
-def test_neither_the_recording_nor_what_is_no_plain_file_is_replaced(tmp_path: Path) -> None:
+def test_page_file_replaces_neither_its_recording_nor_special_files(tmp_path: Path) -> None:
     recorded = tmp_path / "lab.mcap"
     write_recording(recorded, session("scenario_4", 1.0))
     before = recorded.read_bytes()
@@ -381,7 +385,7 @@ def count_up(path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
+def test_updates_of_two_processes_are_both_stored(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
     path = tmp_path / "count.json"
     processes = [context.Process(target=count_up, args=(path,)) for _ in range(2)]
@@ -393,7 +397,7 @@ def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
     assert StateFile[Counted].at(path, Counted).read() == Counted(count=100)
 
 
-def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_update_fails_when_the_lock_is_held_too_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(devices, "LOCK_TIMEOUT_S", 0.0)
     path = tmp_path / "count.json"
     lock = there(acquire_lock(path.with_suffix(".lock")))

@@ -57,7 +57,7 @@ def cursor(seconds: float, seq: int = 0) -> models.Cursor:
     )
 
 
-def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
+def test_recording_is_read_back_with_topic_time_and_fields() -> None:
     minute = Recent("lab")
     add(minute, topics.CURSOR, cursor(1.0), "anna")
     add(minute, topics.FEEDBACK, models.Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
@@ -75,7 +75,7 @@ def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
     assert base64.b64decode(third[3]["strips"][0]["rgb"]) == b"\xff\xfe\x00"
 
 
-def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
+def test_recording_begins_with_the_states_of_before() -> None:
     minute = Recent("lab")
     minute.add(at(0.0), topics.USER_ALIVE, "anna", True, b"1")
     minute.add(at(0.0), topics.USER_ALIVE, "ben", True, b"1")
@@ -143,7 +143,7 @@ def keeps(bench: Bench, events: Sequence[models.SelectionEvent]) -> list[models.
     return queries
 
 
-async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None:
+async def test_history_shows_received_events_once_and_in_order() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         kept = [event(number, START_NS + number * S) for number in range(1, 7)]
@@ -169,7 +169,7 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
         assert queries == 2 * [models.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
 
 
-async def test_events_with_one_stamp_keep_their_order_and_the_newest_are_shown() -> None:
+async def test_history_keeps_the_order_of_events_with_one_stamp() -> None:
     async with memory_bench() as bench:
         keeps(bench, [event(number, START_NS) for number in range(HISTORY)])
         looker = Looker(bench)
@@ -178,7 +178,7 @@ async def test_events_with_one_stamp_keep_their_order_and_the_newest_are_shown()
         assert looker.shown_numbers() == list(range(5, HISTORY + 5))
 
 
-async def test_events_of_a_run_whose_simulated_time_was_ahead_are_left_out() -> None:
+async def test_history_omits_events_of_a_simulated_time_ahead() -> None:
     async with memory_bench() as bench:
         keeps(bench, [event(1, START_NS + AHEAD_NS + 1), event(2, START_NS + AHEAD_NS)])
         looker = Looker(bench)
@@ -186,7 +186,7 @@ async def test_events_of_a_run_whose_simulated_time_was_ahead_are_left_out() -> 
         assert looker.shown_numbers() == [2]
 
 
-async def test_without_an_answer_nothing_changes_and_one_line_says_so(
+async def test_history_stays_and_is_logged_without_an_answer(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "pointit.bridges.web.model.history")

@@ -55,9 +55,7 @@ async def posted(phone: AsyncClient, *items: Any) -> list[dict[str, Any]]:
     return found
 
 
-async def test_phones_know_the_lamps_of_the_map_and_of_a_new_one(
-    bench: PhoneBench, phone: AsyncClient
-) -> None:
+async def test_phones_get_the_lamps_of_each_map(bench: PhoneBench, phone: AsyncClient) -> None:
     bench.phones.set_lamps(("led_0",))
     async with bench.connect(phone) as socket:
         assert (await heard(socket))["lamps"] == ["led_0"]
@@ -68,7 +66,7 @@ async def test_phones_know_the_lamps_of_the_map_and_of_a_new_one(
         assert (hello["kind"], hello["user"], hello["lamps"]) == ("hello", "anna", ["led_0", "door"])
 
 
-async def test_the_link_pairs_and_leads_to_the_page_without_its_token(bench: PhoneBench) -> None:
+async def test_link_pairs_and_redirects_without_its_token(bench: PhoneBench) -> None:
     async with bench.client() as client:
         assert (await client.get("/phone")).status_code == 403
         token, _ = bench.pairing.pair("anna", 1e12)
@@ -83,7 +81,7 @@ async def test_the_link_pairs_and_leads_to_the_page_without_its_token(bench: Pho
         assert (await client.get("/phone?token=wrong")).status_code == 403
 
 
-async def test_a_phones_cookie_opens_nothing_but_its_wrist(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_phone_cookie_opens_only_its_wrist(bench: PhoneBench, phone: AsyncClient) -> None:
     assert (await phone.get("/")).status_code == 403
     assert (await phone.get("/recording.mcap")).status_code == 403
     with pytest.raises(websockets.InvalidStatus) as refused:
@@ -91,7 +89,7 @@ async def test_a_phones_cookie_opens_nothing_but_its_wrist(bench: PhoneBench, ph
     assert refused.value.response.status_code == 403
 
 
-async def test_another_origin_or_no_cookie_opens_no_socket(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_socket_needs_the_cookie_and_the_own_origin(bench: PhoneBench, phone: AsyncClient) -> None:
     with pytest.raises(websockets.InvalidStatus) as refused:
         await bench.connect(phone, origin="https://evil.example")
     assert refused.value.response.status_code == 403
@@ -123,14 +121,14 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
     assert asked == [("anna", "press"), ("anna", localize)]
 
 
-async def test_a_phone_is_told_that_its_direction_was_set(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_phone_is_notified_when_its_direction_is_set(bench: PhoneBench, phone: AsyncClient) -> None:
     await posted(phone)
     bench.phones.centred("anna")
     (cue,) = await posted(phone, TURN)
     assert "ahead" in cue["text"]
 
 
-async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_posts_do_the_same_as_the_socket(bench: PhoneBench, phone: AsyncClient) -> None:
     bench.phones.interaction("anna", Interaction(stamp_ns=0, state="idle", next_step="press to begin"))
     hello, state = await posted(phone)
     assert (hello["role"], hello["user"], hello["site"]) == ("wrist", "anna", "lab")
@@ -153,7 +151,7 @@ async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: Async
 AIM_OF_BEN = '{"kind": "aim", "user": "ben", "at_m": [0, 0, 0]}'
 
 
-async def test_malformed_items_are_counted_and_told(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_malformed_items_are_counted_and_reported(bench: PhoneBench, phone: AsyncClient) -> None:
     items: tuple[str | bytes, ...] = ("no json", '{"kind": "turn"}', AIM_OF_BEN, "[" * 5000, b"\xff\x00")
     async with bench.connect(phone) as socket:
         await greeted(socket)
@@ -176,7 +174,7 @@ async def test_posts_that_are_no_lists_are_refused(bench: PhoneBench, phone: Asy
         assert bench.health.warnings == {}
 
 
-async def test_any_clock_of_a_phone_moves_the_arm(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_arm_moves_with_any_clock_of_a_phone(bench: PhoneBench, phone: AsyncClient) -> None:
     for t_ms in (9e12, 9.3e12, 1e15, 1e300):
         await posted(phone, TURN)
         await posted(phone, {**TURN, "t_ms": t_ms})
@@ -184,14 +182,14 @@ async def test_any_clock_of_a_phone_moves_the_arm(bench: PhoneBench, phone: Asyn
         assert len(bench.wrists.step(bench.clock.now_ns())) == 1, t_ms
 
 
-async def test_long_words_do_not_fill_health(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_health_shortens_malformed_words(bench: PhoneBench, phone: AsyncClient) -> None:
     for item in ({**TURN, "x" * 50_000: 1}, {"kind": "x" * 50_000}):
         bench.health.warnings.clear()
         await posted(phone, item)
         assert len(bench.health.warnings["phone anna"]) < 500
 
 
-async def test_the_newer_socket_of_a_phone_replaces_the_older(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_newer_socket_of_a_phone_replaces_the_older(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as first:
         await greeted(first)
         async with bench.connect(phone) as second:
@@ -206,9 +204,7 @@ async def test_the_newer_socket_of_a_phone_replaces_the_older(bench: PhoneBench,
     await until(lambda: bench.wrists.holder("anna")[1] == "own", what="a socket that is gone lets go")
 
 
-async def test_an_unpaired_phone_has_the_arm_no_more_and_is_refused(
-    bench: PhoneBench, phone: AsyncClient
-) -> None:
+async def test_unpaired_phone_loses_the_arm_and_is_refused(bench: PhoneBench, phone: AsyncClient) -> None:
     await posted(phone, TURN)
     await bench.phones.cut(bench.pairing.unpair("anna"))
     assert bench.wrists.holder("anna") == ("", "own")
@@ -216,7 +212,7 @@ async def test_an_unpaired_phone_has_the_arm_no_more_and_is_refused(
     assert (await phone.get("/phone")).status_code == 403
 
 
-async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_flood_of_turns_is_dropped(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as socket:
         await greeted(socket)
         for _ in range(1500):
@@ -228,14 +224,14 @@ async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone
         assert len(bench.sent) < 1500
 
 
-async def test_too_many_wishes_at_once_are_refused(phone: AsyncClient) -> None:
+async def test_requests_are_refused_when_too_many_are_open(phone: AsyncClient) -> None:
     answers = await posted(phone, *({"kind": "ask", "id": k, "deed": "press"} for k in range(20)))
     refused = [answer["id"] for answer in answers if "too much" in answer["error"]]
     assert refused == list(range(8, 20))
     assert len(answers) == 20
 
 
-async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_queue_of_a_phone_that_reads_nothing_is_bounded(bench: PhoneBench, phone: AsyncClient) -> None:
     for k in range(1000):
         bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
     assert await posted(phone, TURN) == []  # it had not begun when they were said
@@ -245,7 +241,7 @@ async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone:
     assert [cue["text"] for cue in cues] == [str(k) for k in range(936, 1000)]
 
 
-async def test_old_chimes_are_not_told(
+async def test_old_cues_are_not_sent(
     bench: PhoneBench, phone: AsyncClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await posted(phone)
@@ -256,7 +252,7 @@ async def test_old_chimes_are_not_told(
     assert await posted(phone, TURN) == []
 
 
-async def test_two_people_have_two_phones(bench: PhoneBench, phone: AsyncClient) -> None:
+async def test_phones_of_two_people_are_independent(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.client() as other:
         await bench.pair(other, "ben")
         await posted(phone, TURN)

@@ -159,7 +159,7 @@ def played_to(past: Past, seconds: float) -> Playback:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.06, 4.0, 9.5, 11.95, 12.0, 19.95])
-def test_a_seek_shows_what_playing_until_then_shows(past: Past, seconds: float) -> None:
+def test_seek_shows_the_same_as_playing_until_then(past: Past, seconds: float) -> None:
     played = played_to(past, seconds)
     sought = Playback(past, 0.0)
     sought.seek(at(17.0), 0.0)
@@ -170,7 +170,7 @@ def test_a_seek_shows_what_playing_until_then_shows(past: Past, seconds: float) 
     assert people[0] == people[1] == (["anna", "ben"] if seconds < BEN_LEAVES_S else ["anna"])
 
 
-def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
+def test_seek_sends_a_page_differences_and_no_events(past: Past) -> None:
     playback = Playback(past, 0.0)
     feed = playback.model.cache.open(60.0)
     first = there(feed.take(0.0))
@@ -188,7 +188,7 @@ def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
     assert (batch.events, batch.dropped) == ((), 0)
 
 
-def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past: Past) -> None:
+def test_position_follows_the_clock_and_stops_at_the_end(past: Past) -> None:
     playback = Playback(past, 0.0)
     playback.play(100.0, is_playing=True, speed=0.5)
     playback.advance(102.0)
@@ -206,7 +206,7 @@ def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past
     assert playback.at_ns(200.0) == past.ended_ns
 
 
-def test_slow_machine_plays_slowly_and_skips_nothing(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_machine_plays_slowly_without_skipping(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.playback.MAX_AT_ONCE", 5)
     playback = Playback(past, 0.0)
     feed = playback.model.cache.open(60.0)
@@ -220,7 +220,7 @@ def test_slow_machine_plays_slowly_and_skips_nothing(past: Past, monkeypatch: py
     assert len(events) == 5
 
 
-def test_steps_visit_the_time_of_every_message_both_ways(past: Past, entries: list[Entry]) -> None:
+def test_steps_visit_every_message_in_both_directions(past: Past, entries: list[Entry]) -> None:
     times = sorted({each.time_ns for each in entries if at(9.0) <= each.time_ns <= at(11.5)})
     playback = Playback(past, 0.0)
     playback.seek(times[0], 0.0)
@@ -233,7 +233,7 @@ def test_steps_visit_the_time_of_every_message_both_ways(past: Past, entries: li
         assert playback.at_ns(50.0) == time_ns
 
 
-def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_end(past: Past) -> None:
+def test_lanes_show_states_selections_refusals_misses_and_warnings(past: Past) -> None:
     lanes = {(lane.kind, lane.user): lane.items for lane in past.timeline().lanes}
     assert lanes == {
         ("interaction", "anna"): ((1.0, 20.0, "pointing"),),
@@ -248,7 +248,7 @@ def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_e
 
 
 @pytest.mark.parametrize(("before_s", "is_told"), [(4.0, True), (1.0, False)])
-def test_services_that_leave_together_are_an_outage_but_not_at_the_end(
+def test_services_leaving_together_are_an_outage_except_at_the_end(
     tmp_path: Path, before_s: float, *, is_told: bool
 ) -> None:
     left_s = LENGTH_S - before_s
@@ -278,7 +278,7 @@ def test_states_outlast_dropped_checkpoints(
             assert [each.name for each in past.states_at(at(until))] == [f"user{n}" for n in range(until + 1)]
 
 
-def test_of_a_running_site_the_window_is_kept(entries: list[Entry]) -> None:
+def test_recent_past_keeps_its_window(entries: list[Entry]) -> None:
     past = kept(entries, window_s=6.0).past(at(LENGTH_S))
     assert past.began_ns == at(14.0)
     playback = Playback(past, 0.0)
@@ -286,7 +286,7 @@ def test_of_a_running_site_the_window_is_kept(entries: list[Entry]) -> None:
     assert all(start >= 0.0 for lane in past.timeline().lanes for start, _, _ in lane.items)
 
 
-def test_of_a_running_site_memory_is_bounded(entries: list[Entry], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recent_past_has_bounded_memory(entries: list[Entry], monkeypatch: pytest.MonkeyPatch) -> None:
     whole = kept(entries).past(at(LENGTH_S))
     monkeypatch.setattr(recent_module, "MAX_BYTES", 15_000)
     bounded = kept(entries).past(at(LENGTH_S))
@@ -295,7 +295,7 @@ def test_of_a_running_site_memory_is_bounded(entries: list[Entry], monkeypatch: 
     assert shown(Playback(bounded, 0.0)) == shown(played_to(whole, then_s))
 
 
-def test_a_clock_that_is_set_back_begins_a_new_past(entries: list[Entry]) -> None:
+def test_recent_past_restarts_when_the_clock_is_set_back(entries: list[Entry]) -> None:
     recent = kept(entries)
     early = at(-1000.0)
     recent.add(early, topics.USER_ALIVE, "carl", True, b"1")
@@ -308,7 +308,7 @@ def test_a_clock_that_is_set_back_begins_a_new_past(entries: list[Entry]) -> Non
     assert lanes == {("interaction", "anna"): ((0.0, 5.0, "pointing"),), ("interaction", "carl"): ()}
 
 
-def test_lanes_of_invented_people_are_bounded() -> None:
+def test_number_of_lanes_is_bounded_when_people_are_invented() -> None:
     lanes = Lanes()
     for number in range(2000):
         lanes.add(at(number / 100), topics.USER_ALIVE, f"user{number}", True)
@@ -336,7 +336,7 @@ def visitors(number: int, stay_s: float) -> Iterator[Entry]:
         yield said(now_s + stay_s, topics.USER_ALIVE, name, False)
 
 
-def test_of_a_running_site_a_burst_is_compressed_in_small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recent_past_compresses_a_burst_in_small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compression is done in the loop that serves pages: 512 kB take 15 ms."""
     sizes: list[int] = []
     compress = zlib.compress
@@ -354,7 +354,7 @@ def test_of_a_running_site_a_burst_is_compressed_in_small_pieces(monkeypatch: py
     assert max(sizes) <= 600_000
 
 
-def test_of_a_running_site_the_last_of_many_visitors_is_shown_and_none_from_before_the_window(
+def test_recent_past_shows_the_last_visitors_of_its_window(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(recent_module, "MAX_KEYS", 20)
@@ -373,7 +373,7 @@ def test_of_a_running_site_the_last_of_many_visitors_is_shown_and_none_from_befo
     }
 
 
-def test_a_robots_lane_tells_what_it_does_for_whom_and_why_not() -> None:
+def test_robot_lane_shows_phase_owner_and_reason() -> None:
     lanes = Lanes()
 
     def tell(seconds: float, **fields: Any) -> None:

@@ -121,7 +121,7 @@ async def solved(bench: Bench, client: httpx.AsyncClient, views: int = 0) -> Any
     return await said(client, kind="look")
 
 
-async def test_nobody_maps_the_room_without_the_code_or_the_operators_cookie(bench: Bench) -> None:
+async def test_scan_needs_the_code_or_the_operators_cookie(bench: Bench) -> None:
     async with bench.client() as client:
         for path in ("/scan", "/scan?token=another", "/scan/map.yaml", "/scan/room", "/scan/lights"):
             assert (await client.get(path)).status_code == 403, path
@@ -130,7 +130,7 @@ async def test_nobody_maps_the_room_without_the_code_or_the_operators_cookie(ben
         assert foreign.status_code == 403
 
 
-async def test_the_code_opens_the_page_without_its_token(bench: Bench) -> None:
+async def test_scan_code_redirects_without_its_token(bench: Bench) -> None:
     async with bench.client() as client:
         response = await client.get(f"/scan?token={TOKEN}")
         assert response.headers["location"] == "/scan"
@@ -144,7 +144,7 @@ OPERATOR = {"Authorization": "Bearer operator-token"}
 
 
 @pytest.mark.parametrize("end", ["left", "later"])
-async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page_is_left_or_30_minutes(
+async def test_wrist_may_scan_until_the_page_is_left_or_30_minutes(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, end: str
 ) -> None:
     door = ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: bench.is_wrist)
@@ -165,7 +165,7 @@ async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page
 
 
 @pytest.mark.parametrize("kind", ["wrist", "camera"])
-async def test_a_scan_in_use_goes_on_after_30_minutes_in_which_wrists_may_begin_none(
+async def test_scan_in_use_goes_on_but_wrists_begin_no_other(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     door = ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: kind == "wrist")
@@ -188,7 +188,7 @@ async def test_a_scan_in_use_goes_on_after_30_minutes_in_which_wrists_may_begin_
         await said(phone, 403, **VIEW)
 
 
-async def test_a_phone_that_was_paired_for_a_scan_may_begin_none_after_30_minutes(
+async def test_paired_phone_may_begin_no_scan_after_30_minutes(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with bench.client() as client:
@@ -199,7 +199,9 @@ async def test_a_phone_that_was_paired_for_a_scan_may_begin_none_after_30_minute
         await said(client, 403, kind="begin")
 
 
-async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_light_message_lights_the_marked_pixels_for_a_while(
+    bench: Bench, phone: httpx.AsyncClient
+) -> None:
     state = await said(phone, kind="begin")
     assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
     assert state["lights"][-1] == ["desk", 29]
@@ -222,7 +224,9 @@ async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phon
     assert await said(phone, 409, kind="light", colors=reds) == "led-driver does not answer"
 
 
-async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_views_are_solved_with_known_lengths_and_densities(
+    bench: Bench, phone: httpx.AsyncClient
+) -> None:
     begun: dict[str, Any] = {"leds_per_m": {"shelf": 50.0}, "known_strip": "desk", "known_m": 0.9}
     assert "first view" in (await said(phone, kind="begin", **begun))["advice"]
     await said(phone, **VIEW, gravity=[0.0, 1.0, 0.0])
@@ -246,7 +250,7 @@ async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: 
     assert (state["is_complete"], state["advice"]) == (True, "enough")
 
 
-async def test_views_that_come_while_it_solves_are_solved_together(
+async def test_views_received_while_solving_are_solved_together(
     bench: Bench, phone: httpx.AsyncClient
 ) -> None:
     await said(phone, kind="begin")
@@ -261,7 +265,7 @@ async def test_views_that_come_while_it_solves_are_solved_together(
     assert (await solved(bench, phone))["views"] == 3
 
 
-async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_solution_is_dropped_when_one_view_remains(bench: Bench, phone: httpx.AsyncClient) -> None:
     await said(phone, kind="begin")
     assert (await solved(bench, phone, 2))["is_complete"]
     await said(phone, kind="undo")
@@ -269,7 +273,7 @@ async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: htt
     assert (state["views"], state["is_complete"], state["strips"][0]["line_m"]) == (1, False, [])
 
 
-async def test_lamps_blink_unless_the_person_leaves_them_out(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_lamps_blink_unless_they_are_left_out(bench: Bench, phone: httpx.AsyncClient) -> None:
     bench.session.set_strips({"shelf": 20, "door": 1})
     assert (await said(phone, kind="begin"))["lights"][-1] == ["door", 0]
     await solved(bench, phone, 2)
@@ -281,7 +285,7 @@ async def test_lamps_blink_unless_the_person_leaves_them_out(bench: Bench, phone
     assert "has no strips" in await said(phone, 409, kind="begin")
 
 
-async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_tapped_things_are_stored_and_removed(bench: Bench, phone: httpx.AsyncClient) -> None:
     await said(phone, kind="begin")
     thing: dict[str, Any] = {"kind": "thing", "name": "crate", "corners": [[[0, 1, 1], [2, 1, 1]]] * 4}
     assert "nothing is known yet" in await said(phone, 409, **thing)
@@ -299,7 +303,7 @@ async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.A
     ("fault", "sentence"),
     [(ConfigError("no two views agree"), "no two views agree"), (ValueError("x"), "a fault of PointIt")],
 )
-async def test_views_that_determine_nothing_leave_what_was_known(
+async def test_solution_stays_when_further_views_determine_nothing(
     bench: Bench, phone: httpx.AsyncClient, fault: Exception, sentence: str
 ) -> None:
     await said(phone, kind="begin")
@@ -310,7 +314,7 @@ async def test_views_that_determine_nothing_leave_what_was_known(
     assert state["strips"][0]["line_m"]
 
 
-async def test_the_map_is_a_new_file_or_a_download(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_scanned_map_is_a_new_file_or_a_download(bench: Bench, phone: httpx.AsyncClient) -> None:
     await said(phone, kind="begin")
     assert "nothing is known yet" in await said(phone, 409, kind="save", name="room")
     assert (await phone.get("/scan/map.yaml")).status_code == 409
@@ -327,7 +331,7 @@ async def test_the_map_is_a_new_file_or_a_download(bench: Bench, phone: httpx.As
     assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n"
 
 
-async def test_what_is_malformed_or_of_another_scan_is_refused(
+async def test_message_is_refused_when_malformed_or_of_another_scan(
     bench: Bench, phone: httpx.AsyncClient
 ) -> None:
     await said(phone, kind="begin")
@@ -345,7 +349,7 @@ async def test_what_is_malformed_or_of_another_scan_is_refused(
     assert "pointit map scan -o FILE --strip" in await said(phone, 409, kind="begin")
 
 
-async def test_another_map_begins_a_new_scan(bench: Bench, phone: httpx.AsyncClient) -> None:
+async def test_scan_restarts_when_the_map_changes(bench: Bench, phone: httpx.AsyncClient) -> None:
     await said(phone, kind="begin")
     await said(phone, **VIEW)
     bench.session.set_strips({"shelf": 20, "desk": 30})
@@ -354,7 +358,7 @@ async def test_another_map_begins_a_new_scan(bench: Bench, phone: httpx.AsyncCli
     assert (await said(phone, kind="look"))["views"] == 0
 
 
-async def test_a_simulated_camera_sees_what_the_led_driver_shows(
+async def test_simulated_camera_sees_the_colours_of_the_led_driver(
     bench: Bench, phone: httpx.AsyncClient
 ) -> None:
     room = (await phone.get("/scan/room")).json()

@@ -12,7 +12,7 @@ from tests.support.bench import memory_bench
 RED: Rgb = (255, 0, 0)
 
 
-async def test_lamps_show_their_colour_before_the_camera_looks_and_are_given_back() -> None:
+async def test_lamps_show_their_colour_first_and_are_given_back() -> None:
     async with memory_bench() as bench:
         pixels: list[ShowPixels] = []
         lamps: list[tuple[str, Rgb | None]] = []

@@ -64,7 +64,7 @@ def solution() -> Solution:
     return solution_of(solve_survey(survey(4)), (WIDTH, HEIGHT))
 
 
-def test_the_page_shows_every_strip_and_lamp_with_its_uncertainty(solution: Solution) -> None:
+def test_solution_has_every_strip_and_lamp_with_its_uncertainty(solution: Solution) -> None:
     assert solution.is_complete
     assert {strip.name: strip.pixels for strip in solution.strips} == COUNTS
     assert len(solution.cameras_m) == 4
@@ -73,7 +73,7 @@ def test_the_page_shows_every_strip_and_lamp_with_its_uncertainty(solution: Solu
 
 
 @pytest.mark.parametrize("origin", ["shelf_high", "desk"])
-def test_the_map_begins_below_the_first_light_and_x_runs_to_the_last(
+def test_map_origin_is_below_the_first_light_and_x_along_the_strip(
     solution: Solution, origin: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "room.yaml"
@@ -94,7 +94,7 @@ def test_the_map_begins_below_the_first_light_and_x_runs_to_the_last(
     assert length_m == pytest.approx(1.5, abs=0.01)
 
 
-def test_an_upright_strip_is_an_origin_without_a_heading(solution: Solution, tmp_path: Path) -> None:
+def test_upright_strip_gives_an_origin_without_a_heading(solution: Solution, tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(solution.map_text("door", ()))
     assert "x points" not in path.read_text()
@@ -110,7 +110,7 @@ def tapped(name: str, shape: str, places: list[Vec3], views: tuple[int, int] = (
     return ScanThing.model_validate({"name": name, "shape": shape, "corners": taps})
 
 
-def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
+def test_things_are_located_by_corners_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
     low = TRUE["shelf_low"]
     high = TRUE["shelf_high"]
     screen = tapped("front", "screen", [low[0], low[-1], high[0]])
@@ -136,19 +136,21 @@ def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solut
         (ScanThing(name="a", corners=(((0, 1.0, 1.0), (1, 1200.0, 700.0)),)), "not show the same corner"),
     ],
 )
-def test_taps_that_give_no_thing_are_refused(solution: Solution, thing: ScanThing, sentence: str) -> None:
+def test_taps_are_refused_when_they_give_no_thing(
+    solution: Solution, thing: ScanThing, sentence: str
+) -> None:
     with pytest.raises(RefusedError, match=sentence):
         there(solution.thing)(thing)
 
 
-def test_a_room_without_gravity_says_how_it_was_levelled() -> None:
+def test_advice_says_how_the_room_was_levelled_without_gravity() -> None:
     seen = survey(3)
     views = tuple(replace(view, gravity=None) for view in seen.views)
     solution = solution_of(solve_survey(replace(seen, views=views)), (WIDTH, HEIGHT))
     assert "No view tells where down is" in solution.advice
 
 
-async def test_a_process_of_its_own_solves_and_says_what_hinders() -> None:
+async def test_solver_process_returns_a_solution_or_the_reason() -> None:
     solver = SolverProcess()
     try:
         solution = await solver.solve(survey(3))

@@ -20,7 +20,7 @@ from pointit.schemas import Environment
 SHELF = load_map("shelf", 0)
 
 
-def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
+def test_floor_has_the_squares_and_numbers_of_the_command() -> None:
     figure = map_figure(SHELF, {}, "shelf", separability=share_of(SHELF.things))
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
     floor = separability.floor(SHELF)
@@ -34,7 +34,7 @@ def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
         assert (told == count) == (pairs == []), "a thing that is not told apart has a name"
 
 
-async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
+async def test_floor_is_computed_in_a_thread_once_a_map(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     computed: list[tuple[str, bool]] = []
@@ -56,7 +56,7 @@ async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
 
 
 @pytest.mark.parametrize(("count", "sentence"), [(0, "add a section `things`"), (TESTED + 1, "limit 200")])
-async def test_without_things_or_with_too_many_it_is_refused(count: int, sentence: str) -> None:
+async def test_floor_is_refused_when_things_are_missing_or_too_many(count: int, sentence: str) -> None:
     asked = FloorSeparability()
     with pytest.raises(RefusedError, match="no things"):
         await asked.answer()

@@ -62,7 +62,7 @@ def heard(sight: SiteObservation, instance: str, now_s: float, **fields: object)
     sight.report(instance, health(service=instance.partition(".")[0], instance=instance, **fields), now_s)
 
 
-def test_services_come_and_go_with_since_when(sight: SiteObservation) -> None:
+def test_services_are_listed_with_the_time_of_their_change(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 1.0)
     lines = {line.instance: line for line in told(sight, 3.0).services}
     assert lines["pui"].present
@@ -73,7 +73,7 @@ def test_services_come_and_go_with_since_when(sight: SiteObservation) -> None:
     assert lines["pui"].since_s == 1.5
 
 
-def test_who_has_left_long_ago_and_is_not_expected_is_forgotten(sight: SiteObservation) -> None:
+def test_unexpected_service_is_forgotten_long_after_it_left(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 1.0)
     sight.set_present("pui", False, 2.0)
     told(sight, 2.0 + LEFT_S + 1.0)
@@ -83,7 +83,7 @@ def test_who_has_left_long_ago_and_is_not_expected_is_forgotten(sight: SiteObser
     assert status.findings == ()
 
 
-def test_who_left_with_the_scenario_before_is_not_missed(sight: SiteObservation) -> None:
+def test_service_of_the_previous_scenario_is_not_missing(sight: SiteObservation) -> None:
     def missed(now_s: float) -> list[str]:
         heard(sight, "web", now_s)
         status = told(sight, now_s)
@@ -102,7 +102,7 @@ def test_who_left_with_the_scenario_before_is_not_missed(sight: SiteObservation)
         assert missed(left_s + 0.1) == ([] if left_s == 11.0 else ["led-driver"])
 
 
-def test_who_is_expected_is_missed_for_ever(sight: SiteObservation) -> None:
+def test_expected_service_stays_missing(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 1.0)
     sight.set_present("pui", False, 2.0)
     for now_s in (2.0 + LEFT_S + 1.0, 2.0 + 10 * LEFT_S):
@@ -114,13 +114,13 @@ def test_who_is_expected_is_missed_for_ever(sight: SiteObservation) -> None:
         assert "pointit service run pui" in status.findings[0].remedy
 
 
-def test_who_may_be_starting_is_not_missed_yet(sight: SiteObservation) -> None:
+def test_starting_service_is_not_missing_yet(sight: SiteObservation) -> None:
     assert told(sight, 1.0, DEPLOYED).findings == ()
     heard(sight, "web", 1.0 + GRACE_S)
     assert codes(told(sight, 1.0 + GRACE_S, DEPLOYED)) == [("error", "pui")]
 
 
-def test_who_has_just_come_is_not_silent(sight: SiteObservation) -> None:
+def test_new_service_is_not_silent(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 100.0)
     heard(sight, "web", 100.0)
     assert told(sight, 100.0 + SILENT_S).findings == ()
@@ -129,7 +129,7 @@ def test_who_has_just_come_is_not_silent(sight: SiteObservation) -> None:
     assert codes(status) == [("error", "pui")]
 
 
-def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObservation) -> None:
+def test_growing_counter_is_an_error_and_an_old_one_a_note(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 0.0)
 
     def invalid(count: int) -> tuple[KeyHealth, ...]:
@@ -145,7 +145,7 @@ def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObse
     assert codes(told(sight, 3.0 + WINDOW_S)) == [("note", "pui")]
 
 
-def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> None:
+def test_report_of_an_absent_service_is_not_stored(sight: SiteObservation) -> None:
     for number in range(100):
         heard(sight, f"ghost{number}", 1.0)
     assert sight._reports.keys() == {"web"}
@@ -159,7 +159,7 @@ def deployment(*instances: str, scenario: str = "") -> Deployment:
     return Deployment(stamp_ns=0, name="x", services=services, scenario=scenario)
 
 
-def test_what_has_vanished_is_missed_for_a_day() -> None:
+def test_vanished_deployment_is_missing_for_a_day() -> None:
     deployments = Deployments("web")
     assert deployments.put("anna", deployment("pointing.anna", "supervisor.anna"), 0.0) == []
     assert deployments.over({"pui", "supervisor.anna"}, 100.0) == []
@@ -170,7 +170,7 @@ def test_what_has_vanished_is_missed_for_a_day() -> None:
     assert deployments.over(set(), 101.0 + MISSED_S) == []
 
 
-def test_what_was_ended_on_purpose_is_over_at_once() -> None:
+def test_deployment_is_over_at_once_when_ended_on_purpose() -> None:
     model = SiteModel("web", 0.0)
     model.take(DEPLOYMENT, "anna", deployment("pointing.anna"), 1, 0.0)
     assert model.cache.names(DEPLOYMENT) == ["anna"]
@@ -179,13 +179,13 @@ def test_what_was_ended_on_purpose_is_over_at_once() -> None:
     assert model.cache.names(DEPLOYMENT) == []
 
 
-def test_the_page_itself_keeps_no_deployment() -> None:
+def test_deployment_is_over_when_only_the_page_is_left() -> None:
     deployments = Deployments("web")
     deployments.put("scenario_4", deployment("pui", "web"), 0.0)
     assert deployments.over({"web"}, MISSED_S) == [(DEPLOYMENT, "scenario_4")]
 
 
-def test_one_scenario_replaces_another_and_no_persons_part() -> None:
+def test_scenario_replaces_another_but_no_part_of_a_person() -> None:
     deployments = Deployments("web")
     deployments.put("scenario_3", deployment("pui", scenario="scenario_3"), 0.0)
     deployments.put("anna", deployment("pointing.anna"), 0.0)
@@ -196,7 +196,7 @@ def test_one_scenario_replaces_another_and_no_persons_part() -> None:
     assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0) == []
 
 
-def test_another_scenario_is_told_from_the_same_again() -> None:
+def test_another_scenario_differs_from_the_same_started_again() -> None:
     def scenario(name: str) -> Deployment:
         return deployment("pui", scenario=name)
 
@@ -213,7 +213,7 @@ def test_another_scenario_is_told_from_the_same_again() -> None:
 PUI = ExpectedService(service="pui")
 
 
-def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_bounded_when_names_never_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(max_keys=10))
     recent = Recent("lab")
     belief = SiteModel("web", 0.0, recent)
@@ -223,7 +223,7 @@ def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -
     assert len(recent.past(100).states_at(100)) == 10
 
 
-def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lamps_outside_the_map_are_not_stored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(max_keys=3))
     belief = SiteModel("web", 0.0)
     room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))
@@ -236,7 +236,7 @@ def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyP
     assert belief.cache.names(LAMP_COLOR) == ["real"]
 
 
-def test_things_of_a_home_assistant_that_is_not_connected_are_a_finding() -> None:
+def test_home_things_without_a_bridge_are_a_finding() -> None:
     model = SiteModel("web", 0.0)
     for instance in ("web", "pui"):
         model.set_service(instance, True, 0.0)
@@ -261,7 +261,7 @@ def test_things_of_a_home_assistant_that_is_not_connected_are_a_finding() -> Non
     assert findings("light.desk") == [], "the run is over, and the map is that of before"
 
 
-def test_the_events_of_a_run_begin_with_it() -> None:
+def test_history_begins_with_the_run() -> None:
     belief = SiteModel("web", 0.0)
 
     def happens(stamp_ns: int) -> None:
@@ -324,7 +324,7 @@ class Restart:
 
 
 @pytest.mark.parametrize("scenario", ["scenario_3", "scenario_4"])
-def test_a_scenario_that_is_replaced_or_restarted_raises_no_alarm(scenario: str) -> None:
+def test_scenario_raises_no_alarm_when_replaced_or_restarted(scenario: str) -> None:
     restart = Restart()
     restart.end("run.scenario_4", 10.0)
     assert restart.status[-1].run == "over"
@@ -336,7 +336,7 @@ def test_a_scenario_that_is_replaced_or_restarted_raises_no_alarm(scenario: str)
     assert [finding for status in restart.status for finding in status.findings] == []
 
 
-def test_a_service_that_never_starts_or_leaves_soon_after_the_start_is_missing() -> None:
+def test_service_is_missing_when_it_never_starts_or_leaves_soon() -> None:
     restart = Restart()
     restart.end("run.scenario_4", 10.0)
     restart.take("run.scenario_3", run_of("scenario_3"), 16.0)
@@ -350,7 +350,7 @@ def test_a_service_that_never_starts_or_leaves_soon_after_the_start_is_missing()
     assert late.run == "runs"
 
 
-def test_a_run_that_ended_on_purpose_is_over_without_an_alarm_and_one_that_died_is_missed() -> None:
+def test_run_is_over_when_ended_on_purpose_and_missing_when_it_died() -> None:
     ended = Restart()
     died = Restart()
     ended.end("run.scenario_4", 10.0)
@@ -363,21 +363,21 @@ def test_a_run_that_ended_on_purpose_is_over_without_an_alarm_and_one_that_died_
     assert (died.tick(13.0).run, len(died.tick(14.0).findings)) == ("runs", len(SERVICES) + 1)
 
 
-def test_a_person_who_comes_after_the_run_has_ended_is_no_ended_run() -> None:
+def test_person_who_comes_after_the_end_begins_no_run() -> None:
     restart = Restart()
     restart.end("run.scenario_4", 10.0)
     restart.take("anna", deployment("pointing.anna"), 20.0)
     assert restart.tick(20.0).run == "runs"
 
 
-def test_a_person_who_ends_alone_ends_no_run() -> None:
+def test_run_goes_on_when_one_person_ends() -> None:
     restart = Restart()
     restart.take("anna", deployment("pointing.anna"), 2.0)
     restart.take("anna", deployment(), 3.0)
     assert restart.tick(4.0).run == "runs"
 
 
-def test_the_source_of_an_arm_is_a_simulation_a_device_or_none_yet(sight: SiteObservation) -> None:
+def test_arm_source_is_a_simulation_a_device_or_none(sight: SiteObservation) -> None:
     def source(moved_by: Mover = "own") -> str:
         return sight.status({}, [PersonLine(user="anna", moved_by=moved_by)], 1.0).people[0].source
 

@@ -41,7 +41,7 @@ def only(samples: list[tuple[str, models.WristSample]], user: str = "anna") -> m
     return samples[0][1]
 
 
-def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristControl) -> None:
+def test_held_arm_sends_a_sample_at_every_step(wrists: WristControl) -> None:
     wrists.acquire("anna", "page1", "mouse")
     assert aim(wrists, "page1")
     samples = [only(wrists.step(START + k * TICK)) for k in range(5)]
@@ -52,7 +52,7 @@ def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristContr
 
 
 @pytest.mark.parametrize("ray_model", ["eye_finger", "shoulder_arm", "forearm"])
-def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(
+def test_arm_meets_the_mouse_as_seen_from_the_pose(
     wrists: WristControl, ray_model: Literal["eye_finger", "shoulder_arm", "forearm"]
 ) -> None:
     body = models.BodyMeasures(
@@ -73,7 +73,7 @@ def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(
     assert vector.angle_between(vector.rotate_z(direction, 1.0), sight) < 1e-6
 
 
-def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: WristControl) -> None:
+def test_arm_uses_the_true_pose_during_a_localization(wrists: WristControl) -> None:
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     before = only(wrists.step(at(0.0))).orientation_xyzw
@@ -85,7 +85,7 @@ def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: Wrist
     assert only(wrists.step(at(2.0))).orientation_xyzw != before
 
 
-def test_the_last_that_takes_wins_and_the_other_is_named(wrists: WristControl) -> None:
+def test_last_page_that_takes_the_wrist_has_it(wrists: WristControl) -> None:
     assert wrists.acquire("anna", "page1", "mouse") == ""
     assert wrists.acquire("anna", "page1", "mouse") == ""
     assert wrists.acquire("anna", "page2", "mouse") == "page1"
@@ -96,7 +96,7 @@ def test_the_last_that_takes_wins_and_the_other_is_named(wrists: WristControl) -
     assert wrists.step(START) == []
 
 
-def test_people_have_their_own_wrists(wrists: WristControl) -> None:
+def test_wrists_of_people_are_independent(wrists: WristControl) -> None:
     wrists.acquire("anna", "page1", "mouse")
     wrists.acquire("ben", "page2", "mouse")
     assert not aim(wrists, "page1", user="ben")
@@ -108,7 +108,7 @@ def test_people_have_their_own_wrists(wrists: WristControl) -> None:
     assert wrists.step(START) == []
 
 
-def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: WristControl) -> None:
+def test_phone_takes_the_wrist_by_its_first_turn(wrists: WristControl) -> None:
     held = rotation.from_axis_angle((1.0, 0.0, 0.0), 0.3)
     sample = there(wrists.turn("anna", "phone1", turn(12.5, q=held), START))
     assert (sample.device, sample.orientation_xyzw) == ("phone", held)
@@ -116,7 +116,7 @@ def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: WristControl) 
     assert wrists.holder("anna") == ("phone1", "phone")
 
 
-def test_a_phone_that_lost_the_wrist_asks_before_it_has_it_again(wrists: WristControl) -> None:
+def test_phone_that_lost_the_wrist_must_request_it(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
     assert wrists.acquire("anna", "page1", "mouse") == "phone1"
     assert wrists.turn("anna", "phone1", turn(), START) is None
@@ -129,7 +129,7 @@ def test_a_phone_that_lost_the_wrist_asks_before_it_has_it_again(wrists: WristCo
     assert wrists.release("anna") == ""
 
 
-def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: WristControl) -> None:
+def test_still_phone_repeats_its_sample_five_times_a_second(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
     sent = [START]
     for k in range(1, 60):
@@ -140,9 +140,7 @@ def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: 
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
-def test_a_phone_silent_by_the_walls_time_lets_go_until_it_comes_back(
-    wrists: WristControl, speed: float
-) -> None:
+def test_silent_phone_releases_the_wrist_until_it_returns(wrists: WristControl, speed: float) -> None:
     wrists.turn("anna", "phone1", turn(), at(0.0))
     assert wrists.step(at(0.9 * speed), speed) != []
     assert wrists.step(at(1.1 * speed), speed) == []
@@ -150,7 +148,7 @@ def test_a_phone_silent_by_the_walls_time_lets_go_until_it_comes_back(
     assert wrists.turn("anna", "phone1", turn(), at(3.0 * speed)) is not None
 
 
-def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: WristControl) -> None:
+def test_sessions_of_phones_have_different_numbers(wrists: WristControl) -> None:
     def number(page: str, session: int, seconds: float) -> int:
         wrists.acquire("anna", page, "phone")
         return there(wrists.turn("anna", page, turn(session=session), at(seconds))).session
@@ -167,7 +165,7 @@ def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: WristControl
     assert len(wrists._people["anna"].sessions) <= 16
 
 
-def test_tremor_is_of_who_has_the_arm(wrists: WristControl) -> None:
+def test_tremor_is_set_only_by_the_holder(wrists: WristControl) -> None:
     wrists.acquire("anna", "page1", "mouse")
     assert not wrists.set_tremor("anna", "page2", 1.0)
     assert wrists.set_tremor("anna", "page1", 1.0)
@@ -177,7 +175,7 @@ def test_tremor_is_of_who_has_the_arm(wrists: WristControl) -> None:
     assert not wrists.set_tremor("nobody", "page1", 1.0)
 
 
-def test_what_people_are_told_of_a_wrist(wrists: WristControl) -> None:
+def test_status_line_shows_the_state_of_a_phone(wrists: WristControl) -> None:
     line = wrists.line("anna", START)
     assert (line.moved_by, line.is_mine, line.phone, line.battery) == ("own", False, "", None)
     assert line.assumed is not None
@@ -198,14 +196,14 @@ def test_what_people_are_told_of_a_wrist(wrists: WristControl) -> None:
     assert wrists.line("anna", at(2.0), paired="phone1").phone == "paired, but silent"
 
 
-def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:
+def test_direction_ahead_is_the_middle_of_the_map(wrists: WristControl) -> None:
     belt = models.Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
     wrists.room(models.Environment(stamp_ns=0, name="hall", belts=(belt,)))
     wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
     assert wrists.ahead("anna") == pytest.approx(math.pi / 2 - 0.5)
 
 
-def test_a_map_that_comes_late_moves_who_has_no_place(wrists: WristControl) -> None:
+def test_late_map_moves_people_without_a_place(wrists: WristControl) -> None:
     wrists.acquire("ben", "page1", "mouse")
     aim(wrists, "page1", user="ben")
     before = only(wrists.step(at(0.0)), "ben").orientation_xyzw
@@ -230,7 +228,7 @@ def lamps(*positions: tuple[float, float, float]) -> models.Environment:
     )
 
 
-def test_the_newest_pose_counts_then_the_configured_place_then_the_room() -> None:
+def test_assumed_pose_is_the_newest_then_configured_then_of_the_room() -> None:
     standing = AssumedPose(Place(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0))
     assert standing.at[0] == (1.0, 2.0, 0.0)
     assert standing.at[1] == pytest.approx(math.pi / 2)
@@ -245,7 +243,7 @@ def test_the_newest_pose_counts_then_the_configured_place_then_the_room() -> Non
     assert unknown.at == ((7.0, 7.0, 0.0), 1.0)
 
 
-def test_an_anchor_is_pointed_at_as_the_pose_says() -> None:
+def test_anchor_is_pointed_at_as_seen_from_the_pose() -> None:
     standing = AssumedPose()
     standing.localization(progress("sampling", "anchor"))
     standing.pose(pose(2.0))
@@ -253,13 +251,13 @@ def test_an_anchor_is_pointed_at_as_the_pose_says() -> None:
 
 
 @pytest.mark.parametrize("reach_m", [4.0, 1.5])
-def test_in_a_wide_room_or_a_narrow_one_the_place_is_its_middle(reach_m: float) -> None:
+def test_chosen_place_is_the_middle_of_wide_and_narrow_rooms(reach_m: float) -> None:
     room = lamps((reach_m, 0.0, 1.0), (-reach_m, 0.0, 1.0), (0.0, reach_m, 2.0), (0.0, -reach_m, 1.0))
     assert choose_pose(room)[0] == (0.0, 0.0, 0.0)
     assert middle(room) == (0.0, 0.0, 1.5)
 
 
-def test_at_a_belt_one_stands_two_metres_beside_it_and_faces_it() -> None:
+def test_chosen_place_is_two_metres_from_a_belt_and_faces_it() -> None:
     room = models.Environment(
         stamp_ns=0, name="hall", belts=(models.Belt(id="b", line_m=((-3.0, 0.0, 1.0), (3.0, 0.0, 1.0))),)
     )
@@ -270,7 +268,7 @@ def test_at_a_belt_one_stands_two_metres_beside_it_and_faces_it() -> None:
     assert yaw_rad == pytest.approx(to_middle)
 
 
-def test_an_empty_or_endless_room_has_a_place_too() -> None:
+def test_chosen_place_exists_in_empty_and_endless_rooms() -> None:
     floor = models.Environment(
         stamp_ns=0,
         name="floor",
@@ -282,7 +280,7 @@ def test_an_empty_or_endless_room_has_a_place_too() -> None:
 
 
 @pytest.mark.parametrize("norm", [0.951, 1.004, 1.049])
-def test_norm_of_a_phone_that_is_nearly_1_is_normalized_and_another_one_refused(norm: float) -> None:
+def test_turn_is_normalized_near_norm_1_and_else_refused(norm: float) -> None:
     half = 0.5 * norm
     assert Turn(q=(half, -half, half, half), t_ms=1.0).q == pytest.approx((0.5, -0.5, 0.5, 0.5))
     with pytest.raises(ValueError, match="a quaternion of norm"):

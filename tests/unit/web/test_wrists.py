@@ -33,14 +33,14 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
 
-def test_it_points_ahead_before_it_is_told_where() -> None:
+def test_mouse_arm_points_ahead_before_its_first_aim() -> None:
     arm = rotation.rotate(MouseArm().step(0), (1.0, 0.0, 0.0))
     assert vector.azimuth(arm) == pytest.approx(0.0)
     assert -0.5 < vector.elevation(arm) < 0.0
 
 
 @given(st.lists(st.tuples(coordinates, coordinates, st.floats(0.0, 3.0)), min_size=2, max_size=12))
-def test_it_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
+def test_mouse_arm_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
     arm = MouseArm()
     arm.set_pose((0.3, 0.2, 0.0), 0.7)
     before = arm.step(0)
@@ -54,7 +54,7 @@ def test_it_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
             before = after
 
 
-def test_it_arrives_where_the_mouse_jumped_to_within_half_a_second() -> None:
+def test_mouse_arm_follows_a_jump_within_half_a_second() -> None:
     arm = MouseArm()
     now_ns = 0
     arm.aim((3.0, 0.0, 1.0))
@@ -65,7 +65,7 @@ def test_it_arrives_where_the_mouse_jumped_to_within_half_a_second() -> None:
     assert steps[-1] == steps[-2]
 
 
-def test_it_goes_the_shorter_way_round() -> None:
+def test_mouse_arm_takes_the_shorter_way_round() -> None:
     arm = MouseArm()
     arm.aim((-3.0, 0.5, 1.0))
     arm.step(0)
@@ -74,7 +74,7 @@ def test_it_goes_the_shorter_way_round() -> None:
     assert steps[1] == steps[3]
 
 
-def test_tremor_has_the_asked_size_and_comes_again_with_its_seed() -> None:
+def test_tremor_has_its_rms_and_repeats_with_its_seed() -> None:
     def angles_of(seed: int) -> list[float]:
         arm = MouseArm(seed=seed)
         arm.aim((3.0, 0.0, 1.6))
@@ -89,7 +89,7 @@ def test_tremor_has_the_asked_size_and_comes_again_with_its_seed() -> None:
     assert first != angles_of(2)
 
 
-def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
+def test_interaction_state_is_sent_once_and_stays_in_cues() -> None:
     cues = PhoneCues()
     sure = Interaction(stamp_ns=0, state="pointing", next_step="hold on a package")
     for state in (sure, sure.model_copy(update={"is_unsure": True})):
@@ -102,7 +102,7 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
     assert (feedback.state, feedback.wants_double) == ("pointing", True)
 
 
-def test_names_are_cues_and_a_phone_that_connects_before_one_is_spoken_knows_that_it_can_step() -> None:
+def test_names_are_cues_and_phones_know_that_there_are_some() -> None:
     cues = PhoneCues()
     assert not cues.current.has_names
     first = there(cues.feedback(Announced(stamp_ns=1)))
@@ -115,7 +115,7 @@ def test_names_are_cues_and_a_phone_that_connects_before_one_is_spoken_knows_tha
     assert cues.current == first
 
 
-def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
+def test_localization_cues_name_each_target_once_and_refusals() -> None:
     def at(samples: int, index: int) -> Localization:
         target = {"target_id": f"led_{index}", "target_index": index, "target_count": 3}
         return Localization.model_validate({**SAMPLING, **target, "samples": samples})
@@ -129,7 +129,7 @@ def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
     assert cues.localization(Localization(stamp_ns=0, phase="idle")) is None
 
 
-def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
+def test_progress_is_sent_in_steps_until_the_end() -> None:
     def at(progress: float, **fields: Any) -> Localization:
         fields = {"phase": "sampling", "target_id": "led_0", "progress": progress, **fields}
         return Localization.model_validate({"stamp_ns": 0, **fields})
@@ -148,7 +148,7 @@ def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
     assert cues.current.progress is None
 
 
-def test_a_robot_that_may_be_one_of_several_is_no_step() -> None:
+def test_number_of_robots_is_no_target_count() -> None:
     cues = PhoneCues()
     candidates = tuple(
         Candidate(object_id=name, probability=share) for name, share in (("r1", 0.6), ("r2", 0.4))
@@ -157,7 +157,7 @@ def test_a_robot_that_may_be_one_of_several_is_no_step() -> None:
     assert there(cues.localization(Localization.model_validate({**SAMPLING, **meant}))).text == "point at r1"
 
 
-def test_a_token_makes_a_phone_one_persons() -> None:
+def test_token_pairs_a_phone_with_one_person() -> None:
     pairing = Pairing()
     token, replaced = pairing.pair("anna", 0.0)
     assert replaced == ""
@@ -173,7 +173,7 @@ def test_a_token_makes_a_phone_one_persons() -> None:
     assert pairing.phone(secret) is None
 
 
-def test_an_unused_token_expires_a_used_ones_phone_stays() -> None:
+def test_unused_token_expires_and_a_paired_phone_stays() -> None:
     pairing = Pairing()
     unused, _ = pairing.pair("anna", 0.0)
     used, _ = pairing.pair("ben", 0.0)
@@ -188,7 +188,7 @@ def test_an_unused_token_expires_a_used_ones_phone_stays() -> None:
     assert pairing.redeem(used, late_s) is None
 
 
-def test_pairing_anew_and_unpairing_revoke() -> None:
+def test_pairing_again_and_unpairing_revoke_the_phone() -> None:
     pairing = Pairing()
     token, _ = pairing.pair("anna", 0.0)
     secret = there(pairing.redeem(token, 1.0))
@@ -204,7 +204,7 @@ def test_pairing_anew_and_unpairing_revoke() -> None:
     assert pairing.unpair("anna") == ""
 
 
-def test_the_offer_has_a_qr_code_that_a_strict_page_may_show() -> None:
+def test_offer_has_a_qr_code_without_inline_styles() -> None:
     reply = offer("https://192.168.1.20:8443/phone?token=abc", "AB:CD")
     assert (reply["url"], reply["fingerprint"]) == ("https://192.168.1.20:8443/phone?token=abc", "AB:CD")
     assert reply["expires_s"] == UNUSED_S
@@ -267,7 +267,7 @@ def error_rad(
 
 @pytest.mark.parametrize("hand", ["left", "right"])
 @pytest.mark.parametrize("reach_m", [0.3, 0.6])
-def test_the_ray_goes_from_the_eyes_over_the_tip_whatever_the_body(
+def test_headset_ray_goes_from_eyes_over_tip_for_any_body(
     wrists: WristControl, hand: Literal["left", "right"], reach_m: float
 ) -> None:
     body = models.BodyMeasures(footprint_to_neck_m=1.1, neck_to_shoulder_m=0.2, shoulder_to_wrist_m=0.7)
@@ -281,7 +281,7 @@ def test_the_ray_goes_from_the_eyes_over_the_tip_whatever_the_body(
 
 
 @pytest.mark.parametrize("ray_model", ["shoulder_arm", "forearm"])
-def test_rays_of_the_arm_meet_the_line_of_sight_at_3_m(
+def test_arm_rays_meet_the_line_of_sight_at_3_m(
     wrists: WristControl, ray_model: Literal["shoulder_arm", "forearm"]
 ) -> None:
     profile = models.UserProfile(stamp_ns=0, ray_model=ray_model)
@@ -291,16 +291,14 @@ def test_rays_of_the_arm_meet_the_line_of_sight_at_3_m(
 
 
 @pytest.mark.parametrize("tip_m", [None, towards((4.0, 2.0, 1.0), 0.02), towards((4.0, 2.0, 1.0), 2.0)])
-def test_an_arm_hangs_while_no_hand_is_tracked_near_the_eyes(
-    wrists: WristControl, tip_m: Vec3 | None
-) -> None:
+def test_arm_hangs_while_no_hand_points(wrists: WristControl, tip_m: Vec3 | None) -> None:
     wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
     pose, sample = wear(wrists, motion(tip_m=tip_m), at(2.0))
     assert vector.elevation(there(ArmRay().ray(sample.orientation_xyzw))[1]) < math.radians(-80.0)
     assert math.dist(pose.position_m[:2], EYES_M[:2]) < 1e-6
 
 
-def test_poses_are_few_and_samples_are_many(wrists: WristControl) -> None:
+def test_headset_sends_few_poses_and_many_samples(wrists: WristControl) -> None:
     measured = [
         wrists.move_by_headset("page1", motion(tip_m=towards((4.0, 2.0, 1.0))), at(k / 60.0))
         for k in range(120)
@@ -312,20 +310,20 @@ def test_poses_are_few_and_samples_are_many(wrists: WristControl) -> None:
     assert sum(each is not None and each[0] is not None for each in moved) == 10
 
 
-def test_poses_go_on_after_the_clock_was_set_back(wrists: WristControl) -> None:
+def test_headset_poses_go_on_when_the_clock_is_set_back(wrists: WristControl) -> None:
     wear(wrists, motion(), at(60.0))
     pose, _ = wear(wrists, motion((EYES_M[0] + 1.0, *EYES_M[1:])), at(0.0))
     assert pose.position_m[0] == pytest.approx(EYES_M[0] + 1.0)
 
 
-def test_a_phone_that_has_sent_nothing_is_released_also_when_time_begins_at_0() -> None:
+def test_silent_phone_is_released_when_time_begins_at_0() -> None:
     wrists = WristControl(WebConfig())
     wrists.acquire("anna", "phone1", "phone")
     assert wrists.step(models.NS_PER_S // 2) == []
     assert wrists.holder("anna") == ("", "own")
 
 
-def test_a_headset_that_is_not_aligned_or_far_away_moves_nothing(wrists: WristControl) -> None:
+def test_headset_moves_nothing_when_not_aligned_or_far_away(wrists: WristControl) -> None:
     with pytest.raises(RefusedError, match="touch three lamps or things first"):
         wrists.move_by_headset("page1", HeadsetMotion(user="anna", eyes_m=(0.0, 0.0, 1.6)), START)
     far = HeadsetMotion(user="anna", alignment=ROOM, eyes_m=(9e5, 0.0, 1.6))
@@ -338,7 +336,7 @@ point = st.lists(number, min_size=2, max_size=4) | st.none()
 
 
 @given(eyes_m=point, tip_m=point, yaw_rad=number, origin_m=point, user=st.sampled_from(["anna", "*", ""]))
-def test_bad_values_end_nothing(
+def test_malformed_headset_values_raise_only_refusals(
     eyes_m: object, tip_m: object, yaw_rad: object, origin_m: object, user: object
 ) -> None:
     wrists = WristControl(WebConfig())
@@ -353,7 +351,7 @@ def test_bad_values_end_nothing(
         return
 
 
-def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_hangs_and_is_released(
+def test_resting_headset_repeats_its_sample_and_a_silent_one_is_released(
     wrists: WristControl,
 ) -> None:
     assert wrists.step(START) == []  # it was taken just now, and has sent nothing yet
@@ -369,7 +367,7 @@ def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_han
     assert wrists.move_by_headset("page1", motion(), at(5.7)) is None
 
 
-def test_a_tremor_of_the_mouse_does_not_shake_the_headset() -> None:
+def test_headset_has_no_tremor_of_the_mouse() -> None:
     wrists = WristControl(WebConfig())
     wrists.acquire("anna", "page0", "mouse")
     wrists.set_tremor("anna", "page0", 3.0)

@@ -68,9 +68,10 @@ class PoseSource(Config):
 
     @model_validator(mode="after")
     def _is_complete(self) -> "PoseSource":
-        if self.type == TF and (self.topic or not self.frame):
+        is_tf = self.type == TF
+        if is_tf and (self.topic or not self.frame):
             raise ValueError("type tf: give the object's `frame`, as in agv1/base_link, and no topic")
-        if self.type != TF and not self.topic:
+        if not is_tf and not self.topic:
             raise ValueError("topic: is missing; give the full name of one of this type, as in /agv1/odom")
         return self
 
@@ -159,9 +160,10 @@ class Ros2Config(Config):
     def _have_names(cls, value: dict[str, TrackerConfig]) -> dict[str, TrackerConfig]:
         for name in value:
             check_name(name, "tracker")
-        topics = [each.topic for each in value.values() if each.type != TF]
-        if twice := next((topic for topic in topics if topics.count(topic) > 1), ""):
-            raise ValueError(f"{twice} is read by two trackers: leave one out")
+        topics = [config.topic for config in value.values() if config.type != TF]
+        for topic in topics:
+            if topics.count(topic) > 1:
+                raise ValueError(f"{topic} is read by two trackers: leave one out")
         return value
 
     @field_validator("people", mode="before")

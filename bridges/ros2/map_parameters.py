@@ -80,8 +80,9 @@ def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
 
     Without a prefix those that begin with a section, below one all names.
     """
-    start = _start(prefix)
-    starts = (start,) if prefix else tuple(f"{section}." for section in SECTIONS)
+    starts: tuple[str, ...] = (_start(prefix),)
+    if not prefix:
+        starts = tuple(f"{section}." for section in SECTIONS)
     return [name for name in names if name.startswith(starts)]
 
 
@@ -95,11 +96,13 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
     start = _start(prefix)
     for name, value in parameters.items():
         section, _, rest = name.removeprefix(start).partition(".")
+
+        # Bays are values themselves; all else has keys
         if section == BAYS and rest:
             tree.setdefault(section, {})[rest] = value
             continue
         entry, _, key = rest.rpartition(".")
-        if not (section and entry and key):
+        if not all((section, entry, key)):
             raise ValueError(
                 f"{name} is not a parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
                 f"{start}leds.door.position"
@@ -107,14 +110,24 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         if section == LINKS and not NUMBER.fullmatch(entry):
             raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
         entries = tree.setdefault(section, {})
+
+        # A part of a strip or belt, which is nested in a thing: `nuts.light`, not a thing of that name
         thing, _, outer = entry.rpartition(".")
-        if section == "things" and key in PART and thing and outer in NESTED:
+        is_part = thing and outer in NESTED and key in PART
+        if section == "things" and is_part:
             entries.setdefault(thing, {}).setdefault(outer, {})[key] = value
             continue
-        entries.setdefault(entry, {})[key] = _points(name, value, LINES[key]) if key in LINES else value
+
+        converted = value
+        if key in LINES:
+            converted = _points(name, value, LINES[key])
+        entries.setdefault(entry, {})[key] = converted
+
+    # Links are a list in the file, in the order of their numbers
     if LINKS in tree:
         links = cast("dict[str, Any]", tree[LINKS])
-        tree[LINKS] = [links[number] for number in sorted(links, key=int)]
+        numbers = sorted(links, key=int)
+        tree[LINKS] = [links[number] for number in numbers]
     return tree
 
 
@@ -128,11 +141,13 @@ def _points(name: str, value: Value, coordinates: str) -> Value:
         return value
     size = len(coordinates.split())
     if len(value) % size:
+        size_word = ("two", "three")[size - 2]
         raise ValueError(
             f"{name} has {len(value)} numbers; write {coordinates} of one point after the other, "
-            f"{('two', 'three')[size - 2]} for each"
+            f"{size_word} for each"
         )
-    return [value[index : index + size] for index in range(0, len(value), size)]
+    starts = range(0, len(value), size)
+    return [value[start : start + size] for start in starts]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,61 +194,76 @@ async def fetched(
             backend = await opened(config, NullHealth(), patience_s=CONNECT_TIMEOUT_S)
     except ConnectError as error:
         raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
+
+    # Discovery of DDS may take all of the time; a router knows its nodes at once
     try:
+        appears_s = min(APPEARS_S, request.timeout_s)
+        if config.kind == "dds":
+            appears_s = request.timeout_s
+        needs = NEEDS if config.kind == "rmw_zenoh" else ""
         parameters = NodeParameters(
             backend,
             types,
             request.node,
             domain=config.domain_id,
-            appears_s=request.timeout_s if config.kind == "dds" else min(APPEARS_S, request.timeout_s),
+            appears_s=appears_s,
             timeout_s=request.timeout_s,
-            needs=NEEDS if config.kind == "rmw_zenoh" else "",
+            needs=needs,
         )
         with notice(f"asking {request.node} for its parameters …"):
-            return await _taken(parameters, request, say)
+            return await _map_of(parameters, request, say)
     finally:
         await backend.close()
 
 
-async def _taken(parameters: NodeParameters, request: FetchRequest, say: Say) -> dict[str, Any]:
+async def _map_of(parameters: NodeParameters, request: FetchRequest, say: Say) -> dict[str, Any]:
     names = await parameters.names()
     holder = request.usual if request.parameter is None else request.parameter
     if request.parameter is not None and holder not in names:
-        raise ConfigError(f"node {request.node} has no parameter {holder!r}; {_there(names)}")
+        raise ConfigError(f"node {request.node} has no parameter {holder!r}; {_listing(names)}")
+
+    # The parameter that holds all of the map
     if request.prefix is None and holder in names:
-        held = (await parameters.values([holder])).get(holder)
-        if isinstance(held, str) and held.strip():
-            return _of_text(held, f"parameter {holder} of {request.node}", say)
+        values = await parameters.values([holder])
+        text = values.get(holder)
+        if isinstance(text, str) and text.strip():
+            return _map_of_text(text, f"parameter {holder} of {request.node}", say)
         if request.parameter is not None:
             raise ConfigError(
                 f"parameter {holder} of {request.node} is not the text of a map or its path; --parameter "
                 "names another"
             )
+
+    # A parameter for each of its values
     prefix = (request.prefix or "").rstrip(".")
     values = await parameters.values(of_maps(names, prefix))
     if not values:
-        raise ConfigError(_nothing(request, names))
+        raise ConfigError(_absence(request, names))
     try:
         return tree_of(values, prefix)
     except ValueError as error:
         raise ConfigError(f"node {request.node}: {error}") from error
 
 
-def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
+def _map_of_text(text: str, origin: str, say: Say) -> dict[str, Any]:
     """Return the map in `text`, or in the YAML file of this machine that it names.
 
     Raises:
-        ConfigError: If it is neither; `where` names the origin in messages.
+        ConfigError: If it is neither; `origin` names the parameter in messages.
     """
     word = text.strip()
-    if "\n" in word or ": " in word or word.startswith("{"):
-        return parse_yaml(text.encode(), where)  # unstripped: all its lines may be indented
+    has_entries = "\n" in word or ": " in word
+    if has_entries or word.startswith("{"):
+        return parse_yaml(text.encode(), origin)  # unstripped: all its lines may be indented
+
+    # Only a file that can be a map is opened: a foreign node names it
     path = Path(word)
-    if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
-        say(f"{where} is the path {one_line(word, MAX_PATH)}, of a file that is here too")
+    can_be_map = path.is_absolute() and path.suffix in SUFFIXES
+    if can_be_map and len(word) <= MAX_PATH and _is_file(path):
+        say(f"{origin} is the path {one_line(word, MAX_PATH)}, of a file that is here too")
         return read_yaml(path)
     raise ConfigError(
-        f"{where} is a path, {one_line(word, MAX_PATH)!r}, of a file on that node's machine; copy the file "
+        f"{origin} is a path, {one_line(word, MAX_PATH)!r}, of a file on that node's machine; copy the file "
         "to this one, and give it as it is: --set pui.map=FILE"
     )
 
@@ -245,16 +275,17 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _nothing(request: FetchRequest, names: Sequence[str]) -> str:
+def _absence(request: FetchRequest, names: Sequence[str]) -> str:
+    """Return a message that the node has no map in its parameters `names`, with the remedy."""
+    problem = f"nothing in the parameters of {request.node} is a map"
     if request.prefix:
-        what = f"no parameter of {request.node} begins with '{request.prefix.rstrip('.')}.'"
-    else:
-        what = f"nothing in the parameters of {request.node} is a map"
+        start = request.prefix.rstrip(".")
+        problem = f"no parameter of {request.node} begins with '{start}.'"
     return (
-        f"{what}; {_there(names)}; --parameter names the one that holds a map, --prefix what stands before "
-        "lamps., strips., belts."
+        f"{problem}; {_listing(names)}; --parameter names the one that holds a map, --prefix what stands "
+        "before lamps., strips., belts."
     )
 
 
-def _there(names: Sequence[str]) -> str:
+def _listing(names: Sequence[str]) -> str:
     return f"it has {first_of(names, MAX_SHOWN) or 'none'}"

@@ -13,7 +13,8 @@ MAX_NAME = 80
 
 def nodes(endpoints: Iterable[Endpoint], of_one: str = "", of_many: str = "") -> str:
     """Return the nodes of `endpoints`, and the verb that fits."""
-    names = sorted({each.node for each in endpoints})
-    is_one = len(names) == 1
-    found = first_of((one_line(name, MAX_NAME) for name in names), MAX_SHOWN)
-    return f"node{'' if is_one else 's'} {found} {of_one if is_one else of_many}".rstrip()
+    names = sorted({endpoint.node for endpoint in endpoints})
+    listing = first_of((one_line(name, MAX_NAME) for name in names), MAX_SHOWN)
+    if len(names) == 1:
+        return f"node {listing} {of_one}".rstrip()
+    return f"nodes {listing} {of_many}".rstrip()

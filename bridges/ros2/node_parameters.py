@@ -51,11 +51,13 @@ def value_of(message: Any) -> Value | None:
     if kind == NOT_SET:
         return None
     if kind not in FIELDS:
-        raise ValueError(f"a parameter is of kind {kind}, and there are {NOT_SET} to {max(FIELDS)}")
+        kinds = f"{NOT_SET} to {max(FIELDS)}"
+        raise ValueError(f"a parameter is of kind {kind}, and there are {kinds}")
     value: Any = getattr(message, FIELDS[kind])
     if isinstance(value, bool | int | float | str):
         return value
-    return cast("list[Any]", value.tolist() if hasattr(value, "tolist") else list(value))
+    elements = value.tolist() if hasattr(value, "tolist") else list(value)
+    return cast("list[Any]", elements)
 
 
 class NodeParameters:
@@ -99,7 +101,8 @@ class NodeParameters:
         """
         await self._on_presence()
         response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
-        return [name for name in dict.fromkeys(response.result.names) if name.isprintable()]
+        names = dict.fromkeys(response.result.names)
+        return [name for name in names if name.isprintable()]
 
     async def values(self, names: Sequence[str]) -> dict[str, Value]:
         """Return the parameters `names` that have a value, in that order.
@@ -107,35 +110,39 @@ class NodeParameters:
         Raises:
             NoAnswerError: If the node does not answer in time, or if its answer does not fit.
         """
-        found: dict[str, Value] = {}
+        values: dict[str, Value] = {}
         for first in range(0, len(names), PAGE):
             page = names[first : first + PAGE]
             response = await self._ask(GET, GET_SUFFIX, names=list(page))
-            if len(response.values) != len(page):
+            count = len(response.values)
+            if count != len(page):
                 raise NoAnswerError(
                     f"node {self._node} was asked for {len(page)} parameters and told "
-                    f"{len(response.values)}; try again, one may have been taken away meanwhile"
+                    f"{count}; try again, one may have been taken away meanwhile"
                 )
+
+            # The answer has no names: values come in the order of the request
             for name, message in zip(page, response.values, strict=True):
                 try:
                     value = value_of(message)
                 except ValueError as error:
-                    raise NoAnswerError(f"{name} of node {self._node}: {error}") from error
+                    sentence = f"{name} of node {self._node}: {error}"
+                    raise NoAnswerError(sentence) from error
                 if value is not None:
-                    found[name] = value
-        return found
+                    values[name] = value
+        return values
 
     async def _on_presence(self) -> None:
         """Wait until the node is seen to serve its parameters by our definitions."""
         graph = Graph(nodes=frozenset(), endpoints=frozenset())
         changed = asyncio.Event()
 
-        def look(seen: Graph) -> None:
+        def on_graph(seen: Graph) -> None:
             nonlocal graph
             graph = seen
             changed.set()
 
-        watch = self._backend.watch(look)
+        watch = self._backend.watch(on_graph)
         try:
             async with asyncio.timeout(self._appears_s):
                 while not self._servers(graph):
@@ -145,14 +152,17 @@ class NodeParameters:
             raise NoAnswerError(self._absence(graph)) from None
         finally:
             watch.close()
-        hashes = {each.type.hash for each in self._servers(graph)} - {""}
-        wanted = self._types.kind(LIST).hash
-        if hashes and wanted not in hashes:
-            raise NoAnswerError(f"node {self._node} {_other_distro(hashes, self._types)}")
+
+        # A server of another definition, so of another type hash, would never answer
+        hashes = {server.type.hash for server in self._servers(graph)} - {""}
+        own_hash = self._types.kind(LIST).hash
+        if hashes and own_hash not in hashes:
+            problem = _other_distro(hashes, self._types)
+            raise NoAnswerError(f"node {self._node} {problem}")
 
     def _servers(self, graph: Graph) -> list[Endpoint]:
         service = f"{self._node}{LIST_SUFFIX}"
-        return [each for each in _lists(graph, self._domain) if each.name == service]
+        return [server for server in _list_servers(graph, self._domain) if server.name == service]
 
     def _absence(self, graph: Graph) -> str:
         """Return a message why there is no node to query, with its remedy."""
@@ -163,19 +173,23 @@ class NodeParameters:
                 "map as a file"
             )
         if not names:
-            why = self._backend.problem or self._needs
-            return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
-        there_are = first_of((one_line(name, MAX_NAME) for name in sorted(names)), MAX_SHOWN)
-        return f"there is no node {self._node} in domain {self._domain}; there are {there_are}"
+            reason = self._backend.problem or self._needs
+            if reason:
+                reason = f": {reason}"
+            return f"no ROS node is seen in domain {self._domain}{reason}"
+        lines = (one_line(name, MAX_NAME) for name in sorted(names))
+        others = first_of(lines, MAX_SHOWN)
+        return f"there is no node {self._node} in domain {self._domain}; there are {others}"
 
     async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
         types = self._types
         request = types.request_of(service)
         try:
+            message = types.make(request, **fields)
             cdr = await self._backend.call(
                 f"{self._node}{suffix}",
                 types.kind(service),
-                types.encode(request, types.make(request, **fields)),
+                types.encode(request, message),
                 timeout_s=self._timeout_s,
             )
         except TimeoutError as error:
@@ -186,18 +200,18 @@ class NodeParameters:
             raise NoAnswerError(f"what node {self._node} answered cannot be read: {error}") from error
 
 
-def _lists(graph: Graph, domain: int) -> list[Endpoint]:
-    return [
-        each
-        for each in graph.within(domain).endpoints
-        if each.kind == "server" and each.name.endswith(LIST_SUFFIX)
-    ]
+def _list_servers(graph: Graph, domain: int) -> list[Endpoint]:
+    """Return the servers that list the parameters of their node, of all nodes in `domain`."""
+    servers = [endpoint for endpoint in graph.within(domain).endpoints if endpoint.kind == "server"]
+    return [server for server in servers if server.name.endswith(LIST_SUFFIX)]
 
 
 def _nodes(graph: Graph, domain: int) -> set[str]:
     """Return the nodes present. Bridges to DDS announce services only."""
-    serving = {each.name.removesuffix(LIST_SUFFIX) for each in _lists(graph, domain)}
-    return serving | {name for name in graph.nodes if name.startswith("/")}
+    names = {name for name in graph.nodes if name.startswith("/")}
+    for server in _list_servers(graph, domain):
+        names.add(server.name.removesuffix(LIST_SUFFIX))
+    return names
 
 
 def _other_distro(hashes: set[str], types: Types) -> str:

@@ -47,28 +47,33 @@ class RivalPublishers:
         self._follow(history, position)
         if history.returns < MIN_RETURNS or history.other is None:
             return ""
-        parents = " and ".join(checks.named(each) for each in sorted({parent, history.other[0]}))
+        other_parent, _ = history.other
+        parents = " and ".join(checks.named(name) for name in sorted({parent, other_parent}))
         return (
             f"two nodes publish the frame {checks.named(frame)} (in {parents}), and it jumps between them: "
             "end one of them, or have it publish another frame"
         )
 
     def _follow(self, history: _History, position: Position) -> None:
-        before = history.newest
+        previous = history.newest
         history.newest = position
-        if _is_near(position, before):
+        if _is_near(position, previous):
             history.steps += 1
             if history.steps > MAX_STEPS:
                 history.returns = 0
             return
+
+        # A jump: back to where the frame was before the last one, or elsewhere
         is_back = history.other is not None and _is_near(position, history.other)
         history.returns = history.returns + 1 if is_back else 0
-        history.other = before
+        history.other = previous
         history.steps = 0
 
 
 def _is_near(position: Position, other: Position) -> bool:
     """Return True if both have the same parent, and no jump is between them."""
-    if position[0] != other[0]:
+    parent, position_m = position
+    other_parent, other_m = other
+    if parent != other_parent:
         return False
-    return vector.norm(vector.subtract(position[1], other[1])) <= JUMP_M
+    return vector.norm(vector.subtract(position_m, other_m)) <= JUMP_M

@@ -51,9 +51,10 @@ class Ros2(Service[Ros2Config]):
         self._state = ConversionState(types, world=self._table.file.world)
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
-        for name, why in unusable.items():
-            left_out = ", ".join(route.name for route in self._table.all if route.type == name)
-            sentence = f"without {left_out}: type {name} cannot be used: {why}"
+        """Disable the routes of the types `unusable`, whose values are the problems, with a warning each."""
+        for name, problem in unusable.items():
+            left_out = [route.name for route in self._table.all if route.type == name]
+            sentence = f"without {', '.join(left_out)}: type {name} cannot be used: {problem}"
             self.bus.warn("type", sentence, name)
             log.warning("%s", sentence)
         self._table = _only(self._table, lambda route: route.type not in unusable)
@@ -84,15 +85,13 @@ class Ros2(Service[Ros2Config]):
         Raises:
             ListenError: If the address to be the ROS router at is taken.
         """
-        backend = await opened(self.config.backend, self.bus, is_bridge=True)
-        log.info(
-            "ROS 2 node %s, domain %d, %s",
-            backend.node,
-            self.config.backend.domain_id,
-            self.config.backend.distro,
-        )
+        ros = self.config.backend
+        backend = await opened(ros, self.bus, is_bridge=True)
+        log.info("ROS 2 node %s, domain %d, %s", backend.node, ros.domain_id, ros.distro)
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(backend.close)
+
+            # Routes in ROS. The stack closes the newest part first, so before those that it uses
             site = Site(bus=self.bus, clock=self.clock, backend=backend, state=self._state)
             outbox = Outbox(self._table.outward, site)
             stack.callback(outbox.close)
@@ -100,28 +99,32 @@ class Ros2(Service[Ros2Config]):
             stack.callback(inbox.close)
             ros_users = RosUsers(self.config.people, self._table.inward, site, inbox, outbox)
             stack.callback(ros_users.close)
-            backend.watch(functools.partial(self._look, outbox, inbox, ros_users))
-            site_state = SiteState(
-                functools.partial(self._show, outbox),
-                on_person=functools.partial(self._on_person, outbox, inbox),
-                on_service=functools.partial(self._on_service, outbox, ros_users),
-            )
+            on_graph = functools.partial(self._on_graph, outbox, inbox, ros_users)
+            backend.watch(on_graph)
+
+            # State of the site, by the topics of the routes
+            on_change = functools.partial(self._on_change, outbox)
+            on_person = functools.partial(self._on_person, outbox, inbox)
+            on_service = functools.partial(self._on_service, outbox, ros_users)
+            site_state = SiteState(on_change, on_person=on_person, on_service=on_service)
             now_s = asyncio.get_running_loop().time
             topics = dict.fromkeys((*outbox.topics, *INPUT_TOPICS, OUTCOMES))
             for watch in follow_site(site_state, self.bus, now_s, topics):
                 stack.callback(watch.close)  # before leaving the graph, which takes a while
-            self.bus.call_later(NOTED_S, functools.partial(_note, backend))
+
+            note_missing_nodes = functools.partial(_log_notes, backend)
+            self.bus.call_later(NOTED_S, note_missing_nodes)
             await asyncio.Event().wait()
 
-    def _look(self, outbox: Outbox, inbox: Inbox, ros_users: RosUsers, graph: Graph) -> None:
-        here = graph.within(self.config.backend.domain_id)
-        others = {each.node for each in here.endpoints if not each.is_ours}
-        self.bus.set_metric("ROS nodes", len(others))
-        outbox.look(here)
-        inbox.on_graph(here)
-        ros_users.on_graph(here)
+    def _on_graph(self, outbox: Outbox, inbox: Inbox, ros_users: RosUsers, graph: Graph) -> None:
+        visible = graph.within(self.config.backend.domain_id)
+        other_nodes = {endpoint.node for endpoint in visible.endpoints if not endpoint.is_ours}
+        self.bus.set_metric("ROS nodes", len(other_nodes))
+        outbox.look(visible)
+        inbox.on_graph(visible)
+        ros_users.on_graph(visible)
 
-    def _show(self, outbox: Outbox, change: Change) -> None:
+    def _on_change(self, outbox: Outbox, change: Change) -> None:
         if change.message is not None:
             self._state.take(change.name, change.message, self.clock.now_ns())
             outbox.take(change.topic, change.message, change.name)
@@ -144,7 +147,7 @@ class Ros2(Service[Ros2Config]):
             outbox.end(instance)
 
 
-def _note(backend: Backend) -> None:
+def _log_notes(backend: Backend) -> None:
     for note in backend.notes:
         log.info("%s", note)
 
@@ -156,16 +159,18 @@ def _unusable(table: Routes, types: Types) -> dict[str, str]:
         try:
             types.prepare(name)
         except Exception as error:  # noqa: BLE001 - whatever the library makes of one definition
-            unusable[name] = " ".join(str(each) for each in error.args) or type(error).__name__
+            sentence = " ".join(str(argument) for argument in error.args)
+            unusable[name] = sentence or type(error).__name__
     return unusable
 
 
 def _only(table: Routes, condition: Callable[[OutboundRoute | InboundRoute | ServiceRoute], bool]) -> Routes:
+    """Return `table` with the routes that meet `condition`."""
     return Routes(
-        tuple(route for route in table.outward if condition(route)),
-        tuple(route for route in table.inward if condition(route)),
-        tuple(route for route in table.served if condition(route)),
-        table.file,
+        outward=tuple(filter(condition, table.outward)),
+        inward=tuple(filter(condition, table.inward)),
+        served=tuple(filter(condition, table.served)),
+        file=table.file,
     )
 
 

@@ -61,8 +61,9 @@ class Placed(NamedTuple):
 
 def compose(outer: Pose, inner: Pose) -> Pose:
     """Return `inner`, a pose in a frame that is at `outer`, in the frame that `outer` is in."""
-    at_m = vector.add(outer.position_m, rotation.rotate(outer.orientation, inner.position_m))
-    return Pose(at_m, rotation.normalized(rotation.multiply(outer.orientation, inner.orientation)))
+    offset_m = rotation.rotate(outer.orientation, inner.position_m)
+    orientation = rotation.multiply(outer.orientation, inner.orientation)
+    return Pose(vector.add(outer.position_m, offset_m), rotation.normalized(orientation))
 
 
 class TransformBuffer:
@@ -79,7 +80,7 @@ class TransformBuffer:
             self._wanted[frame_name(frame)] = None
 
     def wanted_in(self, cdr: bytes) -> tuple[str, ...]:
-        """Return the frames in the CDR of a tf2_msgs/TFMessage that some pose was asked for by."""
+        """Return the frames in the CDR of a tf2_msgs/TFMessage that some pose was requested for."""
         return tuple(frame for frame in self._wanted if holds_frame(cdr, frame))
 
     def take(self, value: Any, *, is_static: bool, now_ns: int = 0) -> Iterator[str]:
@@ -90,8 +91,9 @@ class TransformBuffer:
             is_static: it is one of /tf_static.
             now_ns: the time of moving transforms without a stamp, Unix ns.
         """
-        for each in value.transforms:
-            problem = self._store(each, None if is_static else now_ns)
+        default_ns = None if is_static else now_ns
+        for transform in value.transforms:
+            problem = self._store(transform, default_ns)
             if problem:
                 yield problem
 
@@ -106,72 +108,94 @@ class TransformBuffer:
         """
         pose = AT_ORIGIN
         stamp_ns = None
-        here = frame_name(frame)
+        ancestor = frame_name(frame)
         for _ in range(MAX_CHAIN):
-            self.want(here)
-            if here in roots:
-                return Placed(compose(roots[here], pose), stamp_ns)
-            link = self._links.get(here)
+            self.want(ancestor)
+            if ancestor in roots:
+                return Placed(compose(roots[ancestor], pose), stamp_ns)
+
+            # One step up, if the transform is known and up to date
+            link = self._links.get(ancestor)
             if link is None:
+                root = next(iter(roots), "")
                 return (
-                    f"no transform leads from {checks.named(here)} to {checks.named(next(iter(roots), ''))}: "
+                    f"no transform leads from {checks.named(ancestor)} to {checks.named(root)}: "
                     "publish one on /tf or /tf_static, or add the frame to the map's `frames`"
                 )
             if link.stamp_ns is not None:
-                apart_s = message_age_ns(link.stamp_ns, at_ns) / NS_PER_S
-                if abs(apart_s) > stale_s:
-                    side = "old" if apart_s > 0 else "ahead"
-                    remedy = "check its publisher and clock"
-                    if apart_s < 0:  # AMCL does it by its `transform_tolerance`, 1 s by default
-                        remedy = (
-                            "if its publisher dates transforms ahead on purpose, as AMCL does, set a larger "
-                            "stale_s of what uses it; else synchronize the clocks"
-                        )
-                    off_s = round_beyond(abs(apart_s), stale_s)
-                    return (
-                        f"the transform from {checks.named(link.parent)} to {checks.named(here)} is "
-                        f"{off_s} s {side}, limit {stale_s:g} s: {remedy}"
-                    )
-                stamp_ns = link.stamp_ns if stamp_ns is None else stamp_ns
+                problem = _timing_problem(link, link.stamp_ns, ancestor, at_ns, stale_s)
+                if problem:
+                    return problem
+                if stamp_ns is None:
+                    stamp_ns = link.stamp_ns
             pose = compose(link.pose, pose)
-            here = link.parent
+            ancestor = link.parent
         return f"the transforms of {checks.named(frame)} go round in a circle: end one of their publishers"
 
-    def _store(self, each: Any, now_ns: int | None) -> str:
-        """Store a transform; `now_ns` is None if it is static."""
-        child = frame_name(each.child_frame_id)
-        parent = frame_name(each.header.frame_id)
-        what = f"the transform from {checks.named(parent)} to {checks.named(child)}"
+    def _store(self, transform: Any, now_ns: int | None) -> str:
+        """Store a transform; `now_ns` is None if it is static. Return why it cannot be used, or `""`."""
+        child = frame_name(transform.child_frame_id)
+        parent = frame_name(transform.header.frame_id)
+        subject = f"the transform from {checks.named(parent)} to {checks.named(child)}"
         if child == parent:
-            return f"{what} leads from a frame to itself: end its publisher"
-        position_m = checks.place(each.transform.translation, what)
+            return f"{subject} leads from a frame to itself: end its publisher"
+        position_m = checks.place(transform.transform.translation, subject)
         if isinstance(position_m, str):
             return position_m
-        turned = checks.quaternion(each.transform.rotation, what)
-        if isinstance(turned, str):
-            return turned
-        stamp_ns = None if now_ns is None else checks.stated_ns(each.header.stamp) or now_ns
-        before = self._links.pop(child, None)
-        if before is not None and not is_newer(stamp_ns, before.stamp_ns):
-            self._links[child] = before
+        orientation = checks.quaternion(transform.transform.rotation, subject)
+        if isinstance(orientation, str):
+            return orientation
+
+        # Keep the newest: messages of several publishers may overtake each other
+        stamp_ns = None
+        if now_ns is not None:
+            stamp_ns = checks.stated_ns(transform.header.stamp) or now_ns
+        previous = self._links.pop(child, None)
+        if previous is not None and not is_newer(stamp_ns, previous.stamp_ns):
+            self._links[child] = previous
             return ""
         if len(self._links) >= MAX_TRANSFORMS:
-            del self._links[next(iter(self._links))]  # the one not renewed for longest, which bounds memory
-        self._links[child] = _Link(parent, Pose(position_m, turned), stamp_ns)
-        return "" if stamp_ns is None else self._rivals.describe(child, parent, position_m)
+            oldest = next(iter(self._links))
+            del self._links[oldest]  # the one not renewed for longest, which bounds memory
+        self._links[child] = _Link(parent, Pose(position_m, orientation), stamp_ns)
+
+        if stamp_ns is None:
+            return ""
+        return self._rivals.describe(child, parent, position_m)
+
+
+def _timing_problem(link: _Link, stamp_ns: int, child: str, at_ns: int, stale_s: float) -> str:
+    """Return a sentence if the moving transform of `child` cannot be used at `at_ns`, else `""`."""
+    apart_s = message_age_ns(stamp_ns, at_ns) / NS_PER_S
+    if abs(apart_s) <= stale_s:
+        return ""
+    side = "old"
+    remedy = "check its publisher and clock"
+    if apart_s < 0:  # AMCL does it by its `transform_tolerance`, 1 s by default
+        side = "ahead"
+        remedy = (
+            "if its publisher dates transforms ahead on purpose, as AMCL does, set a larger "
+            "stale_s of what uses it; else synchronize the clocks"
+        )
+    subject = f"the transform from {checks.named(link.parent)} to {checks.named(child)}"
+    apart = round_beyond(abs(apart_s), stale_s)
+    return f"{subject} is {apart} s {side}, limit {stale_s:g} s: {remedy}"
 
 
 def is_newer(stamp_ns: int | None, before_ns: int | None) -> bool:
     """Return False if a transform stamped `stamp_ns` is overtaken; a clock set back by a second counts."""
-    return stamp_ns is None or before_ns is None or not 0 < before_ns - stamp_ns < NS_PER_S
+    if stamp_ns is None or before_ns is None:
+        return True
+    return not 0 < before_ns - stamp_ns < NS_PER_S
 
 
 def yaw(turned: Quaternion) -> float:
     """Return the azimuth of the x axis, rad; of a steep one, that of the y axis less 90°."""
-    ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))
-    if math.hypot(ahead[0], ahead[1]) > 1e-3:
-        return vector.azimuth(ahead)
-    return vector.wrap(vector.azimuth(rotation.rotate(turned, (0.0, 1.0, 0.0))) - math.pi / 2.0)
+    x_axis = rotation.rotate(turned, (1.0, 0.0, 0.0))
+    if math.hypot(x_axis[0], x_axis[1]) > 1e-3:
+        return vector.azimuth(x_axis)
+    y_axis = rotation.rotate(turned, (0.0, 1.0, 0.0))
+    return vector.wrap(vector.azimuth(y_axis) - math.pi / 2.0)
 
 
 class Sighting(NamedTuple):
@@ -204,26 +228,30 @@ Reader = Callable[[Any], Seen]
 
 def pose_stamped(value: Any) -> Seen:
     """Return the object of a geometry_msgs/PoseStamped."""
-    return value.header.stamp, [_posed(value.header.frame_id, value.pose, None, "the pose")]
+    header = value.header
+    return header.stamp, [_sighting_at(header.frame_id, value.pose, None, "the pose")]
 
 
 def pose_with_covariance(value: Any) -> Seen:
     """Return the object of a geometry_msgs/PoseWithCovarianceStamped."""
-    found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
-    return value.header.stamp, [found]
+    header = value.header
+    sighting = _sighting_at(header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
+    return header.stamp, [sighting]
 
 
 def odometry(value: Any) -> Seen:
     """Return the object of a nav_msgs/Odometry; its twist is in the frame `child_frame_id`."""
-    found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
-    if isinstance(found, Sighting) and _is_measured(value.twist):
+    header = value.header
+    sighting = _sighting_at(header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
+    if isinstance(sighting, Sighting) and _is_measured(value.twist):
         velocity_mps = checks.velocity(value.twist.twist.linear)
         if isinstance(velocity_mps, str):
-            found = found._replace(notes=(*found.notes, velocity_mps))
+            notes = (*sighting.notes, velocity_mps)
+            sighting = sighting._replace(notes=notes)
         else:
             frame = frame_name(value.child_frame_id)
-            found = found._replace(velocity_mps=velocity_mps, velocity_frame=frame)
-    return value.header.stamp, [found]
+            sighting = sighting._replace(velocity_mps=velocity_mps, velocity_frame=frame)
+    return header.stamp, [sighting]
 
 
 def detections(value: Any) -> Seen:
@@ -233,7 +261,8 @@ def detections(value: Any) -> Seen:
 
 def packages(value: Any, state: ConversionState) -> Seen:
     """Return the objects of a conveyor_msgs/PackageList, which are on belts and strips of the map."""
-    return value.header.stamp, [_package(each, state) for each in value.packages]
+    sightings = [_package(package, state) for package in value.packages]
+    return value.header.stamp, sightings
 
 
 READERS: dict[str, Reader] = {
@@ -251,15 +280,17 @@ def sigma(covariance: Any) -> float | str | None:
     None if it is unknown: all 0, or -1 at the beginning, as sensor_msgs/Imu defines them, or NaN there. A
     coordinate whose variance is huge, negative or NaN is not measured, and left out.
     """
-    place = np.asarray(covariance, dtype=float).reshape(6, 6)[:3, :3]
-    variances = np.diag(place)
+    matrix = np.asarray(covariance, dtype=float).reshape(6, 6)
+    position = matrix[:3, :3]
+    variances = np.diag(position)
     measured = (variances >= 0.0) & (variances < UNMEASURED)
     if not measured.any() or not variances[0] >= 0.0:
         return None
-    place = np.nan_to_num(place[np.ix_(measured, measured)])
-    if np.abs(place).max() > UNMEASURED:
+    position = np.nan_to_num(position[np.ix_(measured, measured)])
+    if np.abs(position).max() > UNMEASURED:
         return "the covariance is none: a number beside its diagonal is larger than those on it"
-    largest = float(np.linalg.eigvalsh((place + place.T) / 2.0)[-1])
+    symmetric = (position + position.T) / 2.0
+    largest = float(np.linalg.eigvalsh(symmetric)[-1])
     return math.sqrt(largest) if largest > 0.0 else None
 
 
@@ -269,29 +300,38 @@ def _is_measured(twist: Any) -> bool:
     Drivers that do not compute a twist leave all of it at 0. A robot at rest then has that of its positions.
     """
     variance = float(twist.covariance[0])
-    parts = (twist.twist.linear, twist.twist.angular)
-    is_filled = any(each.x or each.y or each.z for each in parts) or any(
-        each > 0.0 for each in twist.covariance
-    )
-    return is_filled and variance != UNKNOWN and not variance >= UNMEASURED
+    if variance == UNKNOWN or variance >= UNMEASURED:
+        return False
+    if any(entry > 0.0 for entry in twist.covariance):
+        return True
+    linear = twist.twist.linear
+    angular = twist.twist.angular
+    return any((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
 
 
-def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
-    position_m = checks.place(pose.position, what)
+def _sighting_at(frame: str, pose: Any, covariance: Any, subject: str) -> Sighting | str:
+    """Return an object without a name at `pose`, or why its position cannot be used."""
+    position_m = checks.place(pose.position, subject)
     if isinstance(position_m, str):
         return position_m
-    turned = checks.quaternion(pose.orientation, what)
+    orientation = checks.quaternion(pose.orientation, subject)
     sigma_m = None if covariance is None else sigma(covariance)
+
+    # Without a heading or an accuracy it remains a position
     notes: list[str] = []
-    if isinstance(turned, str):
-        notes.append(turned)
+    has_heading = True
+    if isinstance(orientation, str):
+        notes.append(orientation)
+        orientation = IDENTITY
+        has_heading = False
     if isinstance(sigma_m, str):
-        notes.append(f"{what}: {sigma_m}")
+        notes.append(f"{subject}: {sigma_m}")
+        sigma_m = None
     return Sighting(
         frame_name(frame),
-        Pose(position_m, IDENTITY if isinstance(turned, str) else turned),
-        sigma_m=None if isinstance(sigma_m, str) else sigma_m,
-        has_heading=not isinstance(turned, str),
+        Pose(position_m, orientation),
+        sigma_m=sigma_m,
+        has_heading=has_heading,
         notes=tuple(notes),
     )
 
@@ -300,52 +340,71 @@ def _package(value: Any, state: ConversionState) -> Sighting | str:
     uid = int(value.uid)
     name = value.position.name
     share = float(value.position.position)
-    what = f"package {uid}"
+    subject = f"package {uid}"
+
+    # The line: a strip's name may have the prefix of the ROS toolkit
     strip = name.removeprefix("strip_")
-    places: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))
-    place = next((each for each in places if each in state.lines), None)
-    if place is None:
-        there_are = first_of((line_id for _, line_id in state.lines), 20) or "none"
-        return f"{what} is on {checks.named(name)}, which is no line of the map; there are {there_are}"
+    keys: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))
+    key = next((key for key in keys if key in state.lines), None)
+    if key is None:
+        line_names = first_of((line_id for _, line_id in state.lines), 20)
+        return (
+            f"{subject} is on {checks.named(name)}, which is no line of the map; "
+            f"there are {line_names or 'none'}"
+        )
     length_m = float(value.length)
     if not (0.0 <= share <= 1.0 and 0.0 <= length_m <= FARTHEST):
-        return f"{what} is at {share:g} of {name}, {length_m:g} m long: send 0 (start) to 1 (end), and metres"
-    line = state.lines[place]
+        size = f"{length_m:g} m long"
+        return f"{subject} is at {share:g} of {name}, {size}: send 0 (start) to 1 (end), and metres"
+
+    line = state.lines[key]
     along_m = share * line.length_m
+    surface, surface_id = key
+    kind = state.kinds.kind(int(value.type))
     return Sighting(
         frame=state.frames.world,
         pose=Pose(line.point_at(along_m), IDENTITY),
         name=str(uid),
-        kind=state.kinds.kind(int(value.type)) or "",
+        kind=kind or "",
         size_m=length_m,
         has_heading=False,
-        on=(place[0], place[1], along_m),
+        on=(surface, surface_id, along_m),
     )
 
 
 def _detections(value: Any) -> Iterator[Sighting | str]:
-    for count, each in enumerate(value.detections):
-        what = f"detection {checks.named(each.id or str(count))}"
-        best = max(each.results, key=_score, default=None)
-        found = _posed(
-            each.header.frame_id or value.header.frame_id,
-            each.bbox.center,
-            None if best is None else best.pose.covariance,
-            what,
-        )
-        if isinstance(found, str):
-            yield found
+    for count, detection in enumerate(value.detections):
+        identity = detection.id or str(count)
+        subject = f"detection {checks.named(identity)}"
+        frame = detection.header.frame_id or value.header.frame_id
+
+        # Class and covariance are those of the likeliest hypothesis
+        best = max(detection.results, key=_score, default=None)
+        covariance = None
+        kind = ""
+        if best is not None:
+            covariance = best.pose.covariance
+            kind = best.hypothesis.class_id[:MAX_ID]
+        sighting = _sighting_at(frame, detection.bbox.center, covariance, subject)
+        if isinstance(sighting, str):
+            yield sighting
             continue
-        size = each.bbox.size
-        sizes_m = (float(size.x), float(size.y), float(size.z))
-        is_size = all(0.0 <= side_m <= FARTHEST for side_m in sizes_m)
-        problem = f"the size of {what} is {sizes_m} m, and left out: send metres, 0 if it is unknown"
-        yield found._replace(
-            name=each.id[:MAX_ID] or str(count),
-            kind="" if best is None else best.hypothesis.class_id[:MAX_ID],
-            size_m=max(sizes_m) if is_size else 0.0,
-            has_heading=found.pose.orientation != IDENTITY,
-            notes=found.notes if is_size else (*found.notes, problem),
+
+        # The longest side of the box, unless a side is impossible
+        size = detection.bbox.size
+        sides_m = (float(size.x), float(size.y), float(size.z))
+        size_m = max(sides_m)
+        notes = sighting.notes
+        if not all(0.0 <= side_m <= FARTHEST for side_m in sides_m):
+            size_m = 0.0
+            problem = f"the size of {subject} is {sides_m} m, and left out: send metres, 0 if it is unknown"
+            notes = (*notes, problem)
+        yield sighting._replace(
+            name=identity[:MAX_ID],
+            kind=kind,
+            size_m=size_m,
+            has_heading=sighting.pose.orientation != IDENTITY,  # detectors without one leave the identity
+            notes=notes,
         )
 
 

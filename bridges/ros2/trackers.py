@@ -72,35 +72,49 @@ class Tracker:
     def read(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a message of the topic."""
         config = self._config
-        seen = packages(value, context.state) if config.type == PACKAGES else READERS[config.type](value)
-        stamp_ns = captured(seen[0], context.stamp_ns, f"what {config.topic} tells", config.stale_s)
+        if config.type == PACKAGES:
+            stamp, sightings = packages(value, context.state)
+        else:
+            stamp, sightings = READERS[config.type](value)
+        stamp_ns = captured(stamp, context.stamp_ns, f"what {config.topic} tells", config.stale_s)
         if isinstance(stamp_ns, str):
             return (ConversionWarning(stamp_ns),)
-        return self._objects(seen[1], stamp_ns, context)
+        return self._convert(sightings, stamp_ns, context)
 
     def look(self, context: ConversionContext) -> Taken:
         """Return the object of type tf by the newest transforms, or nothing if none has come."""
         config = self._config
-        placed = self._buffer.placed(config.frame, roots(context.state), context.stamp_ns, config.stale_s)
+        known = roots(context.state)
+        placed = self._buffer.placed(config.frame, known, context.stamp_ns, config.stale_s)
         if isinstance(placed, str):
             return (ConversionWarning(f"tracker {self._name}: {placed}"),)
         stamp_ns = context.stamp_ns if placed.stamp_ns is None else placed.stamp_ns
-        seen = Sighting(context.state.frames.world, placed.pose)
-        return self._objects([seen], stamp_ns, context)
+        sighting = Sighting(context.state.frames.world, placed.pose)
+        return self._convert([sighting], stamp_ns, context)
 
-    def _objects(self, seen: list[Sighting | str], stamp_ns: int, context: ConversionContext) -> Taken:
-        stamp_ns = max(stamp_ns - round(self._config.latency_s * NS_PER_S), 0)
+    def _convert(self, sightings: list[Sighting | str], stamp_ns: int, context: ConversionContext) -> Taken:
+        """Return the message of all objects in `sightings`, and a warning for each problem."""
+        latency_ns = round(self._config.latency_s * NS_PER_S)
+        stamp_ns = max(stamp_ns - latency_ns, 0)
         if 0 < self._stamp_ns - stamp_ns < NS_PER_S or stamp_ns == self._stamp_ns:
-            return ()  # overtaken, or told twice
+            return ()  # overtaken, or sent twice
+
+        # Parts that are left out come before objects that are, in the order of the message
+        objects: dict[str, TrackedObject] = {}
         notes: list[str] = []
-        made = [
-            each if isinstance(each, str) else self._object(each, stamp_ns, context, notes) for each in seen
-        ]
-        objects = {each.id: each for each in made if isinstance(each, TrackedObject)}
-        notes += [each for each in made if isinstance(each, str)]
-        problems = tuple(map(ConversionWarning, dict.fromkeys(notes)))
+        rejections: list[str] = []
+        for sighting in sightings:
+            result = sighting
+            if not isinstance(sighting, str):
+                result = self._object(sighting, stamp_ns, context, notes)
+            if isinstance(result, TrackedObject):
+                objects[result.id] = result
+            elif isinstance(result, str):
+                rejections.append(result)
+        problems = tuple(map(ConversionWarning, dict.fromkeys(notes + rejections)))
         if problems and not objects:
             return problems
+
         self._motion.keep(objects)
         self._stamp_ns = stamp_ns
         message = TrackedObjects(
@@ -109,40 +123,51 @@ class Tracker:
         return (BusOutput(OBJECTS, self._name, message), *problems)
 
     def _object(
-        self, seen: Sighting, stamp_ns: int, context: ConversionContext, notes: list[str]
+        self, sighting: Sighting, stamp_ns: int, context: ConversionContext, notes: list[str]
     ) -> TrackedObject | str:
         """Return the object, or why there is none; adds to `notes` what of the message is left out."""
         config = self._config
         state = context.state
+
+        # Pose in the room
         lookup = FrameLookup(self._buffer, roots(state), context.stamp_ns, config.stale_s)
-        frame = lookup.pose(seen.frame or config.frame)
+        frame = lookup.pose(sighting.frame or config.frame)
         if isinstance(frame, str):
             return frame
-        pose = compose(frame, seen.pose)
+        pose = compose(frame, sighting.pose)
         position_m = pose.position_m
-        base = config.id or self._name
-        identity = f"{base}-{seen.name}" if seen.name else base
-        velocity_mps = stated_velocity(seen, config.frame, pose, lookup)
-        notes += seen.notes
+        identity = config.id or self._name
+        if sighting.name:
+            identity = f"{identity}-{sighting.name}"
+
+        # Velocity by the message, or else by the positions before
+        velocity_mps = stated_velocity(sighting, config.frame, pose, lookup)
+        notes += sighting.notes
         if isinstance(velocity_mps, str):
             notes.append(velocity_mps)
         if velocity_mps is None or isinstance(velocity_mps, str):
             velocity_mps = self._motion.velocity_mps(identity, position_m, stamp_ns)
         if max(vector.norm(position_m), vector.norm(velocity_mps)) > FARTHEST:
             return f"{identity} is outside the room, or faster than anything: send metres and m/s"
-        surface, surface_id, along_m = seen.on or ("none", "", 0.0)
+
+        # Place and speed on a belt or strip. The number stays that of this object
+        surface, surface_id, along_m = sighting.on or ("none", "", 0.0)
         speed_mps = 0.0
-        if seen.on is not None:
-            speed_mps = vector.dot(velocity_mps, state.lines[seen.on[:2]].tangent_at(along_m))
-            state.uids.claim(int(seen.name), identity)
+        if sighting.on is not None:
+            line = state.lines[sighting.on[:2]]
+            speed_mps = vector.dot(velocity_mps, line.tangent_at(along_m))
+            state.uids.claim(int(sighting.name), identity)
+        yaw_rad = yaw(pose.orientation) if sighting.has_heading else None
+        kind = config.kind or sighting.kind
+        length_m = config.size_m or sighting.size_m
         return TrackedObject(
             id=identity,
-            kind=config.kind or seen.kind or ROBOT,
+            kind=kind or ROBOT,
             position_m=position_m,
             velocity_mps=velocity_mps,
-            length_m=config.size_m or seen.size_m,
-            yaw_rad=yaw(pose.orientation) if seen.has_heading else None,
-            position_sigma_m=seen.sigma_m,
+            length_m=length_m,
+            yaw_rad=yaw_rad,
+            position_sigma_m=sighting.sigma_m,
             surface=surface,
             surface_id=surface_id,
             surface_position_m=along_m,
@@ -159,9 +184,10 @@ class TfInput:
 
     def moving(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage of /tf."""
-        problems = map(ConversionWarning, self._buffer.take(value, is_static=False, now_ns=context.stamp_ns))
-        looked = (tracker.look(context) for tracker in self._trackers.values())
-        return (*problems, *itertools.chain.from_iterable(looked))
+        sentences = self._buffer.take(value, is_static=False, now_ns=context.stamp_ns)
+        problems = tuple(map(ConversionWarning, sentences))  # stores all transforms, before any is used
+        objects = (tracker.look(context) for tracker in self._trackers.values())
+        return (*problems, *itertools.chain.from_iterable(objects))
 
     def static(self, value: Any, _context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage of /tf_static."""
@@ -174,9 +200,11 @@ class TfInput:
 
 def roots(state: ConversionState) -> dict[str, Pose]:
     """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
-    frames = () if state.room is None else state.room.frames
-    known = {frame_name(frame.id): Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
-    return {frame_name(state.frames.world): AT_ORIGIN} | known
+    known = {frame_name(state.frames.world): AT_ORIGIN}
+    if state.room is not None:
+        for frame in state.room.frames:
+            known[frame_name(frame.id)] = Pose(frame.position_m, frame.orientation_xyzw)
+    return known
 
 
 class FrameLookup(NamedTuple):
@@ -213,17 +241,19 @@ def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLoo
         pose: pose of the object in the first known frame.
         lookup: poses of other frames.
     """
-    name = seen.velocity_frame
     if seen.velocity_mps is None:
         return None
-    if name and (name in (seen.frame or frame_name(own_frame), *lookup.known) or is_fixed(name)):
+    name = seen.velocity_frame
+    pose_frame = seen.frame or frame_name(own_frame)
+    is_known = name == pose_frame or name in lookup.known
+    if name and (is_known or is_fixed(name)):
         frame = lookup.pose(name)
-        return (
-            f"the twist is left out: {frame}"
-            if isinstance(frame, str)
-            else rotation.rotate(frame.orientation, seen.velocity_mps)
-        )
-    return rotation.rotate(pose.orientation, seen.velocity_mps) if seen.has_heading else None
+        if isinstance(frame, str):
+            return f"the twist is left out: {frame}"
+        return rotation.rotate(frame.orientation, seen.velocity_mps)
+    if not seen.has_heading:
+        return None
+    return rotation.rotate(pose.orientation, seen.velocity_mps)
 
 
 def captured(stamp: Any, now_ns: int, quantity: str, stale_s: float) -> int | str:
@@ -234,12 +264,15 @@ def captured(stamp: Any, now_ns: int, quantity: str, stale_s: float) -> int | st
     age_ns = message_age_ns(stamp_ns, now_ns)
     if -MAX_AHEAD_NS <= age_ns <= stale_s * NS_PER_S:
         return stamp_ns
-    side = "old" if age_ns > 0 else "ahead of the site's clock"
-    limit_s = stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S
+    side = "old"
+    limit_s = stale_s
+    if age_ns <= 0:
+        side = "ahead of the site's clock"
+        limit_s = MAX_AHEAD_NS / NS_PER_S
+    apart = round_beyond(abs(age_ns) / NS_PER_S, limit_s)
     return (
-        f"{quantity} is {round_beyond(abs(age_ns) / NS_PER_S, limit_s)} s {side}, limit {limit_s:g} s: "
-        "synchronize the clocks, or let "
-        "both follow /clock"
+        f"{quantity} is {apart} s {side}, limit {limit_s:g} s: "
+        "synchronize the clocks, or let both follow /clock"
     )
 
 
@@ -257,22 +290,32 @@ class Motion:
 
     def velocity_mps(self, name: str, position_m: Vec3, stamp_ns: int) -> Vec3:
         """Return the velocity of an object that is at `position_m` now; 0 if it was not seen just before."""
-        last = self._last.get(name)
-        passed_s = 0.0 if last is None else (stamp_ns - last.stamp_ns) / NS_PER_S
         velocity_mps = STILL
-        if last is not None and 0.0 < passed_s <= LONGEST_S:
-            newest_mps = vector.scale(vector.subtract(position_m, last.position_m), 1.0 / passed_s)
-            share = 1.0 - math.exp(-passed_s / SMOOTHING_S)
-            difference = vector.subtract(newest_mps, last.velocity_mps)
-            velocity_mps = vector.add(last.velocity_mps, vector.scale(difference, share))
-            if not all(abs(each) <= FARTHEST for each in velocity_mps):
-                velocity_mps = STILL  # it was carried, or another took its name
+        last = self._last.get(name)
+        if last is not None:
+            velocity_mps = _smoothed_mps(last, position_m, stamp_ns)
         self._last[name] = _Last(stamp_ns, position_m, velocity_mps)
         return velocity_mps
 
     def keep(self, names: Container[str]) -> None:
         """Forget all other objects."""
-        self._last = {name: last for name, last in self._last.items() if name in names}
+        present = [name for name in self._last if name in names]
+        self._last = {name: self._last[name] for name in present}
+
+
+def _smoothed_mps(last: _Last, position_m: Vec3, stamp_ns: int) -> Vec3:
+    """Return the velocity after a step to `position_m`, low-pass filtered; 0 if it is no motion."""
+    passed_s = (stamp_ns - last.stamp_ns) / NS_PER_S
+    if not 0.0 < passed_s <= LONGEST_S:
+        return STILL
+    step_m = vector.subtract(position_m, last.position_m)
+    newest_mps = vector.scale(step_m, 1.0 / passed_s)
+    share = 1.0 - math.exp(-passed_s / SMOOTHING_S)
+    difference_mps = vector.subtract(newest_mps, last.velocity_mps)
+    velocity_mps = vector.add(last.velocity_mps, vector.scale(difference_mps, share))
+    if not all(abs(component) <= FARTHEST for component in velocity_mps):
+        return STILL  # it was carried, or another took its name
+    return velocity_mps
 
 
 def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, ...]:
@@ -280,23 +323,28 @@ def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, 
     if not configs:
         return ()
     buffer = TransformBuffer()
-    trackers = {name: Tracker(name, config, buffer) for name, config in configs.items()}
-    tf = TfInput(buffer, {name: trackers[name] for name in configs if configs[name].type == TF})
-    topics = tuple(
-        InboundRoute(
+    of_tf: dict[str, Tracker] = {}
+    topics: list[InboundRoute] = []
+    for name, config in configs.items():
+        tracker = Tracker(name, config, buffer)
+        if config.type == TF:
+            of_tf[name] = tracker
+            continue
+        route = InboundRoute(
             name=f"tracker {name}",
             ros=config.topic,
             type=config.type.replace("/", "/msg/"),
             qos=SENSOR,
             into=(OBJECTS,),
-            by=trackers[name].read,
+            by=tracker.read,
             rate_hz=RATE_HZ,
             max_bytes=MAX_BYTES,
             context=f"objects of {name}",
         )
-        for name, config in configs.items()
-        if config.type != TF
-    )
+        topics.append(route)
+
+    # Transforms are read for all trackers at once: topics, too, have poses in frames
+    tf = TfInput(buffer, of_tf)
     return (
         *topics,
         InboundRoute(

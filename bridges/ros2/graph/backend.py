@@ -85,7 +85,8 @@ class Graph:
 
     def within(self, domain: int) -> "Graph":
         """Return it without the endpoints of other domains, which ours never meet."""
-        return replace(self, endpoints=frozenset(each for each in self.endpoints if each.domain == domain))
+        endpoints = frozenset(endpoint for endpoint in self.endpoints if endpoint.domain == domain)
+        return replace(self, endpoints=endpoints)
 
 
 class Closable(Protocol):

@@ -34,8 +34,9 @@ def check_endpoint(endpoint: str) -> None:
     Raises:
         ConfigError: If it is no address; names the parameter.
     """
-    found = ENDPOINT.fullmatch(endpoint)
-    if found is None or int(found["port"] or 0) > MAX_PORT:
+    address = ENDPOINT.fullmatch(endpoint)
+    port = 0 if address is None else int(address["port"] or 0)
+    if address is None or port > MAX_PORT:
         raise ConfigError(
             f"backend.endpoint: {endpoint!r} is no address; write one like tcp/127.0.0.1:7447, where ROS's "
             "router is"
@@ -67,27 +68,27 @@ async def opened(
     """
     if config.kind == "dds":
         return await opened_rclpy(config, warnings)
+
+    # Of two bridges with `auto` on one machine the first is the router
     mode = config.mode
     if mode == "auto":
         mode = await _mode_at(config.endpoint)
         if mode == "router":
             log.info("no ROS router answers at %s: this is it now, start no other", config.endpoint)
+
+    # A client may wait for its router, which is then a warning
     waiting = BackendWarnings(warnings)
+    on_wait = functools.partial(waiting.show, "router")
     try:
-        session = await open_raw_session(
-            RawLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY),
-            patience_s=patience_s,
-            on_wait=functools.partial(waiting.show, "router"),
-        )
+        link = RawLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY)
+        session = await open_raw_session(link, patience_s=patience_s, on_wait=on_wait)
     finally:
         waiting.close()
+
+    # The session is ours until the backend has it
     try:
-        rmw = RmwZenoh(
-            session=session.zid,
-            node=config.node,
-            domain=config.domain_id,
-            enclave=BRIDGE if is_bridge else ENCLAVE,
-        )
+        enclave = BRIDGE if is_bridge else ENCLAVE
+        rmw = RmwZenoh(session=session.zid, node=config.node, domain=config.domain_id, enclave=enclave)
         return ZenohBackend(session, rmw, warnings, config, now_ns)
     except BaseException:
         await session.close()

@@ -54,140 +54,168 @@ def findings(
         needs: conditions for other nodes to be seen, as text.
         matching: what two endpoints must share for messages to pass.
     """
-    ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
-    others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
-    other_domains = [
-        each
-        for each in graph.endpoints
-        if not each.is_ours and not each.is_bridge and each.domain != domain  # for another PointIt
-    ]
-    found = [*_bridges(others, domain), *_generations(others, distro)]
-    wanted = {_counterpart(mine) for mine in ours}
+    ours: list[Endpoint] = []
+    others: list[Endpoint] = []
+    other_domains: list[Endpoint] = []
+    for endpoint in graph.endpoints:
+        if endpoint.is_ours:
+            ours.append(endpoint)
+        elif endpoint.domain == domain:
+            others.append(endpoint)
+        elif not endpoint.is_bridge:  # bridges of other domains are for another PointIt
+            other_domains.append(endpoint)
+    ours.sort(key=_order)
+    problems = [*_bridges(others, domain), *_generations(others, distro)]
+
+    # Endpoints at the other end of ours
+    needed = {_counterpart(mine) for mine in ours}
     offered: dict[End, list[Endpoint]] = defaultdict(list)
-    for each in others:
-        if _end(each) in wanted:
-            offered[_end(each)].append(each)
-    counterparts = {mine: sorted(offered.get(_counterpart(mine), ()), key=_order) for mine in ours}
-    for mine, remote in counterparts.items():
-        found += _types(mine, remote, matching)
-        found += _qualities(mine, [each for each in remote if _can_match(mine, each, matching)])
-    found += _domains(counterparts, other_domains, domain, is_alone=not others)
-    where = f"in domain {domain}{needs and f': {needs}'}"
+    for endpoint in others:
+        end = _end(endpoint)
+        if end in needed:
+            offered[end].append(endpoint)
+
+    # Types first: only where these match, QoS matters
+    counterparts: dict[Endpoint, list[Endpoint]] = {}
+    for mine in ours:
+        remote = sorted(offered.get(_counterpart(mine), ()), key=_order)
+        counterparts[mine] = remote
+        problems += _types(mine, remote, matching)
+        matched = [endpoint for endpoint in remote if _can_match(mine, endpoint, matching)]
+        problems += _qualities(mine, matched)
+    problems += _domains(counterparts, other_domains, domain, is_alone=not others)
+
     if not others:
-        found.append(Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}"))
-    return tuple({each.about: each for each in reversed(found)}.values())[::-1]
+        suffix = f": {needs}" if needs else ""
+        sentence = f"no other ROS node is seen in domain {domain}{suffix}"
+        problems.append(Finding(about="nobody", is_note=True, sentence=sentence))
+    by_subject: dict[str, Finding] = {}
+    for finding in reversed(problems):  # of several about the same subject the first counts
+        by_subject[finding.about] = finding
+    return tuple(reversed(by_subject.values()))
 
 
 def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
-    names = sorted({one_line(each.node, MAX_NAME) for each in others if each.is_bridge})
+    bridges = (endpoint for endpoint in others if endpoint.is_bridge)
+    names = sorted({one_line(bridge.node, MAX_NAME) for bridge in bridges})
     if not names:
         return []
-    return [
-        Finding(
-            about="bridge",
-            sentence=f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain "
-            f"({domain}): we do not listen to it, but ROS nodes take the people and objects of both for the "
-            "same; give one of the two another backend.domain_id and backend.node",
-        )
-    ]
+    sentence = (
+        f"another PointIt bridge is node {first_of(names, MAX_SHOWN)} in this domain "
+        f"({domain}): we do not listen to it, but ROS nodes take the people and objects of both for the "
+        "same; give one of the two another backend.domain_id and backend.node"
+    )
+    return [Finding(about="bridge", sentence=sentence)]
 
 
 def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
+    """Return a finding about nodes of Humble, or of anything else if `distro` is Humble."""
     is_humble = distro == "humble"
-    other = [each for each in others if each.type.hash and (each.type.hash == NO_HASH) != is_humble]
-    if not other:
+    mismatched: list[Endpoint] = []
+    for endpoint in others:
+        type_hash = endpoint.type.hash
+        if type_hash and (type_hash == NO_HASH) != is_humble:
+            mismatched.append(endpoint)
+    if not mismatched:
         return []
+    listing = nodes(mismatched, "is", "are")
     if is_humble:
         sentence = (
-            f"ROS {nodes(other, 'is', 'are')} not of Humble, whose messages and those of later "
+            f"ROS {listing} not of Humble, whose messages and those of later "
             "distributions never reach each other; set distro to theirs (jazzy, kilted, …)"
         )
     else:
         sentence = (
-            f"ROS {nodes(other, 'is', 'are')} of Humble, whose messages have no type hash and never reach "
+            f"ROS {listing} of Humble, whose messages have no type hash and never reach "
             f"those of {distro}; set distro to humble, or let them run {distro}"
         )
     return [Finding(about="distro", sentence=sentence)]
 
 
 def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
-    found: list[Finding] = []
-    mismatched = [each for each in counterparts if each.type.name != mine.type.name]
+    """Return findings about other types under our name, and other definitions under our type."""
+    mismatched: list[Endpoint] = []
+    rebuilt: list[Endpoint] = []
+    for endpoint in counterparts:
+        if endpoint.type.name != mine.type.name:
+            mismatched.append(endpoint)
+        elif not _is_same(mine, endpoint) and NO_HASH not in (endpoint.type.hash, mine.type.hash):
+            rebuilt.append(endpoint)
+
+    problems: list[Finding] = []
     if mismatched:
-        found.append(
-            Finding(
-                about=f"type of {mine.name}",
-                sentence=f"ROS {nodes(mismatched, 'uses', 'use')} {mine.name} as "
-                f"{one_line(mismatched[0].type.name, MAX_NAME)}, we as {mine.type.name}: nothing arrives; "
-                "rename one of the two",
-            )
+        other_name = one_line(mismatched[0].type.name, MAX_NAME)
+        sentence = (
+            f"ROS {nodes(mismatched, 'uses', 'use')} {mine.name} as "
+            f"{other_name}, we as {mine.type.name}: nothing arrives; "
+            "rename one of the two"
         )
-    rebuilt = [
-        each
-        for each in counterparts
-        if each.type.name == mine.type.name
-        and not _is_same(mine, each)
-        and NO_HASH not in (each.type.hash, mine.type.hash)
-    ]
+        problems.append(Finding(about=f"type of {mine.name}", sentence=sentence))
     if rebuilt:
         package = mine.type.name.partition("/")[0]
-        what = "nothing arrives" if matching == "definition" else "what arrives is dropped or misread"
-        found.append(
-            Finding(
-                about=f"definition of {mine.name}",
-                sentence=f"ROS {nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
-                f"on {mine.name} expected {one_line(mine.type.hash, MAX_HASH)}, saw "
-                f"{one_line(rebuilt[0].type.hash, MAX_HASH)}, and {what}; rebuild {package} there from "
-                "PointIt's folder interfaces, or from a distribution whose definition is the same",
-            )
+        effect = "nothing arrives" if matching == "definition" else "what arrives is dropped or misread"
+        expected = one_line(mine.type.hash, MAX_HASH)
+        seen = one_line(rebuilt[0].type.hash, MAX_HASH)
+        sentence = (
+            f"ROS {nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
+            f"on {mine.name} expected {expected}, saw "
+            f"{seen}, and {effect}; rebuild {package} there from "
+            "PointIt's folder interfaces, or from a distribution whose definition is the same"
         )
-    return found
+        problems.append(Finding(about=f"definition of {mine.name}", sentence=sentence))
+    return problems
 
 
 def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
     """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
-    for why, has in (
+    if mine.kind not in ("publisher", "subscriber"):
+        return []
+    for problem, has in (
         ("wants it reliable from a best-effort writer", attrgetter("reliable")),
         (
             "wants earlier messages (transient local) from a writer that stores none (volatile)",
             attrgetter("latched"),
         ),
     ):
+        # The reader must not want more than the writer offers
         conflicting: list[Endpoint] = []
         for other in counterparts:
-            writer, reader = (mine, other) if mine.kind == "publisher" else (other, mine)
-            if writer.qos and reader.qos and mine.kind in ("publisher", "subscriber"):
-                conflicting += [other] if has(reader.qos) and not has(writer.qos) else []
+            writer, reader = (other, mine)
+            if mine.kind == "publisher":
+                writer, reader = (mine, other)
+            if writer.qos is None or reader.qos is None:
+                continue
+            if has(reader.qos) and not has(writer.qos):
+                conflicting.append(other)
+
         if conflicting:
             side = "the subscriber, which is ours," if mine.kind == "subscriber" else "the subscriber"
-            return [
-                Finding(
-                    about=f"QoS of {mine.name}",
-                    sentence=f"QoS of ROS {nodes(conflicting)} on {mine.name} does not match ours: {side} "
-                    f"{why}; by the rules of DDS nothing would arrive, change one of the two",
-                )
-            ]
+            sentence = (
+                f"QoS of ROS {nodes(conflicting)} on {mine.name} does not match ours: {side} "
+                f"{problem}; by the rules of DDS nothing would arrive, change one of the two"
+            )
+            return [Finding(about=f"QoS of {mine.name}", sentence=sentence)]
     return []
 
 
 def _domains(
     counterparts: Counterparts, other_domains: Iterable[Endpoint], domain: int, *, is_alone: bool
 ) -> list[Finding]:
-    found = list(other_domains)
+    """Return a finding about nodes in other domains, which never meet ours."""
+    outside = list(other_domains)
     if not is_alone:  # another robot's domain is normal, unless it has endpoints for us
         missing = {_counterpart(mine) for mine, remote in counterparts.items() if not remote}
-        found = [each for each in found if _end(each) in missing]
-    if not found:
+        outside = [endpoint for endpoint in outside if _end(endpoint) in missing]
+    if not outside:
         return []
-    remote = sorted({each.domain for each in found})
-    return [
-        Finding(
-            about="domain",
-            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {first_of(map(str, remote), MAX_SHOWN)}, "
-            f"we are in {domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
-            f"ROS_DOMAIN_ID={domain}",
-        )
-    ]
+    domains = sorted({endpoint.domain for endpoint in outside})
+    listing = first_of(map(str, domains), MAX_SHOWN)
+    sentence = (
+        f"ROS {nodes(outside, 'is', 'are')} in domain {listing}, "
+        f"we are in {domain}: nothing arrives; set domain_id to {domains[0]}, or start them with "
+        f"ROS_DOMAIN_ID={domain}"
+    )
+    return [Finding(about="domain", sentence=sentence)]
 
 
 def _end(endpoint: Endpoint) -> End:
@@ -201,13 +229,17 @@ def _counterpart(mine: Endpoint) -> End:
 
 def _can_match(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
     """Return True if messages pass between the two endpoints."""
-    return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
+    if matching == "type":
+        return mine.type.name == other.type.name
+    return _is_same(mine, other)
 
 
 def _is_same(mine: Endpoint, other: Endpoint) -> bool:
     """Return True if both have the same definition, or it is unknown."""
+    if mine.type.name != other.type.name:
+        return False
     hashes = {mine.type.hash, other.type.hash} - {""}
-    return mine.type.name == other.type.name and len(hashes) <= 1
+    return len(hashes) <= 1
 
 
 def _order(endpoint: Endpoint) -> tuple[str, str, str]:

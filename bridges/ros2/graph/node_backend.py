@@ -41,15 +41,16 @@ class BackendWarnings:
 
     def replace_all(self, sentences: Mapping[str, str]) -> None:
         """Replace all permanent warnings by these, by subject."""
-        for about in [each for each in self._standing if each not in sentences]:
+        ended = [about for about in self._standing if about not in sentences]
+        for about in ended:
             del self._standing[about]
             self._warnings.clear("graph", about)
         for about, sentence in sentences.items():
-            before = self._standing.get(about)
-            if before != sentence:
+            previous = self._standing.get(about)
+            if previous != sentence:
                 self._standing[about] = sentence
                 self._warnings.warn("graph", sentence, about)
-                if before is None:
+                if previous is None:  # a changed one is logged once, as its figures may change often
                     log.warning("%s", sentence)
 
     def show_briefly(self, about: str, sentence: str) -> None:
@@ -64,12 +65,12 @@ class BackendWarnings:
 
     def show_losses(self, topic: str, oversized: int, overrun: int, max_bytes: int) -> None:
         """Show briefly how many messages on `topic` were too long or came too fast."""
-        reasons = (
-            f"{oversized} were longer than {max_bytes} bytes" if oversized else "",
-            f"{overrun} came faster than they could be handled" if overrun else "",
-        )
-        dropped = f"dropped messages on {topic}: {' and '.join(each for each in reasons if each)}"
-        self.show_briefly(f"losses of {topic}", dropped)
+        reasons: list[str] = []
+        if oversized:
+            reasons.append(f"{oversized} were longer than {max_bytes} bytes")
+        if overrun:
+            reasons.append(f"{overrun} came faster than they could be handled")
+        self.show_briefly(f"losses of {topic}", f"dropped messages on {topic}: {' and '.join(reasons)}")
 
     def show(self, about: str, sentence: str) -> None:
         """Show a warning until `clear`; `about` must not be of another kind of warning."""
@@ -106,7 +107,7 @@ class GraphMonitor:
     ) -> None:
         """Report problems to `warnings`; other parameters as for `findings`."""
         self._warnings = warnings
-        self._judged = functools.partial(
+        self._find_problems = functools.partial(
             findings, domain=domain, distro=distro, needs=needs, matching=matching
         )
         self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
@@ -116,7 +117,7 @@ class GraphMonitor:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
-        return tuple(each.sentence for each in self._findings if each.is_note)
+        return tuple(finding.sentence for finding in self._findings if finding.is_note)
 
     def watch(self, handler: Handler) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
@@ -127,9 +128,9 @@ class GraphMonitor:
 
     def show(self, graph: Graph, wrong: Mapping[str, str]) -> None:
         """Set the graph; report its problems, and those in `wrong`."""
-        self._findings = self._judged(graph)
-        found = {each.about: each.sentence for each in self._findings if not each.is_note}
-        self._warnings.replace_all({**found, **wrong})
+        self._findings = self._find_problems(graph)
+        problems = {finding.about: finding.sentence for finding in self._findings if not finding.is_note}
+        self._warnings.replace_all({**problems, **wrong})
         if graph == self._graph:
             return
         self._graph = graph
@@ -211,7 +212,8 @@ class RosServiceServer(RosEndpoint[C]):
             task.cancel()
 
     def _start(self, request: Hashable, work: Coroutine[Any, Any, None]) -> None:
-        task = self._tasks[request] = self._context.loop.create_task(work, name=f"answer {self.name}")
+        task = self._context.loop.create_task(work, name=f"answer {self.name}")
+        self._tasks[request] = task
         task.add_done_callback(lambda _task: self._tasks.pop(request, None))
 
     async def _response(self, request: bytes, decode: Callable[[bytes], T]) -> T:
@@ -238,7 +240,8 @@ class MessageQueue(Generic[T]):
         self._topic = topic
         self._handler = handler
         self._lock = threading.Lock()
-        self._messages: collections.deque[T] = collections.deque(maxlen=max(qos.depth, MIN_CAPACITY))
+        capacity = max(qos.depth, MIN_CAPACITY)
+        self._messages: collections.deque[T] = collections.deque(maxlen=capacity)
         self._is_scheduled = False
         self._is_closed = False
         self.oversized = 0
@@ -273,8 +276,11 @@ class MessageQueue(Generic[T]):
             self._is_scheduled = False
             oversized = self.oversized
             overrun = self.overrun
-        if oversized + overrun != self._lost and not self._is_closed:
-            self._lost = oversized + overrun
+
+        # One warning a batch, with the totals: a flood of messages is no flood of warnings
+        lost = oversized + overrun
+        if lost != self._lost and not self._is_closed:
+            self._lost = lost
             self._context.warnings.show_losses(self._topic, oversized, overrun, self._context.max_bytes)
         for message in messages:
             if self._is_closed or self._context.is_closed:

@@ -18,11 +18,13 @@ STREAMS = frozenset({"tcp", "tls", "ws"})
 
 def place_of(endpoint: str) -> Place | None:
     """Return the address of `endpoint`, unique for this machine's many names, or None without a port."""
-    found = ENDPOINT.fullmatch(endpoint)
-    if found is None:
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None:
         return None
-    host = found["host"].lower()
-    return found["protocol"] in STREAMS, "" if host in HERE else host, int(found["port"])
+    host = match["host"].lower()
+    if host in HERE:
+        host = ""
+    return match["protocol"] in STREAMS, host, int(match["port"])
 
 
 def check_apart(endpoint: str, ours: Iterable[str]) -> None:
@@ -36,8 +38,10 @@ def check_apart(endpoint: str, ours: Iterable[str]) -> None:
         ConfigError: If it is one of `ours`.
     """
     place = place_of(endpoint)
+    if place is None:
+        return
     for own in ours:
-        if place is not None and place_of(own) == place:
+        if place_of(own) == place:
             raise ConfigError(
                 f"backend.endpoint {endpoint} is where this command has PointIt itself ({own}), and one port "
                 "is either ROS's router or PointIt's: say with --connect where PointIt is (a run with --ros2 "

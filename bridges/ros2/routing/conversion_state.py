@@ -1,5 +1,6 @@
 """State of the site for conversions: the newest messages, in the form in which they are converted."""
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -199,7 +200,9 @@ class ConversionState:
     def pointing(self, user: str) -> Cursor | None:
         """Return the cursor of `user` while they point."""
         person = self.people.get(user)
-        if person is None or not person.is_pointing or self.now_ns - person.cursor_ns > POINTS_NS:
+        if person is None or not person.is_pointing:
+            return None
+        if self.now_ns - person.cursor_ns > POINTS_NS:
             return None
         return person.cursor
 
@@ -214,11 +217,11 @@ class ConversionState:
     @property
     def robots(self) -> dict[str, RobotState]:
         """Return the robots whose processes are not silent, by name."""
-        return {
-            name: state
-            for name, (received_ns, state) in self._robots.items()
-            if self.now_ns - received_ns <= MAX_TRACKER_AGE_NS
-        }
+        states: dict[str, RobotState] = {}
+        for name, (received_ns, state) in self._robots.items():
+            if self.now_ns - received_ns <= MAX_TRACKER_AGE_NS:
+                states[name] = state
+        return states
 
     def plan(self, robot: str) -> RobotPlan | None:
         """Return the plan of `robot`, or None if it has told none."""
@@ -229,20 +232,21 @@ class ConversionState:
         """Return the lanes of the conveyor in the map's order: its belts, or its strips if there are none."""
         if self.room is None:
             return ()
-        return tuple(lane.id for lane in self.room.belts or self.room.strips)
+        lanes = self.room.belts or self.room.strips
+        return tuple(lane.id for lane in lanes)
 
     def _set_room(self, room: Environment) -> None:
         self.room = room
         self.lines = {}
-        places: list[tuple[SurfaceKind, str, tuple[Vec3, ...]]] = [
-            *(("belt", belt.id, belt.line_m) for belt in room.belts),
-            *(("strip", strip.id, strip.line_m) for strip in room.strips),
-        ]
-        for kind, name, line_m in places:
-            try:
-                self.lines[kind, name] = Polyline(line_m)
-            except ValueError:  # without a length; pui warns the author of the map
-                continue
+        for belt in room.belts:
+            self._add_line("belt", belt.id, belt.line_m)
+        for strip in room.strips:
+            self._add_line("strip", strip.id, strip.line_m)
+
+    def _add_line(self, kind: SurfaceKind, name: str, line_m: tuple[Vec3, ...]) -> None:
+        # One without a length is left out; pui warns the author of the map
+        with contextlib.suppress(ValueError):
+            self.lines[kind, name] = Polyline(line_m)
 
 
 def lane_name(surface: SurfaceKind, surface_id: str) -> str:
@@ -255,4 +259,4 @@ def lane_of(name: str, lanes: tuple[str, ...]) -> str | None:
     if name in lanes:
         return name
     strip = name.removeprefix("strip_")
-    return strip if strip != name and strip in lanes else None
+    return strip if strip in lanes else None

@@ -53,10 +53,11 @@ class InputSubscription:
         self._byte_limiter = RateLimiter(route.bytes_hz, early_s=BURST_S)
         self._waiting: dict[str, bytes] = {}
         """Newest message by person, or by `""` if messages name no people; as received."""
-        self._timer = Timer(site.bus.call_later, self._due)
+        self._timer = Timer(site.bus.call_later, self._process_due)
         self._ros = route.ros_name(site.state, name)
         kind = site.state.types.kind(route.type)
-        self._end = site.backend.subscribe(self._ros, kind, route.qos, self._on_message)
+        backend = site.backend
+        self._end = backend.subscribe(self._ros, kind, route.qos, self._on_message)
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -66,32 +67,43 @@ class InputSubscription:
 
     def _on_message(self, cdr: bytes) -> None:
         route = self._route
-        if len(cdr) > route.max_bytes or (route.rate_hz is None and route.bytes_hz is None):
+        is_unlimited = route.rate_hz is None and route.bytes_hz is None
+        if is_unlimited or len(cdr) > route.max_bytes:
             self._take(cdr)  # too long messages are rejected unread
             return
-        people = ("",) if route.people is None else route.people(cdr, self._site.state)
+        people: tuple[str, ...] = ("",)
+        if route.people is not None:
+            people = route.people(cdr, self._site.state)
         if not people:
             return
         wait_s = self._wait_s()
         if not self._timer.is_running and wait_s <= 0.0:
-            self._pass(cdr)
+            self._pass_on(cdr)
             return
-        for each in people:
-            self._waiting.pop(each, None)  # keeps the order: no message is followed by an older one
-            self._waiting[each] = cdr
-        if route.bytes_hz is not None and self._byte_limiter.wait_s(self._loop.time()) > 0.0:
-            self._warnings.show_briefly(
-                f"amount from {self._ros}",
-                f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
-                "read: of each the newest counts; publish their frames less often, or apart from all others",
-            )
+
+        # Too early: it waits, and replaces the message that waits for the same person
+        for user in people:
+            self._waiting.pop(user, None)  # keeps the order: no message is followed by an older one
+            self._waiting[user] = cdr
+        if route.bytes_hz is not None:
+            bytes_wait_s = self._byte_limiter.wait_s(self._loop.time())
+            if bytes_wait_s > 0.0:
+                self._show_amount(route.bytes_hz)
         self._timer.start(wait_s)
 
-    def _due(self) -> None:
+    def _show_amount(self, bytes_hz: float) -> None:
+        sentence = (
+            f"{self._ros} brings more of people than the {bytes_hz / 1e6:g} MB a second that are "
+            "read: of each the newest counts; publish their frames less often, or apart from all others"
+        )
+        self._warnings.show_briefly(f"amount from {self._ros}", sentence)
+
+    def _process_due(self) -> None:
         while self._waiting and self._wait_s() <= 0.0:
+            # The same message may wait for several people: it is processed once
             oldest = next(iter(self._waiting.values()))
             self._waiting = {name: cdr for name, cdr in self._waiting.items() if cdr is not oldest}
-            self._pass(oldest)
+            self._pass_on(oldest)
         if self._waiting:
             self._timer.start(self._wait_s())
 
@@ -99,7 +111,7 @@ class InputSubscription:
         now_s = self._loop.time()
         return max(self._message_limiter.wait_s(now_s), self._byte_limiter.wait_s(now_s))
 
-    def _pass(self, cdr: bytes) -> None:
+    def _pass_on(self, cdr: bytes) -> None:
         now_s = self._loop.time()
         self._message_limiter.sent(now_s)
         self._byte_limiter.sent(now_s, len(cdr))
@@ -119,7 +131,7 @@ class Inbox:
         """Services that other nodes offer."""
         self._ends: dict[tuple[str, str], Closable] = {}
         """Declared endpoints in ROS, by route and name."""
-        self._back: dict[tuple[str, str], asyncio.TimerHandle | None] = {}
+        self._reclaims: dict[tuple[str, str], asyncio.TimerHandle | None] = {}
         """Routes left to others, as `_ends`, and the timer to reclaim them once they are free."""
         self._publishers: dict[str, tuple[str, Publisher[Any]]] = {}
         """Our publishers by key, with the name they are about."""
@@ -138,50 +150,68 @@ class Inbox:
             self._declare(user)
             context = ConversionContext(self._site.state, user, self._site.clock.now_ns())
             for route in self._routes:
-                if route.on_presence is not None and (taken := route.on_presence(context)):
-                    self._take(taken, _subject(route, self._site.state, ""))
+                if route.on_presence is None:
+                    continue
+                taken = route.on_presence(context)
+                if taken:
+                    self._process(taken, _subject(route, self._site.state, ""))
 
     def leave(self, user: str) -> None:
         """Unsubscribe from the routes about `user`."""
         self._names.discard(user)
-        for end in [end for end in self._ends if end[1] == user]:
-            self._ends.pop(end).close()
-        for end in [end for end in self._back if end[1] == user]:
-            self._take_up(end)
+        for key in [key for key in self._ends if key[1] == user]:
+            self._ends.pop(key).close()
+        for key in [key for key in self._reclaims if key[1] == user]:
+            self._cancel_reclaim(key)
+
+        # Nothing remains of warnings and of what the converters remember
         rows: tuple[InboundRoute | ServiceRoute, ...] = (*self._routes, *self._services)
         for route in rows:
             if "{" in route.ros:
-                self._site.bus.clear("message", _subject(route, self._site.state, user))
+                subject = _subject(route, self._site.state, user)
+                self._site.bus.clear("message", subject)
         for route in self._routes:
             if route.forgets is not None:
                 route.forgets(user)
-        for key in [key for key, (name, _) in self._publishers.items() if name == user]:
-            self._publishers.pop(key)[1].close()
+
+        # Their messages end at all readers
+        for topic_key, (name, publisher) in tuple(self._publishers.items()):
+            if name == user:
+                del self._publishers[topic_key]
+                publisher.close()
 
     def listen(self, route: InboundRoute, name: str) -> Closable:
         """Receive what `route` has about `name` until the returned endpoint is closed."""
-        return InputSubscription(route, name, self._site, functools.partial(self._on_message, route, name))
+        process = functools.partial(self._on_message, route, name)
+        return InputSubscription(route, name, self._site, process)
 
     def stop_writing(self, route: InboundRoute, name: str) -> None:
         """Stop publishing messages of `route` about `name`: another writer does."""
-        for at in route.into:
-            if at.at(name) in self._publishers:
-                self._publishers.pop(at.at(name))[1].close()
-        self._site.bus.clear("message", _subject(route, self._site.state, name))
+        for topic in route.into:
+            key = topic.at(name)
+            if key in self._publishers:
+                _, publisher = self._publishers.pop(key)
+                publisher.close()
+        subject = _subject(route, self._site.state, name)
+        self._site.bus.clear("message", subject)
 
     def publish(self, output: BusOutput) -> None:
         """Publish on our bus, numbered."""
-        if not isinstance(output.at, Request) and isinstance(output.what, Message):
-            key = output.at.at(output.name)
-            self._counts[key] += 1
-            numbered = output.what.model_copy(update={"seq": self._counts[key]})
-            self._publisher(output.at, output.name).put(numbered)
+        message = output.what
+        if isinstance(output.at, Request) or not isinstance(message, Message):
+            return
+        key = output.at.at(output.name)
+        self._counts[key] += 1
+        numbered = message.model_copy(update={"seq": self._counts[key]})
+        self._publisher(output.at, output.name).put(numbered)
 
     def on_graph(self, graph: Graph) -> None:
         """Leave services to other nodes that offer them."""
-        self._served = frozenset(
-            each.name for each in graph.endpoints if each.kind == "server" and not each.is_ours
-        )
+        names: list[str] = []
+        for endpoint in graph.endpoints:
+            if endpoint.kind == "server" and not endpoint.is_ours:
+                names.append(endpoint.name)
+        self._served = frozenset(names)
         for name in self._names:
             self._declare_services(name)
 
@@ -190,18 +220,23 @@ class Inbox:
         for end in self._ends.values():
             end.close()
         self._ends.clear()
-        for key in tuple(self._back):
-            self._take_up(key)
+        for key in tuple(self._reclaims):
+            self._cancel_reclaim(key)
         for task in self._asked:
             task.cancel()
 
     def _declare(self, name: str) -> None:
+        """Declare all routes about `name`, or about nobody if it is `""`."""
+        placeholder = "user" if name else ""
         for route in self._routes:
-            if bool(name) == ("{" in route.ros) and not (name and route.of_ros_users):
-                for at in route.into:
-                    if not isinstance(at, Request) and at.placeholder == ("user" if name else ""):
-                        self._publisher(at, name)
-                self._ends[route.name, name] = self.listen(route, name)
+            if bool(name) != ("{" in route.ros):
+                continue
+            if name and route.of_ros_users:
+                continue  # declared for ROS-only users alone, by `listen`
+            for topic in route.into:
+                if not isinstance(topic, Request) and topic.placeholder == placeholder:
+                    self._publisher(topic, name)
+            self._ends[route.name, name] = self.listen(route, name)
         self._declare_services(name)
 
     def _declare_services(self, name: str) -> None:
@@ -210,30 +245,27 @@ class Inbox:
                 continue
             key = route.name, name
             if route.yields and route.ros_name(self._site.state, name) in self._served:
-                self._take_up(key)
-                self._back[key] = None
+                self._cancel_reclaim(key)
+                self._reclaims[key] = None
                 if key in self._ends:
                     self._ends.pop(key).close()
-            elif key not in self._back:
+            elif key not in self._reclaims:
                 self._serve(route, name)
-            elif self._back[key] is None:
-                self._back[key] = self._site.bus.call_later(
-                    reclaim_delay_s(), functools.partial(self._serve, route, name)
-                )
+            elif self._reclaims[key] is None:  # free again
+                serve = functools.partial(self._serve, route, name)
+                self._reclaims[key] = self._site.bus.call_later(reclaim_delay_s(), serve)
 
     def _serve(self, route: ServiceRoute, name: str) -> None:
         key = route.name, name
-        self._take_up(key)
+        self._cancel_reclaim(key)
         if key not in self._ends:
             state = self._site.state
-            self._ends[key] = self._site.backend.serve(
-                route.ros_name(state, name),
-                state.types.kind(route.type),
-                functools.partial(self._answer, route, name),
-            )
+            service = route.ros_name(state, name)
+            answer = functools.partial(self._answer, route, name)
+            self._ends[key] = self._site.backend.serve(service, state.types.kind(route.type), answer)
 
-    def _take_up(self, key: tuple[str, str]) -> None:
-        timer = self._back.pop(key, None)
+    def _cancel_reclaim(self, key: tuple[str, str]) -> None:
+        timer = self._reclaims.pop(key, None)
         if timer is not None:
             timer.cancel()
 
@@ -244,44 +276,53 @@ class Inbox:
         try:
             value = state.types.decode(route.type, cdr, max_bytes=route.max_bytes)
         except ValueError as error:
-            self._site.bus.warn("message", f"what came {subject} was dropped: {error}", subject)
+            sentence = f"what came {subject} was dropped: {error}"
+            self._site.bus.warn("message", sentence, subject)
             return
-        taken = route.convert(value, name, state, now_ns=clock.now_ns(), wall_ns=self._wall.now_ns())
-        self._take(taken, subject)
+        now_ns = clock.now_ns()
+        wall_ns = self._wall.now_ns()
+        taken = route.convert(value, name, state, now_ns=now_ns, wall_ns=wall_ns)
+        self._process(taken, subject)
 
-    def _take(self, taken: Taken, subject: str) -> None:
+    def _process(self, taken: Taken, subject: str) -> None:
         """Publish and query. The route's warning is cleared when all queries have succeeded, not before."""
-        warned = [each for each in taken if isinstance(each, ConversionWarning)]
-        outputs = [each for each in taken if isinstance(each, BusOutput) and isinstance(each.at, Request)]
-        if warned or not outputs:
-            self._warn(subject, warned)
-        for output in taken:
-            if isinstance(output, BusOutput):
-                self.publish(output)
-        if outputs:
-            self._ask_soon(outputs, subject, is_well=not warned)
+        warnings: list[ConversionWarning] = []
+        queries: list[BusOutput] = []
+        for item in taken:
+            if isinstance(item, ConversionWarning):
+                warnings.append(item)
+            elif isinstance(item.at, Request):
+                queries.append(item)
+        if warnings or not queries:
+            self._warn(subject, warnings)
+        for item in taken:
+            if isinstance(item, BusOutput):
+                self.publish(item)
+        if queries:
+            self._ask_soon(queries, subject, is_well=not warnings)
 
     def _publisher(self, topic: Topic[Any], name: str) -> Publisher[Any]:
         key = topic.at(name)
         if key not in self._publishers:
-            self._publishers[key] = name, self._site.bus.publisher(topic, name)
+            publisher = self._site.bus.publisher(topic, name)
+            self._publishers[key] = name, publisher
         return self._publishers[key][1]
 
-    def _ask_soon(self, outputs: list[BusOutput], subject: str, *, is_well: bool) -> None:
-        accepted = outputs[: MAX_ASKED - self._open]
-        if len(accepted) < len(outputs):
+    def _ask_soon(self, queries: list[BusOutput], subject: str, *, is_well: bool) -> None:
+        accepted = queries[: MAX_ASKED - self._open]
+        if len(accepted) < len(queries):
             is_well = False
-            self._site.bus.warn(
-                "message", f"what came {subject} was dropped: {MAX_ASKED} wishes are open already", subject
-            )
+            sentence = f"what came {subject} was dropped: {MAX_ASKED} wishes are open already"
+            self._site.bus.warn("message", sentence, subject)
         self._open += len(accepted)
 
         async def ask() -> None:
             try:
-                replies = await asyncio.gather(*(self._ask(output, subject) for output in accepted))
+                replies = await asyncio.gather(*(self._ask(query, subject) for query in accepted))
             finally:
                 self._open -= len(accepted)
-            if is_well and not any(isinstance(each, str) for each in replies):
+            is_refused = any(isinstance(reply, str) for reply in replies)
+            if is_well and not is_refused:
                 self._site.bus.clear("message", subject)
 
         self._run(ask)
@@ -312,32 +353,43 @@ class Inbox:
         subject = _subject(route, state, name)
         response = types.response_of(route.type)
         try:
-            value = types.decode(types.request_of(route.type), cdr, max_bytes=route.max_bytes)
+            request_type = types.request_of(route.type)
+            value = types.decode(request_type, cdr, max_bytes=route.max_bytes)
         except ValueError as error:
             sentence = f"what came {subject} was refused: {error}"
             self._site.bus.warn("message", sentence, subject)
             if not route.has_result:
                 raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
-        context = ConversionContext(state, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
+
+        # Ask the service of ours that does it, unless the request makes no sense
+        now_ns = self._site.clock.now_ns()
+        context = ConversionContext(state, name, now_ns, wall_ns=self._wall.now_ns())
         request = route.asks(value, context)
-        reply: Reply | str = ""
+        refusal = ""
+        reply: Reply | None = None
         try:
             if isinstance(request, ConversionWarning):
-                reply = request.sentence
+                refusal = request.sentence
                 self._warn(subject, [request])
             else:
-                reply = await self._ask(request, subject)
-                if not isinstance(reply, str):
+                result = await self._ask(request, subject)
+                if isinstance(result, str):
+                    refusal = result
+                else:
+                    reply = result
                     self._site.bus.clear("message", subject)
         finally:  # also when this is cancelled: the route may wait for the result
-            answer = route.response(value, None if isinstance(reply, str) else reply, context)
-        if isinstance(reply, str) and not route.has_result:
-            raise RefusedError(reply)
+            answer = route.response(value, reply, context)
+
+        # A response without a field for it cannot tell of a refusal
+        if reply is None and not route.has_result:
+            raise RefusedError(refusal)
         return types.encode(response, answer)
 
-    def _warn(self, subject: str, warned: list[ConversionWarning]) -> None:
-        self._site.bus.warn("message", "; ".join(each.sentence for each in warned[:3]), subject)
+    def _warn(self, subject: str, warnings: list[ConversionWarning]) -> None:
+        sentences = [warning.sentence for warning in warnings[:3]]
+        self._site.bus.warn("message", "; ".join(sentences), subject)
 
 
 def _subject(route: InboundRoute | ServiceRoute, state: ConversionState, name: str) -> str:

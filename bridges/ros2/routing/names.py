@@ -35,9 +35,17 @@ def holds_frame(cdr: bytes, name: str) -> bool:
 
     Decoding takes 200 times as long.
     """
-    order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
-    texts = (f"{slash}{frame_name(name)}".encode() for slash in ("", "/"))
-    return any((len(each) + 1).to_bytes(4, order) + each in cdr for each in texts)  # no longer name
+    order: Literal["little", "big"] = "big"
+    if cdr[1:2] == b"\1":
+        order = "little"
+
+    # With the length and the terminating 0 before and after it, so that no longer name has it in it
+    text = frame_name(name).encode()
+    for frame in (text, b"/" + text):
+        length = len(frame) + 1
+        if length.to_bytes(4, order) + frame in cdr:
+            return True
+    return False
 
 
 class RosNames:
@@ -49,24 +57,26 @@ class RosNames:
 
     def of(self, name: str) -> str:
         """Return the ROS name of `name`: unchanged where possible, always the same, unique."""
-        made = self._of.get(name)
-        if made is None:
-            made = self._free(_NOT_ROS.sub("_", name) or "_")
+        ros_name = self._of.get(name)
+        if ros_name is None:
+            ros_name = self._free(_NOT_ROS.sub("_", name) or "_")
             if len(self._of) >= MAX_FRAME_NAMES:
-                self._taken.discard(self._of.pop(next(iter(self._of))))
-            self._of[name] = made
-            self._taken.add(made)
-        return made
+                oldest = next(iter(self._of))
+                self._taken.discard(self._of.pop(oldest))
+            self._of[name] = ros_name
+            self._taken.add(ros_name)
+        return ros_name
 
-    def _free(self, wanted: str) -> str:
-        if wanted[0].isdigit():
-            wanted = f"_{wanted}"
-        made = wanted
+    def _free(self, base: str) -> str:
+        """Return `base`, with a number if it is taken."""
+        if base[0].isdigit():
+            base = f"_{base}"
+        ros_name = base
         count = 1
-        while made in self._taken:
+        while ros_name in self._taken:
             count += 1
-            made = f"{wanted}_{count}"
-        return made
+            ros_name = f"{base}_{count}"
+        return ros_name
 
 
 class Frames:
@@ -83,5 +93,7 @@ class Frames:
 
     def resolve(self, template: str, name: str) -> str:
         """Return the frame that `template` of a route means for the person `name`."""
-        found = template.replace(WORLD, self.world).replace(PERSON, "{user}/human_footprint")
-        return found.replace("{user}", self._names.of(name)) if "{user}" in found else found
+        frame = template.replace(WORLD, self.world).replace(PERSON, "{user}/human_footprint")
+        if "{user}" not in frame:
+            return frame
+        return frame.replace("{user}", self._names.of(name))

@@ -28,29 +28,30 @@ class _Line:
         self._writer: Writer | None = None
         self._waiting: dict[str, tuple[Message, str]] = {}
         """Messages delayed by the rate limit, by name if each has a message of its own."""
-        self._due_timer = Timer(site.bus.call_later, self._due)
+        self._due_timer = Timer(site.bus.call_later, self._send_waiting)
         self._repeat_timer = Timer(site.bus.call_later, self._repeat)
-        self._reclaim_timer = Timer(site.bus.call_later, self._open)
+        self._reclaim_timer = Timer(site.bus.call_later, self._advertise)
         self._later: list[asyncio.TimerHandle] = []
         self._last: dict[str, tuple[Message, str, float]] = {}
         """Messages to repeat with their arrival times, by key of `_waiting`."""
         self._sent: dict[str, tuple[bytes, ...]] = {}
         """Last values sent, for routes that send only changes, by key of `_waiting`."""
         self._is_refused = False
-        self._open()
+        self._advertise()
 
     def make_room(self, *, is_given: bool) -> None:
         """Yield to other publishers of this name until shortly after they end."""
         if is_given:
             self._reclaim_timer.cancel()
-            self._hide()
+            self._end_writer()
         elif self._writer is None and not self._reclaim_timer.is_running:
             self._reclaim_timer.start(reclaim_delay_s())
 
     def look(self) -> None:
         """Notify the route when the first subscriber appears."""
         is_read = self._has_readers
-        if is_read and not self._is_read and self.route.begins is not None:
+        is_first = is_read and not self._is_read
+        if is_first and self.route.begins is not None:
             self.route.begins()
         self._is_read = is_read
 
@@ -58,20 +59,22 @@ class _Line:
         """Remove it from the graph, after its last value."""
         if self.route.has_end:
             types = self._site.state.types
-            self._put(types.encode(self.route.type, types.make(self.route.type)))
+            empty = types.make(self.route.type)
+            self._put(types.encode(self.route.type, empty))
         for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
             timer.cancel()
         for later in self._later:
             later.cancel()
-        self._hide()
+        self._end_writer()
         self._site.bus.clear("message", self.ros)
 
-    def _open(self) -> None:
+    def _advertise(self) -> None:
         kind = self._site.state.types.kind(self.route.type)
-        self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
+        backend = self._site.backend
+        self._writer = backend.advertise(self.ros, kind, self.route.qos)
         self._sent = {}
 
-    def _hide(self) -> None:
+    def _end_writer(self) -> None:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -95,7 +98,7 @@ class _Line:
             self._waiting.pop(name, None)
             self._sent.pop(name, None)
 
-    def _due(self) -> None:
+    def _send_waiting(self) -> None:
         waiting = self._waiting
         self._waiting = {}
         self._rate_limiter.sent(self._loop.time())
@@ -104,12 +107,15 @@ class _Line:
 
     def _send(self, message: Message, name: str) -> None:
         if self.route.repeat_hz is not None:
-            self._last[self._key_of(name)] = message, name, self._loop.time()
+            key = self._key_of(name)
+            self._last[key] = message, name, self._loop.time()
             self._repeat_later()
         self._write(message, name)
 
     def _write(self, message: Message, name: str, *, again_ns: int | None = None) -> None:
-        if self._writer is None or not (self._has_readers or self._keeps):
+        if self._writer is None:
+            return
+        if not (self._has_readers or self._keeps):
             return
         encode = self._site.state.types.encode
         try:
@@ -117,21 +123,27 @@ class _Line:
             cdrs = tuple([encode(self.route.type, value) for value in values])
         except ValueError as error:
             self._is_refused = True
-            self._site.bus.warn("message", f"{self.ros} could not be sent to ROS: {error}", self.ros)
+            sentence = f"{self.ros} could not be sent to ROS: {error}"
+            self._site.bus.warn("message", sentence, self.ros)
             return
         if self._is_refused:
             self._is_refused = False
             self._site.bus.clear("message", self.ros)
+
+        # Equal values are compared as bytes: a NaN does not equal itself
         if self.route.on_change:
             key = self._key_of(name)
             if cdrs == self._sent.get(key):
                 return
             self._sent[key] = cdrs
+
+        # The first value at once, the others one after the other
         self._later = [timer for timer in self._later if timer.when() > self._loop.time()]
         for count, cdr in enumerate(cdrs):
             if count and self.route.apart_s:
                 put = functools.partial(self._put, cdr)
-                self._later.append(self._site.bus.call_later(count * self.route.apart_s, put))
+                timer = self._site.bus.call_later(count * self.route.apart_s, put)
+                self._later.append(timer)
             else:
                 self._put(cdr)
 
@@ -145,7 +157,9 @@ class _Line:
         The graph does not show a node that is older than the router, but its middleware knows that it
         subscribes.
         """
-        return self._has_reader(self.ros) or (self._writer is not None and self._writer.is_read)
+        if self._has_reader(self.ros):
+            return True
+        return self._writer is not None and self._writer.is_read
 
     @property
     def _keeps(self) -> bool:
@@ -196,24 +210,32 @@ class Outbox:
         for route in self._routes.get(topic, ()):
             if route.has_user_publisher and name in self._site.state.ros_users:
                 continue
-            self._line(route, name if "{" in route.ros else "").take(message, name)
+            placeholder = name if "{" in route.ros else ""
+            self._line(route, placeholder).take(message, name)
 
     def join(self, user: str) -> None:
         """Add the routes about `user`, without those that a ROS-only user's own nodes publish."""
         is_ros_user = user in self._site.state.ros_users
-        for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
+        routes: dict[str, OutboundRoute] = {}
+        for readers in self._routes.values():
+            for route in readers:  # one of several topics is listed at each
+                routes[route.name] = route
+        for route in routes.values():
             if "{user}" not in route.ros:
                 continue
-            if not (is_ros_user and route.has_user_publisher):
+            if is_ros_user and route.has_user_publisher:
+                line = self._lines.pop((route.name, user), None)
+                if line is not None:
+                    line.close()
+            else:
                 self._line(route, user)
-            elif line := self._lines.pop((route.name, user), None):
-                line.close()
 
     def leave(self, user: str) -> None:
         """Remove the routes about `user`."""
-        for route, name in tuple(self._lines):
-            if name == user and "{user}" in self._lines[route, name].route.ros:
-                self._lines.pop((route, name)).close()
+        for key, line in tuple(self._lines.items()):
+            if key[1] == user and "{user}" in line.route.ros:
+                del self._lines[key]
+                line.close()
         self._forget(user, "user")
 
     def end(self, instance: str) -> None:
@@ -222,9 +244,17 @@ class Outbox:
 
     def look(self, graph: Graph) -> None:
         """Update subscribers, and yield names that others publish."""
-        others = [each for each in graph.endpoints if not each.is_ours]
-        self._read = frozenset(each.name for each in others if each.kind == "subscriber")
-        self._given = frozenset(each.name for each in others if each.kind == "publisher")
+        readers: list[str] = []
+        publishers: list[str] = []
+        for endpoint in graph.endpoints:
+            if endpoint.is_ours:
+                continue
+            if endpoint.kind == "subscriber":
+                readers.append(endpoint.name)
+            elif endpoint.kind == "publisher":
+                publishers.append(endpoint.name)
+        self._read = frozenset(readers)
+        self._given = frozenset(publishers)
         for line in self._lines.values():
             self._yield(line)
             line.look()
@@ -240,7 +270,8 @@ class Outbox:
         line = self._lines.get(key)
         if line is None:
             ros = route.ros_name(self._site.state, name)
-            line = self._lines[key] = _Line(route, ros, self._site, self._has_reader)
+            line = _Line(route, ros, self._site, self._has_reader)
+            self._lines[key] = line
             self._yield(line)
         return line
 
@@ -251,7 +282,8 @@ class Outbox:
 
     def _yield(self, line: _Line) -> None:
         if line.route.yields:
-            line.make_room(is_given=(line.route.yields_to or line.ros) in self._given)
+            name = line.route.yields_to or line.ros
+            line.make_room(is_given=name in self._given)
 
     def _has_reader(self, ros: str) -> bool:
         return ros in self._read

@@ -34,4 +34,5 @@ class RateLimiter:
 
     def sent(self, now_s: float, count: int = 1) -> None:
         """Count messages sent at `now_s`."""
-        self._next_s = max(self._next_s, now_s - self._early_s) + count * self._period_s
+        earliest_s = max(self._next_s, now_s - self._early_s)
+        self._next_s = earliest_s + count * self._period_s

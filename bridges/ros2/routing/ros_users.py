@@ -39,80 +39,96 @@ class RosUsers:
         """Subscribe for `people` to those of `routes` that are of ROS-only users only."""
         routes = tuple(routes)
         self._routes = tuple(route for route in routes if route.of_ros_users)
-        self._lasting = tuple(route for route in routes if route.of_ros_users or POSE in route.into)
+        self._lasting: list[InboundRoute] = []
         """Routes whose messages persist, and become invalid when PointIt services publish them."""
+        for route in routes:
+            if route.of_ros_users or POSE in route.into:
+                self._lasting.append(route)
         self._site = site
         self._inbox = inbox
         self._outbox = outbox
-        self._instances = {f"{leader}.{user}": user for user in people for leader in LEADERS}
+        self._instances: dict[str, str] = {}
+        """Users by the instances of PointIt services that would replace their nodes."""
+        for user in people:
+            for leader in LEADERS:
+                self._instances[f"{leader}.{user}"] = user
         self._leaders: set[str] = set()
         """Present ones of `_instances`."""
         self._ends: dict[str, list[Closable]] = {}
         """Declared endpoints in ROS, by person."""
         self._received_s: dict[str, float] = {}
         self._tokens: dict[str, Closable] = {}
-        self._given: frozenset[str] = frozenset()
+        self._published: frozenset[str] = frozenset()
         """Names that other nodes publish, without those of other PointIts, which are ignored here."""
         self._now_s = 0.0
         """Time of our checks: while the loop is blocked, nothing is received and no time passes."""
         self._timer = Timer(site.bus.call_later, self._update_presence)
+
+        # All are added before any is announced
         for user in dict.fromkeys(self._instances.values()):
             site.state.names.of(user)  # reserved: another person with the same ROS name gets a different one
-            self._admit(user)
+            self._add_user(user)
         if self._instances:
             self._update_presence()
 
     def on_graph(self, graph: Graph) -> None:
         """Update the publishers."""
-        self._given = frozenset(
-            each.name
-            for each in graph.endpoints
-            if each.kind == "publisher" and not each.is_ours and not each.is_bridge
-        )
+        names: list[str] = []
+        for endpoint in graph.endpoints:
+            is_foreign = not endpoint.is_ours and not endpoint.is_bridge
+            if endpoint.kind == "publisher" and is_foreign:
+                names.append(endpoint.name)
+        self._published = frozenset(names)
 
     def on_presence(self, instance: str, *, present: bool) -> None:
         """Update the presence of a PointIt service."""
         user = self._instances.get(instance)
         if user is None:
             return
-        (self._leaders.add if present else self._leaders.discard)(instance)
-        leaders = sorted(each for each in self._leaders if self._instances[each] == user)
-        if leaders and user in self._site.state.ros_users:
-            self._dismiss(user, leaders[0])
-        elif not leaders and user not in self._site.state.ros_users:
+        if present:
+            self._leaders.add(instance)
+        else:
+            self._leaders.discard(instance)
+
+        # PointIt services go before ROS nodes, which are heard again after the last of these
+        leaders = sorted(leader for leader in self._leaders if self._instances[leader] == user)
+        ros_users = self._site.state.ros_users
+        if leaders and user in ros_users:
+            self._yield_to(leaders[0], user)
+        elif not leaders and user not in ros_users:
             self._site.bus.clear("ros-user", user)
-            self._admit(user)
+            self._add_user(user)
 
     def close(self) -> None:
         """Remove all ROS-only users."""
         self._timer.cancel()
         for user, ros_user in self._site.state.ros_users.items():
-            self._end(user, ros_user, "the bridge has ended")
+            self._end_presence(user, ros_user, "the bridge has ended")
             for end in self._ends.pop(user):
                 end.close()
 
-    def _admit(self, user: str) -> None:
+    def _add_user(self, user: str) -> None:
         self._site.state.ros_users[user] = RosUser()
-        self._ends[user] = [self._inbox.listen(route, user) for route in self._routes if "{" in route.ros]
-        self._show_again(user)
+        own_routes = [route for route in self._routes if "{" in route.ros]
+        self._ends[user] = [self._inbox.listen(route, user) for route in own_routes]
+        self._join_outbox_again(user)
 
-    def _dismiss(self, user: str, leader: str) -> None:
+    def _yield_to(self, leader: str, user: str) -> None:
         """Remove a ROS-only user in favour of PointIt services, which publish the interaction."""
         del self._site.state.ros_users[user]
         for end in self._ends.pop(user):
             end.close()
         for route in self._lasting:
             self._inbox.stop_writing(route, user)
-        self._show_again(user)
-        self._leave(user)
-        self._site.bus.warn(
-            "ros-user",
+        self._join_outbox_again(user)
+        self._withdraw_presence(user)
+        sentence = (
             f"{user} is named in `people`, whose nodes are all ROS nodes, and has {leader} here: ROS is not "
-            "heard for them; end either of the two",
-            user,
+            "heard for them; end either of the two"
         )
+        self._site.bus.warn("ros-user", sentence, user)
 
-    def _show_again(self, user: str) -> None:
+    def _join_outbox_again(self, user: str) -> None:
         if user in self._site.state.people:
             self._outbox.join(user)
 
@@ -120,23 +136,25 @@ class RosUsers:
         self._timer.start(LOOK_S)  # first, so that it is repeated after an error
         self._now_s += LOOK_S
         for user, ros_user in self._site.state.ros_users.items():
-            self._judge(user, ros_user)
+            self._update_user(user, ros_user)
 
-    def _judge(self, user: str, ros_user: RosUser) -> None:
+    def _update_user(self, user: str, ros_user: RosUser) -> None:
         if ros_user.has_new_input:
             ros_user.has_new_input = False
             self._received_s[user] = self._now_s
-        has_new_input = user in self._received_s and self._now_s - self._received_s[user] < SILENT_S
-        if has_new_input or (ros_user.is_subscribed and self._has_ray(user)):
-            self._come(user, ros_user)
+        is_heard = user in self._received_s and self._now_s - self._received_s[user] < SILENT_S
+        wants_cursor = ros_user.is_subscribed and self._has_ray(user)
+        if is_heard or wants_cursor:
+            self._announce_presence(user, ros_user)
         else:
-            self._end(user, ros_user, "nothing of theirs comes any more")
+            self._end_presence(user, ros_user, "nothing of theirs comes any more")
 
     def _has_ray(self, user: str) -> bool:
         state = self._site.state
-        return any("{" in route.ros and route.ros_name(state, user) in self._given for route in self._routes)
+        own_routes = [route for route in self._routes if "{" in route.ros]
+        return any(route.ros_name(state, user) in self._published for route in own_routes)
 
-    def _come(self, user: str, ros_user: RosUser) -> None:
+    def _announce_presence(self, user: str, ros_user: RosUser) -> None:
         if ros_user.is_here:
             return
         state = self._site.state
@@ -148,16 +166,17 @@ class RosUsers:
         ros_user.is_here = True
         log.info("%s is here, as ROS nodes say", user)
 
-    def _end(self, user: str, ros_user: RosUser, reason: str) -> None:
+    def _end_presence(self, user: str, ros_user: RosUser, reason: str) -> None:
         if ros_user.is_subscribed:
             ros_user.is_subscribed = False
-            self._inbox.publish(interaction(self._site.state, user, self._site.clock.now_ns(), reason))
+            now_ns = self._site.clock.now_ns()
+            self._inbox.publish(interaction(self._site.state, user, now_ns, reason))
         if ros_user.is_here:
             ros_user.is_here = False
-            self._leave(user)
+            self._withdraw_presence(user)
             log.info("%s has left: %s", user, reason)
 
-    def _leave(self, user: str) -> None:
+    def _withdraw_presence(self, user: str) -> None:
         self._received_s.pop(user, None)
         token = self._tokens.pop(user, None)
         if token is not None:

@@ -74,7 +74,10 @@ class _Route:
     def ros_name(self, state: ConversionState, name: str) -> str:
         """Return the name in ROS for `name`, which is a user, a lamp, or empty."""
         head, opening, rest = self.ros.partition("{")
-        return head + state.names.of(name) + rest.partition("}")[2] if opening else head
+        if not opening:
+            return head
+        _, _, tail = rest.partition("}")
+        return head + state.names.of(name) + tail
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,8 @@ class OutboundRoute(_Route):
         is_again = again_ns is not None
         stamp_ns = message.stamp_ns if again_ns is None else again_ns
         frame = state.frames.resolve(self.frame, name)
-        return self.by(message, ConversionContext(state, name, stamp_ns, frame, is_again=is_again))
+        context = ConversionContext(state, name, stamp_ns, frame, is_again=is_again)
+        return self.by(message, context)
 
 
 @dataclass(frozen=True)
@@ -145,9 +149,9 @@ class InboundRoute(_Route):
 
     def convert(self, value: Any, name: str, state: ConversionState, *, now_ns: int, wall_ns: int) -> Taken:
         """Return messages, queries and warnings; never raises."""
-        return self.by(
-            value, ConversionContext(state, name, now_ns, state.frames.resolve(self.frame, name), wall_ns)
-        )
+        frame = state.frames.resolve(self.frame, name)
+        context = ConversionContext(state, name, now_ns, frame, wall_ns)
+        return self.by(value, context)
 
 
 @dataclass(frozen=True)
@@ -171,4 +175,5 @@ class ServiceRoute(_Route):
         """Return the ROS response to a request, from our reply or None if it was refused."""
         if self.answers is not None:
             return self.answers(request, reply, context)
-        return context.state.types.make(context.state.types.response_of(self.type))
+        types = context.state.types
+        return types.make(types.response_of(self.type))

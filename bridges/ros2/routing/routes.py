@@ -59,7 +59,9 @@ class RouteChange(Config):
     @field_validator("ros")
     @classmethod
     def _name(cls, ros: str | None) -> str | None:
-        if ros is not None and (not _NAME.match(ros) or ros.count("{") > 1):
+        if ros is None:
+            return None
+        if not _NAME.match(ros) or ros.count("{") > 1:
             raise ValueError("begin with /, use letters, digits, _, / and at most one {user} or {led}")
         return ros
 
@@ -112,11 +114,14 @@ def routes(path: Path | None = None, *, ros4hri: bool = False) -> Routes:
     Raises:
         ConfigError: If the file cannot be used. The message has the route, the value and the remedy.
     """
-    table = Routes((*outward(), *of_ros4hri()), inward(), served(), RoutesFile())
+    all_outward = (*outward(), *of_ros4hri())
+    table = Routes(all_outward, inward(), served(), RoutesFile())
     if path is not None:
         table = changed(table, read_routes(path), str(path))
-    outbound = tuple(row for row in table.outward if ros4hri or not row.is_ros4hri)
-    return dataclasses.replace(table, outward=outbound)
+    if ros4hri:
+        return table
+    without_ros4hri = tuple(row for row in table.outward if not row.is_ros4hri)
+    return dataclasses.replace(table, outward=without_ros4hri)
 
 
 def read_routes(path: Path) -> RoutesFile:
@@ -140,32 +145,35 @@ def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
     known = [row.name for row in table.all]
     for name in file.routes:
         if name not in known:
-            why = unknown_parameter_message(name, known).replace("parameter", "route")
-            raise ConfigError(f"{source}: routes: {why}")
-    made = Routes(
-        tuple(_changed(row, file, source) for row in table.outward),
-        tuple(_changed(row, file, source) for row in table.inward),
-        tuple(_changed(row, file, source) for row in table.served),
-        file,
-    )
-    for kind in (made.outward, made.inward, made.served):
-        _check_apart(kind, source)
-    return made
+            problem = unknown_parameter_message(name, known).replace("parameter", "route")
+            raise ConfigError(f"{source}: routes: {problem}")
+    rows_outward = tuple(_changed(row, file, source) for row in table.outward)
+    rows_inward = tuple(_changed(row, file, source) for row in table.inward)
+    rows_served = tuple(_changed(row, file, source) for row in table.served)
+
+    # After all changes: two routes may exchange their names
+    for rows in (rows_outward, rows_inward, rows_served):
+        _check_apart(rows, source)
+    return Routes(rows_outward, rows_inward, rows_served, file)
 
 
 def _changed(row: Row, file: RoutesFile, source: str) -> Row:
     change = file.routes.get(row.name, RouteChange())
-    where = f"{source}: routes.{row.name}"
+    origin = f"{source}: routes.{row.name}"
     ros = row.ros if change.ros is None else change.ros
-    if _placeholder(ros) != _placeholder(row.ros):
-        wanted = _placeholder(row.ros)
-        what = f"write {wanted} into it, as there is one for each" if wanted else "leave { } out"
-        raise ConfigError(f"{where}.ros: {what} (got {ros!r})")
-    if change.ros is None and ros not in UNPREFIXED and not ros.startswith(ROS4HRI):
+    placeholder = _placeholder(row.ros)
+    if _placeholder(ros) != placeholder:
+        remedy = "leave { } out"
+        if placeholder:
+            remedy = f"write {placeholder} into it, as there is one for each"
+        raise ConfigError(f"{origin}.ros: {remedy} (got {ros!r})")
+    is_fixed = ros in UNPREFIXED or ros.startswith(ROS4HRI)
+    if change.ros is None and not is_fixed:
         ros = file.prefix + ros
     if change.rate_hz is not None and isinstance(row, ServiceRoute):
-        raise ConfigError(f"{where}.rate_hz: a service has none, leave it out")
-    changes: dict[str, Any] = change.model_dump(exclude_none=True) | {"ros": ros}
+        raise ConfigError(f"{origin}.rate_hz: a service has none, leave it out")
+    changes: dict[str, Any] = change.model_dump(exclude_none=True)
+    changes["ros"] = ros
     return dataclasses.replace(row, **changes)
 
 
@@ -178,14 +186,19 @@ def _check_apart(
     """
     taken: dict[str, OutboundRoute | InboundRoute | ServiceRoute] = {}
     for row in rows:
-        if row.enabled:
-            other = taken.setdefault(row.ros, row)
-            if other is not row and not other.type == row.type == TF:
-                raise ConfigError(
-                    f"{source}: routes.{row.name}.ros: {row.ros!r} is that of {other.name} already; rename "
-                    "or switch off one of them"
-                )
+        if not row.enabled:
+            continue
+        other = taken.setdefault(row.ros, row)
+        is_tf = other.type == row.type == TF
+        if other is not row and not is_tf:
+            raise ConfigError(
+                f"{source}: routes.{row.name}.ros: {row.ros!r} is that of {other.name} already; rename "
+                "or switch off one of them"
+            )
 
 
 def _placeholder(ros: str) -> str:
-    return ros[ros.index("{") : ros.index("}") + 1] if "{" in ros else ""
+    if "{" not in ros:
+        return ""
+    end = ros.index("}") + 1
+    return ros[ros.index("{") : end]

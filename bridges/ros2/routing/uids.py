@@ -68,7 +68,8 @@ class Uids:
             if number <= self._max_number and number not in self._names:
                 return number
         while self._next in self._names:
-            self._next = self._next + 1 if self._next < self._max_number else 0
+            has_higher = self._next < self._max_number
+            self._next = self._next + 1 if has_higher else 0
         return self._next
 
 
@@ -80,7 +81,8 @@ class Kinds:
 
     def __init__(self, kinds: tuple[str, ...]) -> None:
         self._kinds = kinds
-        self._numbers = {kind: number for number, kind in reversed(tuple(enumerate(kinds)))}
+        numbered = tuple(enumerate(kinds))
+        self._numbers = {kind: number for number, kind in reversed(numbered)}  # of equal ones the first
 
     def number(self, kind: str) -> int:
         """Return the number of `kind`."""
@@ -88,8 +90,11 @@ class Kinds:
 
     def kind(self, number: int) -> str | None:
         """Return the kind of `number`, or None if there is none."""
-        return self._kinds[number] if 0 <= number < len(self._kinds) else None
+        if not 0 <= number < len(self._kinds):
+            return None
+        return self._kinds[number]
 
     def __str__(self) -> str:
         """Return the kinds for messages."""
-        return ", ".join(f"{number} {kind}" for number, kind in enumerate(self._kinds))
+        pairs = (f"{number} {kind}" for number, kind in enumerate(self._kinds))
+        return ", ".join(pairs)

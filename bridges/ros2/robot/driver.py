@@ -46,14 +46,15 @@ class Ros2Driver:
             ConfigError: If the endpoint is no address, or the robot cannot be controlled so.
         """
         check_endpoint(config.backend.endpoint)
-        if (config.control == "nav2") != (spec.kind == "ground"):
+        control = "nav2" if spec.kind == "ground" else "setpoints"
+        if config.control != control:
             raise ConfigError(
                 f"robot {spec.name}: control {config.control} is not for a {spec.kind} robot; set it to "
-                f"{'nav2' if spec.kind == 'ground' else 'setpoints'}"
+                f"{control}"
             )
         self._config = config
         self._spec = spec
-        self._around = surroundings
+        self._surroundings = surroundings
         self._actuator: Actuator | None = None
         self._report: Report | None = None
         self._last_ns = 0
@@ -64,7 +65,11 @@ class Ros2Driver:
         """Carry out `command`, or refuse it while the robot is not connected, or if it leads nowhere."""
         if not _leads_somewhere(command):
             self._refuse(command, "it leads nowhere: give finite places")
-        elif self._actuator is not None and (self._last_ns or isinstance(command, Stop | Land)):
+            return
+
+        # A lost robot may yet hear: it is stopped, but sent nowhere
+        is_possible = self._last_ns or isinstance(command, Stop | Land)
+        if self._actuator is not None and is_possible:
             self._actuator.command(command)
         elif not isinstance(command, Stop | Follow):
             self._refuse(command, "the robot is not connected")
@@ -81,65 +86,78 @@ class Ros2Driver:
         """
         settings = self._config.backend
         if not settings.node:
-            settings = settings.model_copy(update={"node": f"/pointit_{RosNames().of(self._spec.name)}"})
-        now_ns = self._around.clock.now_ns
-        health = self._around.health
+            name = RosNames().of(self._spec.name)
+            settings = settings.model_copy(update={"node": f"/pointit_{name}"})
+        now_ns = self._surroundings.clock.now_ns
+        health = self._surroundings.health
         backend = await opened(settings, health, now_ns=now_ns)
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(backend.close)
+
+            # On leaving, the actuator stops the robot while its pose still comes
             types = Types(settings.distro)
-            actuator = self._actuator = self._made(backend, types, report)
+            actuator = self._new_actuator(backend, types, report)
+            self._actuator = actuator
             stack.push_async_callback(actuator.close)
             source = self._config.pose
+            reader = PoseReader(source, self._config.frame)
+            on_report = functools.partial(self._on_report, actuator, report)
             pose = PoseInput(
                 backend,
                 types,
-                PoseReader(source, self._config.frame),
+                reader,
                 source,
                 now_ns=now_ns,
-                on_report=functools.partial(self._on_report, actuator, report),
+                on_report=on_report,
                 on_problem=self._on_problem,
             )
             stack.callback(pose.close)
-            stack.callback(self._leave)
+            stack.callback(self._end_commands)
+
+            # Lost until its first pose
             self._report = report
-            self._lose(report)
+            self._report_loss(report)
+            max_age_ns = source.stale_s * NS_PER_S
             while True:
                 await asyncio.sleep(TICK_S)
-                if self._last_ns and now_ns() - self._last_ns > source.stale_s * NS_PER_S:
-                    self._lose(report)
+                if self._last_ns and now_ns() - self._last_ns > max_age_ns:
+                    self._report_loss(report)
                 actuator.tick()
 
-    def _made(self, backend: Backend, types: Types, report: Report) -> Actuator:
-        now_ns = self._around.clock.now_ns
+    def _new_actuator(self, backend: Backend, types: Types, report: Report) -> Actuator:
+        now_ns = self._surroundings.clock.now_ns
         if self._config.control == "nav2":
+            health = self._surroundings.health
+            on_problem = functools.partial(health.warn, "action")
+            on_distance = functools.partial(health.set_metric, "way left", unit="m")
             return Navigator(
                 backend,
                 types,
                 self._config,
                 now_ns=now_ns,
                 report=report,
-                on_problem=functools.partial(self._around.health.warn, "action"),
-                on_distance=functools.partial(self._around.health.set_metric, "way left", unit="m"),
+                on_problem=on_problem,
+                on_distance=on_distance,
             )
         return SetPointSender(backend, types, self._config, self._spec, now_ns=now_ns, report=report)
 
-    def _on_report(self, actuator: Actuator, report: Report, found: RobotReport) -> None:
-        self._last_ns = self._around.clock.now_ns()
-        report(actuator.on_report(found))
+    def _on_report(self, actuator: Actuator, report: Report, pose: RobotReport) -> None:
+        self._last_ns = self._surroundings.clock.now_ns()
+        report(actuator.on_report(pose))
 
     def _on_problem(self, problem: str) -> None:
         if problem != self._problem:
             self._problem = problem
-            self._around.health.warn("pose", problem)
+            self._surroundings.health.warn("pose", problem)
 
-    def _lose(self, report: Report) -> None:
+    def _report_loss(self, report: Report) -> None:
         self._last_ns = 0
         source = self._config.pose
-        where = source.topic or f"/tf of {source.frame}"
-        report(LinkLost(self._problem or f"no pose comes from {where}: start the robot, or correct `pose`"))
+        origin = source.topic or f"/tf of {source.frame}"
+        problem = self._problem or f"no pose comes from {origin}: start the robot, or correct `pose`"
+        report(LinkLost(problem))
 
-    def _leave(self) -> None:
+    def _end_commands(self) -> None:
         self._actuator = None
         self._report = None
         self._last_ns = 0
@@ -158,4 +176,7 @@ def _leads_somewhere(command: Command) -> bool:
             numbers = [height_m]
         case Stop():
             return True
-    return bool(numbers) and all(map(math.isfinite, (*numbers, getattr(command, "yaw_rad", None) or 0.0)))
+    if not numbers:
+        return False
+    yaw_rad = getattr(command, "yaw_rad", None) or 0.0
+    return all(map(math.isfinite, (*numbers, yaw_rad)))

@@ -87,12 +87,13 @@ class GoalBook:
 
     def on_response(self, goal: bytes, *, accepted: bool, now_ns: int) -> Outcome | None:
         """Return the news for the person, if any, of a server's first answer to `goal`."""
-        known = self._goals.get(goal)
-        if known is None or known.state not in {"sent", "silent"}:
+        record = self._goals.get(goal)
+        if record is None or record.state not in {"sent", "silent"}:
             return None
-        known.state, known.decided_ns = ("accepted", now_ns) if accepted else ("over", now_ns)
+        record.state = "accepted" if accepted else "over"
+        record.decided_ns = now_ns
         if goal != self.wanted:
-            known.cancelled_ns = 0  # a cancellation before its acceptance had no effect
+            record.cancelled_ns = 0  # a cancellation before its acceptance had no effect
             return None
         if accepted:
             return "accepted"
@@ -104,10 +105,10 @@ class GoalBook:
 
         The goal is cancelled, since it may be running.
         """
-        known = self._goals.get(goal)
-        if known is None or known.state not in OPEN:
+        record = self._goals.get(goal)
+        if record is None or record.state not in OPEN:
             return None
-        known.state = "silent"
+        record.state = "silent"
         if goal != self.wanted:
             return None
         self.wanted = None
@@ -124,37 +125,41 @@ class GoalBook:
 
         The end of the wanted goal is not an outcome yet: its result contains the reason, see `overdue`.
         """
-        outcomes: list[Outcome | None] = []
+        outcomes: list[Outcome] = []
         for goal, status in statuses:
-            known = self._goals.get(goal)
+            record = self._goals.get(goal)
             if status in ACTIVE:
-                outcomes.append(self._on_active(goal, now_ns))
-            elif known is not None and status in TERMINAL:
+                outcome = self._on_active(goal, now_ns)
+                if outcome is not None:
+                    outcomes.append(outcome)
+            elif record is not None and status in TERMINAL:
                 if goal != self.wanted:
-                    known.state = "over"
-                elif known.end == GoalStatus.UNKNOWN:
-                    known.end = status
-                    known.end_ns = now_ns
-        return [each for each in outcomes if each is not None]
+                    record.state = "over"
+                elif record.end == GoalStatus.UNKNOWN:
+                    record.end = status
+                    record.end_ns = now_ns
+        return outcomes
 
     def overdue(self, now_ns: int) -> Outcome | None:
         """Return the news of the wanted goal's end by the status topic if its result has not come since."""
-        known = None if self.wanted is None else self._goals[self.wanted]
-        if known is None or known.end == GoalStatus.UNKNOWN or now_ns - known.end_ns < RESULT_NS:
+        if self.wanted is None:
             return None
-        return self.on_end(self.wanted or b"", known.end)
+        record = self._goals[self.wanted]
+        if record.end == GoalStatus.UNKNOWN or now_ns - record.end_ns < RESULT_NS:
+            return None
+        return self.on_end(self.wanted, record.end)
 
     def is_reported(self, goal: bytes, now_ns: int) -> bool:
         """Return True if there was feedback about `goal` just now."""
-        known = self._goals.get(goal)
-        return known is not None and now_ns - known.received_ns < GRACE_NS
+        record = self._goals.get(goal)
+        return record is not None and now_ns - record.received_ns < GRACE_NS
 
     def on_end(self, goal: bytes, status: int) -> Outcome | None:
         """Return the outcome of `goal` once, even if its end is reported repeatedly."""
-        known = self._goals.get(goal)
-        if known is None or known.state == "over":
+        record = self._goals.get(goal)
+        if record is None or record.state == "over":
             return None
-        known.state = "over"
+        record.state = "over"
         if goal != self.wanted:
             return None
         self.wanted = None
@@ -165,37 +170,43 @@ class GoalBook:
 
         A server that has just accepted the wanted goal gets `GRACE_NS` to end the others by itself.
         """
-        wanted = None if self.wanted is None else self._goals[self.wanted]
-        if wanted is not None and (wanted.state == "sent" or now_ns - wanted.decided_ns < GRACE_NS):
-            return []
-        found = [
-            goal
-            for goal, known in self._goals.items()
-            if goal != self.wanted and known.state in OPEN and now_ns - known.cancelled_ns >= RETRY_NS
-        ]
-        for goal in found:
-            self._goals[goal].cancelled_ns = now_ns
-        return found
+        if self.wanted is not None:
+            wanted = self._goals[self.wanted]
+            if wanted.state == "sent" or now_ns - wanted.decided_ns < GRACE_NS:
+                return []
+        due: list[bytes] = []
+        for goal, record in self._goals.items():
+            if goal == self.wanted or record.state not in OPEN:
+                continue
+            if now_ns - record.cancelled_ns >= RETRY_NS:
+                record.cancelled_ns = now_ns
+                due.append(goal)
+        return due
 
     def on_unknown(self, goal: bytes) -> None:
         """Stop cancelling `goal`, which the server does not know.
 
         It may receive the goal later, and report it.
         """
-        known = self._goals.get(goal)
-        if known is not None and goal != self.wanted and known.state in {"silent", "accepted", "active"}:
-            known.state = "unknown"
+        record = self._goals.get(goal)
+        if record is None or goal == self.wanted:
+            return
+        if record.state in {"silent", "accepted", "active"}:
+            record.state = "unknown"
 
     @property
     def has_unwanted(self) -> bool:
         """Return True if the server may work on a goal that nobody wants."""
-        return any(goal != self.wanted and known.state in OPEN for goal, known in self._goals.items())
+        for goal, record in self._goals.items():
+            if goal != self.wanted and record.state in OPEN:
+                return True
+        return False
 
     def _on_active(self, goal: bytes, now_ns: int) -> Outcome | None:
-        known = self._goals.get(goal)
-        if known is None or known.state in {"active", "over"}:
+        record = self._goals.get(goal)
+        if record is None or record.state in {"active", "over"}:
             return None
-        if known.state != "accepted":
-            known.decided_ns = now_ns
-        known.state = "active"
+        if record.state != "accepted":
+            record.decided_ns = now_ns
+        record.state = "active"
         return "active" if goal == self.wanted else None

@@ -79,13 +79,18 @@ class ActionClient:
         self._on_status = on_status
         self._on_problem = on_problem
         feedback = f"{kind}_FeedbackMessage"
-        types.prepare(feedback, STATUS, CANCEL, f"{kind}_SendGoal", f"{kind}_GetResult")
-        self._ends: tuple[Closable, ...] = (
-            backend.subscribe(
-                f"{self._topics}/feedback", types.kind(feedback), FEEDBACK_QOS, self._take_feedback
-            ),
-            backend.subscribe(f"{self._topics}/status", types.kind(STATUS), STATUS_QOS, self._take_status),
+        send_goal = f"{kind}_SendGoal"
+        get_result = f"{kind}_GetResult"
+        types.prepare(feedback, STATUS, CANCEL, send_goal, get_result)
+
+        # Feedback says that the server works on a goal, status when one has ended
+        feedback_end = backend.subscribe(
+            f"{self._topics}/feedback", types.kind(feedback), FEEDBACK_QOS, self._process_feedback
         )
+        status_end = backend.subscribe(
+            f"{self._topics}/status", types.kind(STATUS), STATUS_QOS, self._process_status
+        )
+        self._ends: tuple[Closable, ...] = (feedback_end, status_end)
 
     async def send(self, goal: bytes, value: Any) -> bool:
         """Send the goal `value` (of the type `…_Goal`). Return True if the server accepts it.
@@ -93,7 +98,8 @@ class ActionClient:
         Raises:
             TimeoutError: If there is no server, or it does not answer.
         """
-        answer = await self._call("send_goal", f"{self._kind}_SendGoal", ANSWER_S, goal, goal=value)
+        service = f"{self._kind}_SendGoal"
+        answer = await self._call("send_goal", service, ANSWER_S, goal, goal=value)
         return bool(answer.accepted)
 
     async def result(self, goal: bytes, timeout_s: float) -> tuple[int, Any]:
@@ -102,7 +108,8 @@ class ActionClient:
         Raises:
             TimeoutError: If the server has gone, or that takes longer.
         """
-        answer = await self._call("get_result", f"{self._kind}_GetResult", timeout_s, goal)
+        service = f"{self._kind}_GetResult"
+        answer = await self._call("get_result", service, timeout_s, goal)
         return int(answer.status), answer.result
 
     async def cancel(self, goal: bytes) -> int:
@@ -114,7 +121,8 @@ class ActionClient:
         types = self._types
         info = types.make("action_msgs/msg/GoalInfo", goal_id=self._id(goal))
         request = types.make(types.request_of(CANCEL), goal_info=info)
-        return int((await self._call_service("cancel_goal", CANCEL, CANCEL_S, request)).return_code)
+        answer = await self._call_service("cancel_goal", CANCEL, CANCEL_S, request)
+        return int(answer.return_code)
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -122,14 +130,17 @@ class ActionClient:
             end.close()
 
     async def _call(self, name: str, service: str, timeout_s: float, identity: bytes, **fields: Any) -> Any:
-        request = self._types.make(self._types.request_of(service), goal_id=self._id(identity), **fields)
+        types = self._types
+        request_type = types.request_of(service)
+        request = types.make(request_type, goal_id=self._id(identity), **fields)
         return await self._call_service(name, service, timeout_s, request)
 
     async def _call_service(self, name: str, service: str, timeout_s: float, request: Any) -> Any:
         types = self._types
         cdr = types.encode(types.request_of(service), request)
         full = f"{self._topics}/{name}"
-        answer = await self._backend.call(full, types.kind(service), cdr, timeout_s=timeout_s)
+        kind = types.kind(service)
+        answer = await self._backend.call(full, kind, cdr, timeout_s=timeout_s)
         try:
             return types.decode(types.response_of(service), answer)
         except ValueError as error:
@@ -138,23 +149,27 @@ class ActionClient:
     def _id(self, goal: bytes) -> Any:
         return self._types.make("unique_identifier_msgs/msg/UUID", uuid=goal)
 
-    def _take_feedback(self, cdr: bytes) -> None:
+    def _process_feedback(self, cdr: bytes) -> None:
         value = self._read(f"{self._kind}_FeedbackMessage", cdr, "feedback")
         if value is not None:
             self._on_feedback(_bytes(value.goal_id), value.feedback)
 
-    def _take_status(self, cdr: bytes) -> None:
+    def _process_status(self, cdr: bytes) -> None:
         value = self._read(STATUS, cdr, "status")
-        if value is not None:
-            self._on_status(
-                [(_bytes(each.goal_info.goal_id), int(each.status)) for each in value.status_list]
-            )
+        if value is None:
+            return
+        statuses: list[tuple[bytes, int]] = []
+        for entry in value.status_list:
+            goal = _bytes(entry.goal_info.goal_id)
+            statuses.append((goal, int(entry.status)))
+        self._on_status(statuses)
 
     def _read(self, name: str, cdr: bytes, topic: str) -> Any | None:
         try:
             return self._types.decode(name, cdr)
         except ValueError as error:
-            self._on_problem(f"what came from {self._topics}/{topic} was dropped: {error}")
+            topic_name = f"{self._topics}/{topic}"
+            self._on_problem(f"what came from {topic_name} was dropped: {error}")
             return None
 
 
@@ -180,7 +195,7 @@ class Navigator:
         self._types = types
         self._config = config
         self._now_ns = now_ns
-        self._tell = report
+        self._report = report
         self._on_distance = on_distance
         self._client = ActionClient(
             backend,
@@ -192,14 +207,18 @@ class Navigator:
             on_problem=on_problem,
         )
         self._book = GoalBook()
+
+        # Requests to the server, which are open for as long as it works on a goal
         self._tasks: set[asyncio.Task[None]] = set()
         self._is_clear = True
         """False from a stop until the server has answered to the request to cancel all goals."""
         self._clearing: asyncio.Task[None] | None = None
         self._cleared_ns = 0
         """Time of the last request to cancel all goals."""
+
+        # The command, and what of it is to be sent
         self._order = 0
-        self._way: list[tuple[Vec3, float | None]] = []
+        self._waypoints: list[tuple[Vec3, float | None]] = []
         """Places to go to, in order, each with a yaw, rad, or None: that of the way there."""
         self._follow: Follow | None = None
         """The newest place to follow, or None if the robot follows none."""
@@ -218,17 +237,19 @@ class Navigator:
         if isinstance(command, Follow):
             self._order = command.order
             self._follow = command
-            self._way = []
+            self._waypoints = []
             self.tick()
             return
         self._order = command.order
         self._follow = None
         self._last_m = None
-        self._way = []
+        self._waypoints = []
         match command:
             case FollowPath(points_m=points_m, yaw_rad=yaw_rad):
-                self._way = [*((point_m, None) for point_m in points_m[:-1]), (points_m[-1], yaw_rad)]
-                self._next()
+                for point_m in points_m[:-1]:
+                    self._waypoints.append((point_m, None))
+                self._waypoints.append((points_m[-1], yaw_rad))  # the yaw is that at the end
+                self._send_next()
             case Stop():
                 self._book.drop()
                 self._is_clear = False
@@ -240,19 +261,24 @@ class Navigator:
     def tick(self) -> None:
         """Send the place to follow if it is time, and cancel what nobody wants."""
         now_ns = self._now_ns()
-        self._on_outcome(
-            self._book.overdue(now_ns), self._order, f"{self._config.action} gave up: see Nav2's log"
-        )
+        reason = f"{self._config.action} gave up: see Nav2's log"
+        self._on_outcome(self._book.overdue(now_ns), self._order, reason)
+
+        # A place to follow is a new goal if it has moved, once a second
         follow = self._follow
         if follow is not None and now_ns - self._sent_ns >= AGAIN_NS:
             last_m = self._last_m
-            if last_m is None or vector.norm(vector.subtract(follow.position_m, last_m)) >= AGAIN_M:
+            is_new = last_m is None or _distance_m(follow.position_m, last_m) >= AGAIN_M
+            if is_new:
                 self._last_m = follow.position_m
                 self._send(follow.position_m, follow.yaw_rad)
+
+        # Only without a goal of ours all goals are cancelled
         for goal in self._book.to_cancel(now_ns):
             self._start(self._cancel(goal))
-        is_due = self._clearing is None and now_ns - self._cleared_ns >= RETRY_NS
-        if not self._is_clear and self._book.wanted is None and is_due:
+        if self._is_clear or self._book.wanted is not None:
+            return
+        if self._clearing is None and now_ns - self._cleared_ns >= RETRY_NS:
             self._cleared_ns = now_ns
             self._clearing = self._start(self._clear())
 
@@ -260,7 +286,7 @@ class Navigator:
         """Cancel all goals and wait for that, `HALT_S` at most; then unsubscribe."""
         self._order = 0
         self._follow = None
-        self._way = []
+        self._waypoints = []
         self._book.drop()
         try:
             async with asyncio.timeout(HALT_S):
@@ -275,27 +301,37 @@ class Navigator:
                 task.cancel()
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    def _next(self) -> None:
-        (point_m, yaw_rad), *self._way = self._way
+    def _send_next(self) -> None:
+        (point_m, yaw_rad), *self._waypoints = self._waypoints
         self._send(point_m, yaw_rad)
 
     def _send(self, position_m: Vec3, yaw_rad: float | None) -> None:
         self._sent_ns = self._now_ns()
         goal = uuid.uuid4().bytes
         self._book.begin(goal)
-        self._start(self._send_goal(goal, self._order, self._goal(position_m, yaw_rad)))
+        value = self._goal(position_m, yaw_rad)
+        self._start(self._send_goal(goal, self._order, value))
 
     def _goal(self, position_m: Vec3, yaw_rad: float | None) -> Any:
         if yaw_rad is None:
-            way = (1.0, 0.0, 0.0) if self._at_m is None else vector.subtract(position_m, self._at_m)
-            yaw_rad = vector.azimuth(way) if math.hypot(way[0], way[1]) > 0.0 else 0.0
+            yaw_rad = self._yaw_towards(position_m)
         types = self._types
+        orientation = rotation.from_yaw(yaw_rad)
         pose = types.make(
             "geometry_msgs/msg/PoseStamped",
             header=values.header(types, self._now_ns(), self._config.frame),
-            pose=values.pose(types, position_m, rotation.from_yaw(yaw_rad)),
+            pose=values.pose(types, position_m, orientation),
         )
         return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose)
+
+    def _yaw_towards(self, position_m: Vec3) -> float:
+        """Return the azimuth from the robot to `position_m`, rad, or 0 if there is none."""
+        if self._at_m is None:
+            return 0.0
+        step_m = vector.subtract(position_m, self._at_m)
+        if math.hypot(step_m[0], step_m[1]) > 0.0:
+            return vector.azimuth(step_m)
+        return 0.0
 
     async def _send_goal(self, goal: bytes, order: int, value: Any) -> None:
         if self._clearing is not None:  # which would cancel it, too
@@ -303,27 +339,32 @@ class Navigator:
             if goal != self._book.wanted:
                 self._book.on_response(goal, accepted=False, now_ns=self._now_ns())
                 return
+
+        # Accepted, refused or no answer: the book knows what that means for the person
         try:
             is_accepted = await self._client.send(goal, value)
         except TimeoutError as error:
-            self._on_outcome(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+            reason = f"{error}; check that Nav2 runs"
+            self._on_outcome(self._book.on_silence(goal), order, reason)
             return
         outcome = self._book.on_response(goal, accepted=is_accepted, now_ns=self._now_ns())
         self._on_outcome(outcome, order, f"{self._config.action} refused the goal: see Nav2's log")
         self.tick()  # it may be unwanted by now
         if is_accepted:
-            await self._ended(goal, order)
+            await self._await_end(goal, order)
 
-    async def _ended(self, goal: bytes, order: int) -> None:
+    async def _await_end(self, goal: bytes, order: int) -> None:
         while True:
             try:
                 status, result = await self._client.result(goal, RESULT_S)
             except TimeoutError as error:
                 if self._book.is_reported(goal, self._now_ns()):
                     continue
-                self._on_outcome(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+                reason = f"{error}; check that Nav2 runs"
+                self._on_outcome(self._book.on_silence(goal), order, reason)
                 return
-            self._on_outcome(self._book.on_end(goal, status), order, _why(result, status))
+            outcome = self._book.on_end(goal, status)
+            self._on_outcome(outcome, order, _failure_reason(result, status))
             return
 
     async def _cancel(self, goal: bytes) -> None:
@@ -345,9 +386,11 @@ class Navigator:
             self._clearing = None
 
     def _on_feedback(self, goal: bytes, feedback: Any) -> None:
-        if goal == self._book.wanted and math.isfinite(feedback.distance_remaining):
-            self._on_distance(float(feedback.distance_remaining))
-        self._on_outcome(self._book.on_feedback(goal, self._now_ns()), self._order)
+        remaining_m = feedback.distance_remaining
+        if goal == self._book.wanted and math.isfinite(remaining_m):
+            self._on_distance(float(remaining_m))
+        outcome = self._book.on_feedback(goal, self._now_ns())
+        self._on_outcome(outcome, self._order)
 
     def _on_status(self, statuses: list[tuple[bytes, int]]) -> None:
         for outcome in self._book.on_status(statuses, self._now_ns()):
@@ -358,16 +401,21 @@ class Navigator:
 
         For a robot that follows, only failures are reported.
         """
-        is_bad = outcome in {"refused", "failed"}
-        if outcome is None or not (is_bad if self._follow is not None else order == self._order):
+        if outcome is None:
             return
-        if outcome == "done" and self._way:
-            self._next()
+        is_failure = outcome in {"refused", "failed"}
+        is_of_interest = order == self._order
+        if self._follow is not None:
+            is_of_interest = is_failure
+        if not is_of_interest:
             return
-        self._report_outcome(outcome, reason if is_bad else "")
+        if outcome == "done" and self._waypoints:
+            self._send_next()
+            return
+        self._report_outcome(outcome, reason if is_failure else "")
 
     def _report_outcome(self, outcome: Outcome, reason: str) -> None:
-        self._tell(OrderStatus(order=self._order, state=outcome, reason=reason))
+        self._report(OrderStatus(order=self._order, state=outcome, reason=reason))
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
@@ -376,8 +424,14 @@ class Navigator:
         return task
 
 
-def _why(result: Any, status: int) -> str:
-    message = getattr(result, "error_msg", "")
+def _distance_m(a_m: Vec3, b_m: Vec3) -> float:
+    return vector.norm(vector.subtract(a_m, b_m))
+
+
+def _failure_reason(result: Any, status: int) -> str:
+    """Return the reason of a failure by Nav2's message, its error code, or the status."""
+    text = getattr(result, "error_msg", "")
     code = int(getattr(result, "error_code", 0))
-    text = message or (f"error {code}" if code else f"status {status}")
+    if not text:
+        text = f"error {code}" if code else f"status {status}"
     return f"Nav2 gave up: {text[:200]}"

@@ -72,12 +72,13 @@ def _driver() -> Any:
     try:
         return importlib.import_module("pointit.bridges.ros2.robot.driver")
     except ModuleNotFoundError as error:
-        raise ConfigError(f"driver ros2 needs {error.name}: run {remedy('ros2')}") from error
+        needed = error.name
+        raise ConfigError(f"driver ros2 needs {needed}: run {remedy('ros2')}") from error
 
 
 def _make(config: Any, spec: RobotSpec, surroundings: Surroundings) -> RobotDriver:
-    made: RobotDriver = _driver().Ros2Driver(config, spec, surroundings)
-    return made
+    driver: RobotDriver = _driver().Ros2Driver(config, spec, surroundings)
+    return driver
 
 
 def _check(config: Any) -> None:

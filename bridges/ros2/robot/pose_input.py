@@ -51,39 +51,50 @@ class PoseReader:
     def message(self, value: Any, now_ns: int) -> RobotReport | str:
         """Return the report of a message of the topic, or a sentence why there is none, or `""`."""
         source = self._source
-        stamp, (seen,) = READERS[source.type](value)
+        stamp, (sighting,) = READERS[source.type](value)
         stamp_ns = captured(stamp, now_ns, f"what {source.topic} tells", source.stale_s)
         if isinstance(stamp_ns, str):
             return stamp_ns
-        return seen if isinstance(seen, str) else self._report(seen, stamp_ns, now_ns)
+        if isinstance(sighting, str):
+            return sighting
+        return self._report(sighting, stamp_ns, now_ns)
 
-    def _report(self, seen: Sighting, stamp_ns: int, now_ns: int) -> RobotReport | str:
+    def _report(self, sighting: Sighting, stamp_ns: int, now_ns: int) -> RobotReport | str:
+        """Return the report of a pose, or a sentence why there is none, or `""`."""
         source = self._source
-        own = "" if source.type == TF else source.frame
+        own_frame = "" if source.type == TF else source.frame
         lookup = FrameLookup(self._buffer, self._known, now_ns, source.stale_s)
-        frame = lookup.pose(seen.frame or own)
+        frame = lookup.pose(sighting.frame or own_frame)
         if isinstance(frame, str):
             return frame
-        if not seen.has_heading and self._yaw_rad is None:
-            return seen.notes[0]
+        if not sighting.has_heading and self._yaw_rad is None:
+            return sighting.notes[0]
+
+        # Time of measurement, later than that of the last report
         stamp_ns = max(stamp_ns - round(source.latency_s * NS_PER_S), 0)
-        if 0 <= self._last_ns - stamp_ns < NS_PER_S or 0 < stamp_ns - self._last_ns < SOONEST_NS:
-            return ""  # overtaken, told twice, or too soon
-        pose = compose(frame, seen.pose)
-        velocity_mps = stated_velocity(seen, own, pose, lookup)
-        problems = (*seen.notes, velocity_mps) if isinstance(velocity_mps, str) else seen.notes
+        is_overtaken = 0 <= self._last_ns - stamp_ns < NS_PER_S
+        if is_overtaken or 0 < stamp_ns - self._last_ns < SOONEST_NS:
+            return ""  # overtaken, sent twice, or too soon
+
+        # Velocity by the message, or else by the positions before
+        pose = compose(frame, sighting.pose)
+        velocity_mps = stated_velocity(sighting, own_frame, pose, lookup)
+        problems = sighting.notes
+        if isinstance(velocity_mps, str):
+            problems = (*problems, velocity_mps)
         if velocity_mps is None or isinstance(velocity_mps, str):
             velocity_mps = self._motion.velocity_mps("", pose.position_m, stamp_ns)
+
         self._last_ns = stamp_ns
         self.problem = "; ".join(problems)
-        if seen.has_heading or self._yaw_rad is None:
+        if sighting.has_heading or self._yaw_rad is None:
             self._yaw_rad = yaw(pose.orientation)
         return RobotReport(
             stamp_ns=stamp_ns,
             position_m=pose.position_m,
             yaw_rad=self._yaw_rad,
             velocity_mps=velocity_mps,
-            position_sigma_m=seen.sigma_m,
+            position_sigma_m=sighting.sigma_m,
         )
 
 
@@ -107,45 +118,49 @@ class PoseInput:
         self._now_ns = now_ns
         self._on_report = on_report
         self._on_problem = on_problem
+
+        # Transforms in any case: also the pose of a topic may be in a frame of tf
         types.prepare(TF_TYPE)
         tf = types.kind(TF_TYPE)
-        self._ends: list[Closable] = [
-            backend.subscribe("/tf_static", tf, Qos(depth=100, latched=True), self._take_static),
-            backend.subscribe("/tf", tf, Qos(depth=100), self._take_moving),
-        ]
+        latched = Qos(depth=100, latched=True)
+        static_end = backend.subscribe("/tf_static", tf, latched, self._on_static)
+        moving_end = backend.subscribe("/tf", tf, Qos(depth=100), self._on_moving)
+        self._ends: list[Closable] = [static_end, moving_end]
         self._name = source.type.replace("/", "/msg/")
         if source.type != TF:
             types.prepare(self._name)
-            self._ends.append(
-                backend.subscribe(source.topic, types.kind(self._name), SENSOR, self._take_message)
-            )
+            kind = types.kind(self._name)
+            self._ends.append(backend.subscribe(source.topic, kind, SENSOR, self._on_message))
 
     def close(self) -> None:
         """Unsubscribe."""
         for end in self._ends:
             end.close()
 
-    def _take_static(self, cdr: bytes) -> None:
-        self._take(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=True))
+    def _on_static(self, cdr: bytes) -> None:
+        self._process(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=True))
 
-    def _take_moving(self, cdr: bytes) -> None:
+    def _on_moving(self, cdr: bytes) -> None:
         if self._reader.is_wanted(cdr):
-            self._take(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=False))
+            self._process(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=False))
 
     def _transforms(self, value: Any, *, is_static: bool) -> RobotReport | str:
         return self._reader.transforms(value, self._now_ns(), is_static=is_static)
 
-    def _take_message(self, cdr: bytes) -> None:
-        self._take(self._name, cdr, lambda value: self._reader.message(value, self._now_ns()))
+    def _on_message(self, cdr: bytes) -> None:
+        self._process(self._name, cdr, self._message)
 
-    def _take(self, name: str, cdr: bytes, read: Callable[[Any], RobotReport | str]) -> None:
+    def _message(self, value: Any) -> RobotReport | str:
+        return self._reader.message(value, self._now_ns())
+
+    def _process(self, name: str, cdr: bytes, read: Callable[[Any], RobotReport | str]) -> None:
         try:
-            found = read(self._types.decode(name, cdr))
+            report = read(self._types.decode(name, cdr))
         except ValueError as error:
-            found = f"a {name} was dropped: {error}"
-        if isinstance(found, str):
-            if found:
-                self._on_problem(found)
+            report = f"a {name} was dropped: {error}"
+        if isinstance(report, str):
+            if report:
+                self._on_problem(report)
             return
         self._on_problem(self._reader.problem)
-        self._on_report(found)
+        self._on_report(report)

@@ -64,14 +64,16 @@ class SetPoints:
         """The set-point, None while none is sent."""
         self._speed_mps = 0.0
         self._command: Command | None = None
-        self._way: list[Vec3] = []
+        self._waypoints_m: list[Vec3] = []
         """Places to go to, in order."""
         self._is_over = True
 
     @property
     def is_flying(self) -> bool:
         """Return True while it is above the ground."""
-        return self._at_m is not None and self._at_m[2] > self._ground_m + FLYING_M
+        if self._at_m is None:
+            return False
+        return self._at_m[2] > self._ground_m + FLYING_M
 
     def on_pose(self, position_m: Vec3, yaw_rad: float, velocity_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
         """Store the drone's pose and velocity."""
@@ -83,18 +85,23 @@ class SetPoints:
     def command(self, command: Command) -> tuple[Outcome, str] | None:
         """Carry out `command`; return the news for the person, if there are some at once."""
         if self._at_m is None:
-            return (
-                None if isinstance(command, Stop) else ("refused", "its pose is not known: check its topic")
-            )
+            if isinstance(command, Stop):
+                return None
+            return "refused", "its pose is not known: check its topic"
         if not self.is_flying and isinstance(command, Follow | FollowPath):
             return "refused", "it is on the ground: take off first"
-        if isinstance(command, Stop | Land) and not self.is_flying and self._now is None:
+        is_at_rest = not self.is_flying and self._now is None
+        if is_at_rest and isinstance(command, Stop | Land):
             return "done", ""
+
         self._command = command
         self._is_over = False
-        self._way = self._places(command, self._at_m)
+        self._waypoints_m = self._places(command, self._at_m)
         yaw_rad = getattr(command, "yaw_rad", None)
-        self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
+        if yaw_rad is not None:
+            self._yaw_rad = yaw_rad
+
+        # A new flight, and a stop, begin where the drone comes to rest
         if self._now is None or isinstance(command, Stop):
             self._now = self._rest_m(self._at_m)
             self._speed_mps = 0.0
@@ -109,7 +116,7 @@ class SetPoints:
         if self._now is None or self._at_m is None:
             return None, None
         done: Outcome | None = None
-        if is_fresh and self._way:
+        if is_fresh and self._waypoints_m:
             self._now = self._advanced(passed_s, self._now, self._at_m)
             done = self._arrived(self._at_m)
         return self._set_point(), done
@@ -126,8 +133,11 @@ class SetPoints:
             case TakeOff(height_m=height_m):
                 return [(at_m[0], at_m[1], self._ground_m + height_m)]
             case Land(position_m=position_m):
-                over = at_m if position_m is None else (position_m[0], position_m[1], at_m[2])
-                return [over, (over[0], over[1], self._ground_m - UNDER_M)]
+                above_m = at_m
+                if position_m is not None:
+                    above_m = (position_m[0], position_m[1], at_m[2])
+                under_m = (above_m[0], above_m[1], self._ground_m - UNDER_M)
+                return [above_m, under_m]
             case Stop():
                 return []
 
@@ -136,51 +146,66 @@ class SetPoints:
         speed_mps = min(vector.norm(self._velocity_mps), self._spec.max_speed_mps)
         if not self.is_flying or speed_mps == 0.0:
             return at_m
-        way_s = speed_mps / (2.0 * self._spec.max_acceleration_mps2)
-        x, y, z = vector.add(at_m, vector.scale(self._velocity_mps, way_s))
+        brake_s = speed_mps / (2.0 * self._spec.max_acceleration_mps2)
+        brake_m = vector.scale(self._velocity_mps, brake_s)
+        x, y, z = vector.add(at_m, brake_m)
         return x, y, max(z, self._ground_m + FLYING_M)
 
     def _advanced(self, passed_s: float, now_m: Vec3, at_m: Vec3) -> Vec3:
         """Return the set-point `now_m` moved on towards the next place; the drone is at `at_m`."""
-        left = vector.subtract(self._way[0], now_m)
-        left_m = vector.norm(left)
+        remaining = vector.subtract(self._waypoints_m[0], now_m)
+        remaining_m = vector.norm(remaining)
         limit_mps = self._limit_mps()
-        if left_m == 0.0:
+        if remaining_m == 0.0:
             self._speed_mps = 0.0
             return now_m
+
+        # Speed: as fast as it may, so that it can still brake before the last place
         acceleration_mps2 = self._spec.max_acceleration_mps2
-        is_last = len(self._way) == 1
-        brake_mps = math.sqrt(2.0 * acceleration_mps2 * left_m) if is_last else limit_mps
-        self._speed_mps = min(limit_mps, brake_mps, self._speed_mps + acceleration_mps2 * passed_s)
-        step_m = min(left_m, self._speed_mps * passed_s)
-        moved_m = vector.add(now_m, vector.scale(left, step_m / left_m))
-        ahead_m = vector.norm(vector.subtract(moved_m, at_m))
-        before_m = vector.norm(vector.subtract(now_m, at_m))
-        if ahead_m <= MAX_LEAD_M + limit_mps * MAX_LEAD_S or ahead_m < before_m:
-            return moved_m
+        brake_mps = limit_mps
+        if len(self._waypoints_m) == 1:
+            brake_mps = math.sqrt(2.0 * acceleration_mps2 * remaining_m)
+        faster_mps = self._speed_mps + acceleration_mps2 * passed_s
+        self._speed_mps = min(limit_mps, brake_mps, faster_mps)
+
+        # Step: not further ahead of the drone than it can follow
+        step_m = min(remaining_m, self._speed_mps * passed_s)
+        next_m = vector.add(now_m, vector.scale(remaining, step_m / remaining_m))
+        next_lead_m = vector.norm(vector.subtract(next_m, at_m))
+        lead_m = vector.norm(vector.subtract(now_m, at_m))
+        if next_lead_m <= MAX_LEAD_M + limit_mps * MAX_LEAD_S or next_lead_m < lead_m:
+            return next_m
         self._speed_mps = 0.0
         return now_m
 
     def _limit_mps(self) -> float:
-        is_vertical = isinstance(self._command, TakeOff) or (
-            isinstance(self._command, Land) and len(self._way) == 1
-        )
+        limit_mps = self._spec.max_speed_mps
         own_mps = getattr(self._command, "max_speed_mps", None)
-        limit_mps = self._spec.max_speed_mps if own_mps is None else min(own_mps, self._spec.max_speed_mps)
-        return min(limit_mps, DESCENT_MPS) if is_vertical else limit_mps
+        if own_mps is not None:
+            limit_mps = min(own_mps, limit_mps)
+        if isinstance(self._command, TakeOff) or self._is_descending:
+            limit_mps = min(limit_mps, DESCENT_MPS)
+        return limit_mps
+
+    @property
+    def _is_descending(self) -> bool:
+        """Return True if it lands, and is above the place."""
+        return isinstance(self._command, Land) and len(self._waypoints_m) == 1
 
     def _arrived(self, at_m: Vec3) -> Outcome | None:
         """Return `done` if the last place is reached, and go on to the next one if another is."""
-        is_landing = isinstance(self._command, Land) and len(self._way) == 1
-        if is_landing:
-            if self.is_flying or (self._now is not None and self._now != self._way[0]):
+        place_m = self._waypoints_m[0]
+        if self._is_descending:
+            if self.is_flying:
                 return None
-            self._now = None
-            self._way = []
-        elif vector.norm(vector.subtract(self._way[0], at_m)) > THERE_M:
+            if self._now is not None and self._now != place_m:
+                return None
+            self._now = None  # it stands: no set-point holds it in the air
+            self._waypoints_m = []
+        elif vector.norm(vector.subtract(place_m, at_m)) > THERE_M:
             return None
-        elif len(self._way) > 1:
-            del self._way[0]
+        elif len(self._waypoints_m) > 1:
+            del self._waypoints_m[0]
             return None
         if self._is_over or isinstance(self._command, Follow):
             return None
@@ -204,10 +229,11 @@ class SetPointSender:
         self._types = types
         self._config = config
         self._now_ns = now_ns
-        self._tell = report
+        self._report = report
         self._points = SetPoints(spec, config.ground_m)
         types.prepare(POSE)
-        self._writer = backend.advertise(config.setpoint_topic, types.kind(POSE), Qos(depth=10))
+        kind = types.kind(POSE)
+        self._writer = backend.advertise(config.setpoint_topic, kind, Qos(depth=10))
         self._order = 0
         self._ticked_ns = now_ns()
         self._received_ns = 0
@@ -223,25 +249,27 @@ class SetPointSender:
         self._order = command.order
         outcome = self._points.command(command)
         if outcome is not None:
-            self._tell(OrderStatus(command.order, *outcome))
+            self._report(OrderStatus(command.order, *outcome))
 
     def tick(self) -> None:
         """Send the set-point of now."""
         now_ns = self._now_ns()
-        passed_s = min(max(now_ns - self._ticked_ns, 0) / NS_PER_S, LONGEST_S)
+        ticked_s = max(now_ns - self._ticked_ns, 0) / NS_PER_S
+        passed_s = min(ticked_s, LONGEST_S)
         self._ticked_ns = now_ns
         is_fresh = now_ns - self._received_ns <= self._config.pose.stale_s * NS_PER_S
         point, done = self._points.step(passed_s, is_fresh=is_fresh)
         if point is not None:
             types = self._types
+            orientation = rotation.from_yaw(point.yaw_rad)
             message = types.make(
                 POSE,
                 header=values.header(types, now_ns, self._config.frame),
-                pose=values.pose(types, point.position_m, rotation.from_yaw(point.yaw_rad)),
+                pose=values.pose(types, point.position_m, orientation),
             )
             self._writer.put(types.encode(POSE, message))
         if done is not None:
-            self._tell(OrderStatus(self._order, done))
+            self._report(OrderStatus(self._order, done))
 
     async def close(self) -> None:
         """Hold the drone where it is, by a last set-point."""

@@ -37,8 +37,9 @@ def place(value: Any, label: str) -> Vec3 | str:
     x = float(value.x)
     y = float(value.y)
     z = float(value.z)
-    if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return f"{label} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
+    if not all(abs(coordinate) <= FARTHEST for coordinate in (x, y, z)):
+        position = f"({x:g}, {y:g}, {z:g}) m"
+        return f"{label} is not a position: {position}; send metres"
     return (x, y, z)
 
 
@@ -47,23 +48,22 @@ def velocity(value: Any) -> Vec3 | str:
     x = float(value.x)
     y = float(value.y)
     z = float(value.z)
-    if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return (
-            f"the twist is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
-        )
+    if not all(abs(component) <= FARTHEST for component in (x, y, z)):
+        vector_text = f"({x:g}, {y:g}, {z:g}) m/s"
+        return f"the twist is no velocity: {vector_text}; send m/s, or a covariance of -1 if unknown"
     return (x, y, z)
 
 
 def heading(turned: Quaternion, label: str) -> float | str:
     """Return the azimuth of the x axis, rad, or the rejection."""
-    ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))
-    elevation = vector.elevation(ahead)
+    x_axis = rotation.rotate(turned, (1.0, 0.0, 0.0))
+    elevation = vector.elevation(x_axis)
     if abs(elevation) > STEEPEST_RAD:
         return (
             f"{label} has no heading: its x axis points {math.degrees(elevation):.0f}° up; send the frame at "
             "the person's feet, x forward, z up"
         )
-    return vector.azimuth(ahead)
+    return vector.azimuth(x_axis)
 
 
 def stated_ns(stamp: Any) -> int | None:
@@ -80,10 +80,12 @@ def stamp(value: Any, context: ConversionContext, label: str) -> tuple[int, str]
     if -MAX_AHEAD_NS <= age_ns <= LATE_NS:
         return max(stamp_ns, 0), ""
     side = "behind" if age_ns > 0 else "ahead of"
-    return context.stamp_ns, (
-        f"{label} is stamped {abs(age_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
+    apart_s = abs(age_ns) / NS_PER_S
+    sentence = (
+        f"{label} is stamped {apart_s:.1f} s {side} the site's clock, and counts as of its "
         "arrival: synchronize the clocks, or let both follow /clock"
     )
+    return context.stamp_ns, sentence
 
 
 def named(name: str) -> str:

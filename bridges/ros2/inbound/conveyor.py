@@ -35,43 +35,48 @@ EVERY_STRIP = 0xFF
 def belt_command(value: Any, context: ConversionContext) -> Taken:
     """Convert a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
     names = list(value.name)
-    speeds = [float(each) for each in value.velocity]
-    if not names or len(names) != len(speeds) or len(names) > MAX_BELTS:
-        return (
-            ConversionWarning(
-                f"/belt_cmd has {len(names)} names and {len(speeds)} velocities: send one velocity for each, "
-                f"at most {MAX_BELTS}"
-            ),
+    speeds = [float(speed_mps) for speed_mps in value.velocity]
+    count = len(names)
+    if not 0 < count <= MAX_BELTS or count != len(speeds):
+        sentence = (
+            f"/belt_cmd has {count} names and {len(speeds)} velocities: send one velocity for each, "
+            f"at most {MAX_BELTS}"
         )
+        return (ConversionWarning(sentence),)
+
+    # Belts of equal speed become one command, after those for all belts
     taken: list[BusOutput | ConversionWarning] = []
     belts: dict[float, list[str]] = {}
     for name, speed_mps in zip(names, speeds, strict=True):
         lane = None if name == ALL else lane_of(name, context.state.lanes)
-        if problem := _too_fast("/belt_cmd", speed_mps):
+        problem = _too_fast("/belt_cmd", speed_mps)
+        if problem:
             taken.append(ConversionWarning(problem))
         elif name == ALL:
             taken.append(_at_speed(speed_mps))
         elif lane is None:
-            there_are = first_of(context.state.lanes, 20) or "none"
-            taken.append(
-                ConversionWarning(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}")
-            )
+            lanes = first_of(context.state.lanes, 20) or "none"
+            sentence = f"/belt_cmd: there is no belt {checks.named(name)}; there are {lanes}"
+            taken.append(ConversionWarning(sentence))
         else:
             belts.setdefault(speed_mps, []).append(lane)
-    taken += [_at_speed(speed_mps, tuple(lanes)) for speed_mps, lanes in belts.items()]
+    for speed_mps, lanes_of_speed in belts.items():
+        taken.append(_at_speed(speed_mps, tuple(lanes_of_speed)))
     return tuple(taken)
 
 
 def feed(value: Any, _context: ConversionContext) -> Taken:
     """Convert a std_msgs/Bool: start or stop the feeders."""
-    return (BusOutput(topics.SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
+    command = SetFeeding(feeding=bool(value.data))
+    return (BusOutput(topics.SET_FEEDING, "", command),)
 
 
 def add_package(value: Any, context: ConversionContext) -> Taken:
     """Convert a std_msgs/UInt8: add an object of that kind to the first lane."""
-    kind = context.state.kinds.kind(int(value.data))
+    number = int(value.data)
+    kind = context.state.kinds.kind(number)
     if kind is None:
-        return (ConversionWarning(_no_kind("/add_package", int(value.data), context)),)
+        return (ConversionWarning(_no_kind("/add_package", number, context)),)
     return (BusOutput(topics.ADD_PACKAGE, "", AddPackage(kind=kind)),)
 
 
@@ -88,9 +93,11 @@ class AddPack:
         belt = int(request.belt)
         position = float(request.position)
         state = context.state
-        taken = {state.uids.number(item.id) for item in state.tracked()}
+        used_uids = {state.uids.number(item.id) for item in state.tracked()}
         kind = state.kinds.kind(int(request.kind))
         lanes = state.lanes
+
+        # What the conveyor cannot do is refused with the range of what it can
         if kind is None:
             return ConversionWarning(_no_kind("add_pack", int(request.kind), context))
         if belt >= len(lanes):
@@ -102,15 +109,15 @@ class AddPack:
             return ConversionWarning(
                 f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)"
             )
-        if uid > MAX_NUMBER or uid in self._open or uid in taken:
+        is_used = uid in self._open or uid in used_uids
+        if uid > MAX_NUMBER or is_used:
             return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MAX_NUMBER}: ask for another")
+
+        # No other object gets the number, or is published without one, until the answer is here
         self._open[uid] = request
         state.uids.reserve(uid)
-        return BusOutput(
-            topics.ADD_PACKAGE,
-            "",
-            AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
-        )
+        command = AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position)
+        return BusOutput(topics.ADD_PACKAGE, "", command)
 
     def answers(self, request: Any, reply: Reply | None, context: ConversionContext) -> Any:
         """Return the response, and bind the caller's number to the new object."""
@@ -145,20 +152,25 @@ def set_brightness(request: Any, context: ConversionContext) -> BusOutput | Conv
         return ConversionWarning(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
     strips: tuple[str, ...] = ()
     if mask != EVERY_STRIP:
-        room = context.state.room
-        channels = (
-            {strip.id: context.state.channels.number(strip.id) for strip in room.strips} if room else {}
-        )
-        strips = tuple(name for name, number in channels.items() if mask >> number & 1)
+        numbers = _channel_numbers(context)
+        strips = tuple(name for name, number in numbers.items() if mask >> number & 1)
         if not strips:
-            there_are = ", ".join(f"{number} {name}" for name, number in channels.items()) or "none"
+            pairs = [f"{number} {name}" for name, number in numbers.items()]
+            channels = ", ".join(pairs) or "none"
             return ConversionWarning(
-                f"set_brightness: channel_index_mask {mask} means no strip: there are {there_are}; "
+                f"set_brightness: channel_index_mask {mask} means no strip: there are {channels}; "
                 f"{EVERY_STRIP} means all"
             )
-    return BusOutput(
-        topics.SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips)
-    )
+    command = SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips)
+    return BusOutput(topics.SET_BRIGHTNESS, "", command)
+
+
+def _channel_numbers(context: ConversionContext) -> dict[str, int]:
+    """Return the numbers of all strips of the map, by id."""
+    room = context.state.room
+    if room is None:
+        return {}
+    return {strip.id: context.state.channels.number(strip.id) for strip in room.strips}
 
 
 def set_yaw_origin(_request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
@@ -170,11 +182,12 @@ def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> BusOutput:
     return BusOutput(topics.SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
 
 
-def _too_fast(who: str, speed_mps: float) -> str:
+def _too_fast(command: str, speed_mps: float) -> str:
     if abs(speed_mps) <= FASTEST_MPS:
         return ""
-    return f"{who}: a speed of {speed_mps:g} m/s was asked for: send one within ±{FASTEST_MPS:g} m/s"
+    limit = f"±{FASTEST_MPS:g} m/s"
+    return f"{command}: a speed of {speed_mps:g} m/s was asked for: send one within {limit}"
 
 
-def _no_kind(who: str, number: int, context: ConversionContext) -> str:
-    return f"{who}: kind {number} means nothing here: there are {context.state.kinds}"
+def _no_kind(command: str, number: int, context: ConversionContext) -> str:
+    return f"{command}: kind {number} means nothing here: there are {context.state.kinds}"

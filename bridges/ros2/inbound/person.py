@@ -44,30 +44,35 @@ class Wrist:
 
     def rotation(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/QuaternionStamped."""
-        return self._turned(value, checks.quaternion(value.quaternion, _arm(context)), context)
+        orientation = checks.quaternion(value.quaternion, _arm(context))
+        return self._sample(value, orientation, context)
 
     def imu(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a sensor_msgs/Imu; only its orientation is used."""
         if float(value.orientation_covariance[0]) == -1.0:
             return (ConversionWarning(f"{_arm(context)} {NO_ORIENTATION}"),)
-        return self._turned(value, checks.quaternion(value.orientation, _arm(context)), context)
+        orientation = checks.quaternion(value.orientation, _arm(context))
+        return self._sample(value, orientation, context)
 
-    def _turned(self, value: Any, turned: Quaternion | str, context: ConversionContext) -> Taken:
-        problem = (
-            turned if isinstance(turned, str) else self._rival(frame_name(value.header.frame_id), context)
-        )
-        if isinstance(turned, str) or problem:
+    def _sample(self, value: Any, orientation: Quaternion | str, context: ConversionContext) -> Taken:
+        """Return the sample of the arm by a stamped value and its orientation, or the rejection of that."""
+        if isinstance(orientation, str):
+            return (ConversionWarning(orientation),)
+        problem = self._rival(frame_name(value.header.frame_id), context)
+        if problem:
             return (ConversionWarning(problem),)
         stamp_ns, problem = checks.stamp(value.header.stamp, context, _arm(context))
-        output = BusOutput(WRIST, context.name, WristSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
+        sample = WristSample(stamp_ns=stamp_ns, orientation_xyzw=orientation)
+        output = BusOutput(WRIST, context.name, sample)
         return (output, ConversionWarning(problem)) if problem else (output,)
 
     def _rival(self, frame: str, context: ConversionContext) -> str:
         """Return a sentence if a sensor in another frame moves the arm now, else `""`."""
         used, received_ns = self._frames.get(context.name, (frame, 0))
         if frame != used and context.stamp_ns - received_ns < REPLACED_NS:
+            frame_in_use = checks.named(used)
             return (
-                f"{_arm(context)} has several sensors: that of frame {checks.named(used)} is used, not "
+                f"{_arm(context)} has several sensors: that of frame {frame_in_use} is used, not "
                 f"that of {checks.named(frame)}; let only one of them publish to this person's topics"
             )
         self._frames[context.name] = (frame, context.stamp_ns)
@@ -86,7 +91,8 @@ class Button:
         self._down[context.name] = bool(value.data)
         if was_down or not value.data:
             return ()
-        return (BusOutput(BUTTON, context.name, ButtonEvent(stamp_ns=context.stamp_ns, source=SOURCE)),)
+        press = ButtonEvent(stamp_ns=context.stamp_ns, source=SOURCE)
+        return (BusOutput(BUTTON, context.name, press),)
 
     def forget(self, user: str) -> None:
         """Reset the button of `user`: after leaving with it down they may press when they return."""
@@ -106,7 +112,8 @@ class Poses:
         """Convert a geometry_msgs/PoseStamped."""
         if frame_name(value.header.frame_id) and not _is_in_room(value, context):
             return (_other_frame(value, context.name, context),)
-        return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, context)
+        pose = value.pose
+        return self._pose(pose.position, pose.orientation, value.header.stamp, context)
 
     def forearm(self, value: Any, context: ConversionContext) -> Taken:
         """Update the yaw of {H} by a geometry_msgs/PoseStamped of the marker body on the forearm."""
@@ -131,82 +138,96 @@ class Poses:
 
     def tf_static(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
-        for each in value.transforms:
-            if _is_in_room(each, context):
-                if len(self._static) >= MAX_TRANSFORMS:
-                    del self._static[next(iter(self._static))]
-                self._static[frame_name(each.child_frame_id)] = each
+        for transform in value.transforms:
+            if not _is_in_room(transform, context):
+                continue
+            if len(self._static) >= MAX_TRANSFORMS:
+                oldest = next(iter(self._static))
+                del self._static[oldest]
+            self._static[frame_name(transform.child_frame_id)] = transform
         return tuple(self._static_poses(value, context))
 
     def on_presence(self, context: ConversionContext) -> Taken:
         """Return the pose of a person who has just joined, if published before: it is not repeated."""
-        each = self._static.get(frame_name(context.state.frames.person(context.name)))
-        return () if each is None else self._stands(each, context.name, context)
+        frame = frame_name(context.state.frames.person(context.name))
+        transform = self._static.get(frame)
+        if transform is None:
+            return ()
+        return self._static_pose(transform, context.name, context)
 
     def _static_poses(
         self, value: Any, context: ConversionContext
     ) -> Iterator[BusOutput | ConversionWarning]:
-        for each, user in _of_people(value, context):
-            if _is_in_room(each, context):
-                yield from self._stands(each, user, context)
+        for transform, user in _of_people(value, context):
+            if _is_in_room(transform, context):
+                yield from self._static_pose(transform, user, context)
             else:
-                yield _other_frame(each, user, context)
+                yield _other_frame(transform, user, context)
 
-    def _stands(self, each: Any, user: str, context: ConversionContext) -> Taken:
+    def _static_pose(self, transform: Any, user: str, context: ConversionContext) -> Taken:
         """Return the pose by a transform of /tf_static, or a warning. A ROS-only user has no localizer."""
-        moved = each.transform
+        translation = transform.transform.translation
+        orientation = transform.transform.rotation
         now = context.state.types.make("builtin_interfaces/msg/Time")
         if user in context.state.ros_users:
             context.state.person(user).tf_until_ns = FOR_EVER_NS
-            return self._pose(moved.translation, moved.rotation, now, context._replace(name=user))
-        found = _placed(moved.translation, moved.rotation, user)
-        if isinstance(found, str):
-            return (ConversionWarning(found),)
+            return self._pose(translation, orientation, now, context._replace(name=user))
+        placed = _placed(translation, orientation, user)
+        if isinstance(placed, str):
+            return (ConversionWarning(placed),)
         context.state.person(user).tf_until_ns = FOR_EVER_NS
-        position_m, yaw_rad = found
-        return (BusOutput(SET_POSE, user, SetPose(position_m=position_m, yaw_rad=yaw_rad)),)
+        position_m, yaw_rad = placed
+        request = SetPose(position_m=position_m, yaw_rad=yaw_rad)
+        return (BusOutput(SET_POSE, user, request),)
 
     def _moving(self, value: Any, context: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
-        for each, user in _of_people(value, context):
-            if not _is_in_room(each, context):
-                yield _other_frame(each, user, context)
+        for transform, user in _of_people(value, context):
+            if not _is_in_room(transform, context):
+                yield _other_frame(transform, user, context)
                 continue
-            problem = self._rival(each)
+            problem = self._rival(transform)
             if problem:
                 yield ConversionWarning(problem)
+
+            # Also one that comes too soon says that its publisher runs
             context.state.person(user).tf_until_ns = context.stamp_ns + MAX_TF_AGE_NS
             since_ns = context.stamp_ns - self._sent_ns.get(user, -SOONEST_NS)
             if 0 <= since_ns < SOONEST_NS:
                 continue
             self._sent_ns[user] = context.stamp_ns
-            one = context._replace(name=user)
-            yield from self._pose(each.transform.translation, each.transform.rotation, each.header.stamp, one)
+            pose = transform.transform
+            own_context = context._replace(name=user)
+            yield from self._pose(pose.translation, pose.rotation, transform.header.stamp, own_context)
 
-    def _rival(self, each: Any) -> str:
+    def _rival(self, transform: Any) -> str:
         """Return a sentence if two nodes publish the frame of a transform, else `""`."""
-        frame = frame_name(each.child_frame_id)
-        position_m = checks.place(each.transform.translation, frame)
+        frame = frame_name(transform.child_frame_id)
+        position_m = checks.place(transform.transform.translation, frame)
         if isinstance(position_m, str):  # the pose is refused
             return ""
-        return self._rivals.describe(frame, frame_name(each.header.frame_id), position_m)
+        parent = frame_name(transform.header.frame_id)
+        return self._rivals.describe(frame, parent, position_m)
 
-    def _pose(self, at: Any, turned: Any, stamp: Any, context: ConversionContext) -> Taken:
+    def _pose(self, position: Any, orientation: Any, stamp: Any, context: ConversionContext) -> Taken:
+        """Return the person's pose, or a warning; the yaw is that by the forearm's body if they have one."""
         user = context.name
         person = context.state.people.get(user)
         forearm_yaw = None if person is None else person.forearm_yaw
         stamp_ns, problem = checks.stamp(stamp, context, f"the pose of {user}")
         covariance = UserPose.model_fields["covariance"].default
         if forearm_yaw is None or user in context.state.ros_users:
-            placed = _placed(at, turned, user)
+            placed = _placed(position, orientation, user)
         else:
+            # The body at the feet gives the position alone, at any orientation
             estimate = forearm_yaw.stated(context.stamp_ns)
             if estimate is None:
                 return (ConversionWarning(forearm_yaw.problem(user, context.stamp_ns)),)
-            position_m = checks.place(at, f"the pose of {user}")
+            position_m = checks.place(position, f"the pose of {user}")
             placed = position_m if isinstance(position_m, str) else (position_m, estimate.yaw_rad)
             covariance = (*covariance[:8], estimate.sigma_rad**2)
         if isinstance(placed, str):
             return (ConversionWarning(placed),)
+
         position_m, yaw_rad = placed
         pose = UserPose(
             stamp_ns=stamp_ns,
@@ -228,10 +249,10 @@ def _of_people(value: Any, context: ConversionContext) -> Iterator[tuple[Any, st
     """Yield the transforms to a known person's {H}, and the person."""
     state = context.state
     frames = {frame_name(state.frames.person(user)): user for user in state.people}
-    for each in value.transforms:
-        user = frames.get(frame_name(each.child_frame_id))
+    for transform in value.transforms:
+        user = frames.get(frame_name(transform.child_frame_id))
         if user is not None:
-            yield each, user
+            yield transform, user
 
 
 def _is_in_room(value: Any, context: ConversionContext) -> bool:
@@ -241,19 +262,20 @@ def _is_in_room(value: Any, context: ConversionContext) -> bool:
 
 def _other_frame(value: Any, user: str, context: ConversionContext) -> ConversionWarning:
     frame = checks.named(frame_name(value.header.frame_id))
-    return ConversionWarning(f"the pose of {user} is in the frame {frame}: send it in {context.frame!r}")
+    sentence = f"the pose of {user} is in the frame {frame}: send it in {context.frame!r}"
+    return ConversionWarning(sentence)
 
 
-def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float], float] | str:
+def _placed(position: Any, rotation: Any, user: str) -> tuple[tuple[float, float, float], float] | str:
     """Return position, m, and heading, rad, or the rejection."""
-    what = f"the pose of {user}"
-    position_m = checks.place(at, what)
+    subject = f"the pose of {user}"
+    position_m = checks.place(position, subject)
     if isinstance(position_m, str):
         return position_m
-    orientation = checks.quaternion(turned, what)
+    orientation = checks.quaternion(rotation, subject)
     if isinstance(orientation, str):
         return orientation
-    yaw_rad = checks.heading(orientation, what)
+    yaw_rad = checks.heading(orientation, subject)
     return yaw_rad if isinstance(yaw_rad, str) else (position_m, yaw_rad)
 
 

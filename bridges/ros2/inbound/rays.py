@@ -39,24 +39,26 @@ def ray(value: Any, context: ConversionContext) -> Taken:
     ros_user = context.state.ros_users.get(context.name)
     if ros_user is None:
         return ()
-    what = f"the ray of {context.name}"
+    subject = f"the ray of {context.name}"
     frame = frame_name(value.header.frame_id)
     if frame not in ("", frame_name(context.frame)):
-        return (
-            ConversionWarning(f"{what} is in the frame {checks.named(frame)}: send it in {context.frame!r}"),
-        )
-    origin_m = checks.place(value.pose.position, what)
+        sentence = f"{subject} is in the frame {checks.named(frame)}: send it in {context.frame!r}"
+        return (ConversionWarning(sentence),)
+    origin_m = checks.place(value.pose.position, subject)
     if isinstance(origin_m, str):
         return (ConversionWarning(origin_m),)
-    turned = checks.quaternion(value.pose.orientation, what)
-    if isinstance(turned, str):
-        return (ConversionWarning(turned),)
+    orientation = checks.quaternion(value.pose.orientation, subject)
+    if isinstance(orientation, str):
+        return (ConversionWarning(orientation),)
+
+    # Any ray makes them present. Rays count from the next check of presence on
     ros_user.has_new_input = True
     if not ros_user.is_here:
         return ()
-    stamp_ns, problem = checks.stamp(value.header.stamp, context, what)
-    way = vector.normalized(rotation.rotate(turned, AHEAD))
-    output = BusOutput(RAY, context.name, PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way))
+    stamp_ns, problem = checks.stamp(value.header.stamp, context, subject)
+    direction = vector.normalized(rotation.rotate(orientation, AHEAD))
+    message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=direction)
+    output = BusOutput(RAY, context.name, message)
     return (output, ConversionWarning(problem)) if problem else (output,)
 
 
@@ -70,22 +72,26 @@ class Subscriptions:
         """Convert a conveyor_msgs/PUISubscription; repetitions are dropped."""
         state = context.state
         name = value.user_name
-        user = next((each for each in state.ros_users if state.names.of(each) == name), None)
+        user = next((user for user in state.ros_users if state.names.of(user) == name), None)
         if user is None:
-            is_ours = any(state.names.of(each) == name for each in state.people)
-            return () if is_ours or not value.subscribe else (_unknown_user(name),)
+            return _answer_to_others(name, state, wants_cursor=bool(value.subscribe))
+
+        # Whether they want one
         ros_user = state.ros_users[user]
-        was = ros_user.is_subscribed
+        was_subscribed = ros_user.is_subscribed
         ros_user.is_subscribed = bool(value.subscribe)
         if not ros_user.is_subscribed:
-            why = "they want no cursor any more"
-            return (interaction(state, user, context.stamp_ns, why),) if was else ()
+            if not was_subscribed:
+                return ()
+            return (interaction(state, user, context.stamp_ns, "they want no cursor any more"),)
         ros_user.has_new_input = True
+
+        # How it looks, before it appears
         look = _look(value, user)
         taken: list[BusOutput | ConversionWarning] = []
         if isinstance(look, str):
             taken.append(ConversionWarning(look))
-        elif not was or look != self._looks.get(user):
+        elif not was_subscribed or look != self._looks.get(user):
             self._looks[user] = look
             profile = UserProfile(
                 stamp_ns=context.stamp_ns,
@@ -94,16 +100,25 @@ class Subscriptions:
                 cursor_width_m=look.width_m,
             )
             taken.append(BusOutput(PROFILE, user, profile))
-        if not was:
+        if not was_subscribed:
             taken.append(interaction(state, user, context.stamp_ns, "they want a cursor"))
         return tuple(taken)
 
 
+def _answer_to_others(name: str, state: ConversionState, *, wants_cursor: bool) -> Taken:
+    """Return a warning if nobody here has the ROS name `name`. A person with PointIt services needs none."""
+    is_ours = any(state.names.of(user) == name for user in state.people)
+    if is_ours or not wants_cursor:
+        return ()
+    return (_unknown_user(name),)
+
+
 def interaction(state: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
     """Return the state of the interaction of the ROS-only user `user`, as far as known."""
+    is_subscribed = state.ros_users[user].is_subscribed
     message = Interaction(
         stamp_ns=stamp_ns,
-        state="pointing" if state.ros_users[user].is_subscribed else "idle",
+        state="pointing" if is_subscribed else "idle",
         reason=f"in ROS: {reason}",
     )
     return BusOutput(INTERACTION, user, message)
@@ -117,16 +132,17 @@ def _unknown_user(name: str) -> ConversionWarning:
 
 
 def _look(value: Any, user: str) -> _Look | str:
-    channels = [float(each) for each in (value.pointer_color.r, value.pointer_color.g, value.pointer_color.b)]
+    color = value.pointer_color
+    channels = [float(color.r), float(color.g), float(color.b)]
     width_m = float(value.pointer_size)
     colormap = value.pointer_cmap
     if not all(map(math.isfinite, channels)):
         return f"the cursor's colour of {user} is none: send r, g and b from 0 to 1; it stays as it was"
     if not 0.0 < width_m <= WIDEST_M:
-        return (
-            f"the cursor of {user} is to be {width_m:g} m wide: send up to {WIDEST_M:g}; it stays as it was"
-        )
+        limit = f"{WIDEST_M:g}"
+        return f"the cursor of {user} is to be {width_m:g} m wide: send up to {limit}; it stays as it was"
     if len(colormap) > MAX_COLORMAP:
         return f"there is no colormap {checks.named(colormap)} for the cursor of {user}; it stays as it was"
-    red, green, blue = (round(255.0 * min(max(each, 0.0), 1.0)) for each in channels)
+    within = [min(max(channel, 0.0), 1.0) for channel in channels]
+    red, green, blue = (round(255.0 * channel) for channel in within)
     return _Look((red, green, blue), colormap, width_m)

@@ -49,6 +49,7 @@ def inward() -> tuple[InboundRoute, ...]:
     poses = Poses()
     button = Button()
     return (
+        # People
         InboundRoute(
             name="imu_in",
             ros="/{user}/imu_in",
@@ -102,6 +103,7 @@ def inward() -> tuple[InboundRoute, ...]:
             max_bytes=_TF_BYTES,
             context="where a person stands, told once",
         ),
+        # The site's time
         InboundRoute(
             name="clock_in",
             ros="/clock",
@@ -112,6 +114,7 @@ def inward() -> tuple[InboundRoute, ...]:
             enabled=False,
             context="a simulator's time for the whole site; off, as it moves everything",
         ),
+        # People again, by the ROS toolkit's nodes
         InboundRoute(
             name="rotation_in",
             ros="/{user}/metawear_ros/rotation",
@@ -154,6 +157,7 @@ def inward() -> tuple[InboundRoute, ...]:
             of_ros_users=True,
             context="cursor of a ROS-only user: on or off, and its colour",
         ),
+        # Conveyor
         InboundRoute(
             name="belt_cmd",
             ros="/belt_cmd",
@@ -250,23 +254,25 @@ class SimTimeInput:
 
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a rosgraph_msgs/Clock."""
-        sample = _Sample(context.wall_ns, int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec))
+        clock_ns = int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec)
+        sample = _Sample(context.wall_ns, clock_ns)
         if sample.sim_ns < 0:
-            return (
-                ConversionWarning(
-                    f"/clock says {sample.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"
-                ),
-            )
+            clock_s = sample.sim_ns / NS_PER_S
+            sentence = f"/clock says {clock_s:.1f} s: times before 0 are left out"
+            return (ConversionWarning(sentence),)
         last = self._last
         self._last = sample
         if last is None or _has_jumped(last, sample):
             self._wait_ns = FIRST_NS
             return self._tick(sample)
+
+        # In between the site's clock runs on at the last speed
         passed_ns = sample.wall_ns - self._last_sample.wall_ns
         if passed_ns < self._wait_ns:
             return ()
         self._wait_ns = TICK_NS
-        self._speed = min(max((sample.sim_ns - self._last_sample.sim_ns) / passed_ns, SLOWEST), FASTEST)
+        simulated_ns = sample.sim_ns - self._last_sample.sim_ns
+        self._speed = min(max(simulated_ns / passed_ns, SLOWEST), FASTEST)
         return self._tick(sample)
 
     def _tick(self, sample: _Sample) -> Taken:

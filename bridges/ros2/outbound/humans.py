@@ -64,7 +64,8 @@ class KnownPeople:
         for person in _here(context.state):
             self._ids.pop(person, None)
             self._ids[person] = None
-        self._ids = dict.fromkeys(list(self._ids)[-MAX_KNOWN:])
+        newest = list(self._ids)[-MAX_KNOWN:]
+        self._ids = dict.fromkeys(newest)
         return _ids(context, list(self._ids))
 
 
@@ -75,7 +76,8 @@ def tracked_people(_message: Message, context: ConversionContext) -> Converted:
 
 def tracked_bodies(_message: Message, context: ConversionContext) -> Converted:
     """Return the IDs of their bodies."""
-    return _ids(context, [BODY.format(user=person) for person in _here(context.state)])
+    bodies = [BODY.format(user=person) for person in _here(context.state)]
+    return _ids(context, bodies)
 
 
 def anonymous(_user_pose: UserPose, context: ConversionContext) -> Converted:
@@ -99,8 +101,11 @@ def confidence(user_pose: UserPose) -> float:
     Distribution function of Rayleigh's distribution, with the largest 1 sigma of the horizontal position.
     """
     xx, xy, _, _, yy, *_ = user_pose.covariance
-    variance = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
-    return 1.0 if variance <= 0.0 else -math.expm1(-(NEAR_M**2) / (2.0 * variance))
+    mean = (xx + yy) / 2.0
+    largest = mean + math.hypot((xx - yy) / 2.0, xy)
+    if largest <= 0.0:
+        return 1.0
+    return -math.expm1(-(NEAR_M**2) / (2.0 * largest))
 
 
 def candidate_match(_user_pose: UserPose, context: ConversionContext) -> Converted:
@@ -117,21 +122,23 @@ def candidate_match(_user_pose: UserPose, context: ConversionContext) -> Convert
 
 def person_frame(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `person_<id>`: the head's."""
-    at_m = vector.add(user_pose.position_m, (0.0, 0.0, _eyes_m(context)))
+    head_m = vector.add(user_pose.position_m, (0.0, 0.0, _eyes_m(context)))
     child = f"person_{context.state.names.of(context.name)}"
-    return (transforms(context, [(child, at_m, _facing(user_pose, context))]),)
+    return (transforms(context, [(child, head_m, _facing(user_pose, context))]),)
 
 
 def body_frame(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `body_<id>`, midway between the hips, x to where the arm points."""
-    at_m = vector.add(user_pose.position_m, (0.0, 0.0, HIPS * _eyes_m(context)))
-    return (transforms(context, [(f"body_{_body(context)}", at_m, _facing(user_pose, context))]),)
+    hips_m = vector.add(user_pose.position_m, (0.0, 0.0, HIPS * _eyes_m(context)))
+    child = f"body_{_body(context)}"
+    return (transforms(context, [(child, hips_m, _facing(user_pose, context))]),)
 
 
 def head_frame(_user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `head_<id>` at the eyes, in that of the body."""
     above_m = (0.0, 0.0, (1.0 - HIPS) * _eyes_m(context))
-    return (transforms(context, [(f"head_{_body(context)}", above_m, rotation.IDENTITY)]),)
+    child = f"head_{_body(context)}"
+    return (transforms(context, [(child, above_m, rotation.IDENTITY)]),)
 
 
 def joint_states(_sample: ImuSample, context: ConversionContext) -> Converted:
@@ -142,16 +149,17 @@ def joint_states(_sample: ImuSample, context: ConversionContext) -> Converted:
     if person.arm is not None:
         side = person.profile.hand[0]
         arm = vector.rotate_z(person.arm, -person.facing_rad)
-        angles[f"{side}_y_shoulder"], angles[f"{side}_p_shoulder"] = shoulder(arm, is_left=side == "l")
+        y_shoulder, p_shoulder = shoulder(arm, is_left=side == "l")
+        angles[f"{side}_y_shoulder"] = y_shoulder
+        angles[f"{side}_p_shoulder"] = p_shoulder
     body = _body(context)
-    return (
-        types.make(
-            "sensor_msgs/msg/JointState",
-            header=values.header(types, context.stamp_ns, ""),
-            name=[f"{joint}_{body}" for joint in angles],
-            position=list(angles.values()),
-        ),
+    message = types.make(
+        "sensor_msgs/msg/JointState",
+        header=values.header(types, context.stamp_ns, ""),
+        name=[f"{joint}_{body}" for joint in angles],
+        position=list(angles.values()),
     )
+    return (message,)
 
 
 def shoulder(arm: Vec3, *, is_left: bool) -> tuple[float, float]:
@@ -162,13 +170,17 @@ def shoulder(arm: Vec3, *, is_left: bool) -> tuple[float, float]:
     """
     x, y, z = arm
     outward = y if is_left else -y
-    return math.atan2(x, outward), math.atan2(math.hypot(x, y), -z)
+    lift_rad = math.atan2(math.hypot(x, y), -z)
+    return math.atan2(x, outward), lift_rad
 
 
 def _here(state: ConversionState) -> list[str]:
     """Return the IDs of all who are here and have a position, in order."""
-    there = (user for user, person in state.people.items() if person.is_here and person.pose is not None)
-    return sorted(map(state.names.of, there))
+    present: list[str] = []
+    for user, person in state.people.items():
+        if person.is_here and person.pose is not None:
+            present.append(user)
+    return sorted(map(state.names.of, present))
 
 
 def _ids(context: ConversionContext, ids: list[str]) -> Converted:
@@ -187,7 +199,8 @@ def _eyes_m(context: ConversionContext) -> float:
 
 
 def _facing(user_pose: UserPose, context: ConversionContext) -> rotation.Quaternion:
-    return rotation.from_yaw(user_pose.yaw_rad + context.state.person(context.name).facing_rad)
+    person = context.state.person(context.name)
+    return rotation.from_yaw(user_pose.yaw_rad + person.facing_rad)
 
 
 def of_ros4hri() -> tuple[OutboundRoute, ...]:
@@ -210,23 +223,21 @@ def _lists() -> tuple[OutboundRoute, ...]:
         has_end=True,
         context="who is here and has a position",
     )
-    return (
+    known = replace(
         tracked,
-        replace(
-            tracked,
-            name="known_people",
-            ros="/humans/persons/known",
-            by=KnownPeople(),
-            context="people seen since the bridge started",
-        ),
-        replace(
-            tracked,
-            name="tracked_bodies",
-            ros="/humans/bodies/tracked",
-            by=tracked_bodies,
-            context="the bodies of who is here",
-        ),
+        name="known_people",
+        ros="/humans/persons/known",
+        by=KnownPeople(),
+        context="people seen since the bridge started",
     )
+    bodies = replace(
+        tracked,
+        name="tracked_bodies",
+        ros="/humans/bodies/tracked",
+        by=tracked_bodies,
+        context="the bodies of who is here",
+    )
+    return tracked, known, bodies
 
 
 def _people() -> tuple[OutboundRoute, ...]:
@@ -309,21 +320,20 @@ def _frames() -> tuple[OutboundRoute, ...]:
         yields_to=TRACKED,
         context="`person_<id>` at the head",
     )
-    return (
+    # Only the person's frame is hri_person_manager's, if it runs; frames of bodies stay ours
+    body = replace(
         person,
-        replace(
-            person,
-            name="body_tf",
-            by=body_frame,
-            yields=False,
-            context="`body_<id>` at the hips, x to where the arm points",
-        ),
-        replace(
-            person,
-            name="head_tf",
-            frame=f"body_{BODY}",
-            by=head_frame,
-            yields=False,
-            context="`head_<id>` at the eyes, in the body's frame",
-        ),
+        name="body_tf",
+        by=body_frame,
+        yields=False,
+        context="`body_<id>` at the hips, x to where the arm points",
     )
+    head = replace(
+        person,
+        name="head_tf",
+        frame=f"body_{BODY}",
+        by=head_frame,
+        yields=False,
+        context="`head_<id>` at the eyes, in the body's frame",
+    )
+    return person, body, head

@@ -125,6 +125,7 @@ class MarkerBuilder:
     ) -> Any:
         """Return a marker with namespace `group` and id `number`."""
         types = self._types
+        points = [values.point(types, place_m) for place_m in places_m]
         return types.make(
             MARKER,
             header=self._header,
@@ -136,7 +137,7 @@ class MarkerBuilder:
             scale=values.vector3(types, size_m),
             color=values.color(types, rgb, alpha),
             lifetime=self._lifetime,
-            points=[values.point(types, place_m) for place_m in places_m],
+            points=points,
             text=values.text(words),
         )
 
@@ -161,7 +162,8 @@ class MarkerBuilder:
 def map_markers(room: Environment, context: ConversionContext) -> Converted:
     """Return the map's markers, after one that deletes the previous map's."""
     markers = MarkerBuilder(context)
-    return (markers.array([markers.blank(), *_room(markers, context.state, room)]),)
+    drawn = [markers.blank(), *_room(markers, context.state, room)]
+    return (markers.array(drawn),)
 
 
 def _room(markers: MarkerBuilder, state: ConversionState, room: Environment) -> Iterator[Any]:
@@ -187,19 +189,22 @@ def _fences(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
     """Yield the outlines of fences at their lowest and highest place; one without end at the floor only."""
     for number, fence in enumerate(room.fences):
         rgb = KEEP_IN if fence.kind == "keep_in" else KEEP_OUT
-        heights_m = dict.fromkeys((fence.low_m or 0.0, fence.high_m or fence.low_m or 0.0))
-        for level, height_m in enumerate(heights_m):
-            corners_m = [(x, y, height_m) for x, y in (*fence.outline_m, fence.outline_m[0])]
-            size_m = (STRIP_M, 0.0, 0.0)
+        low_m = fence.low_m or 0.0
+        high_m = fence.high_m or low_m
+        outline_m = (*fence.outline_m, fence.outline_m[0])
+        size_m = (STRIP_M, 0.0, 0.0)
+        for level, height_m in enumerate(dict.fromkeys((low_m, high_m))):
+            corners_m = [(x, y, height_m) for x, y in outline_m]
             group = f"fences/{fence.kind}/{level}"
             yield markers.shape("line", group, number, size_m=size_m, rgb=rgb, places_m=corners_m)
         x, y = fence.outline_m[0]
-        yield markers.label(fence.id, "fences/names", number, (x, y, max(heights_m) + LAMP_M), LAMP_M)
+        above_m = (x, y, max(low_m, high_m) + LAMP_M)
+        yield markers.label(fence.id, "fences/names", number, above_m, LAMP_M)
 
 
 def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
+    # Boxes, and things of the map, which are boxes with a name
     for number, box in enumerate((*room.boxes, *room.fixed_things)):
-        turned = rotation.from_yaw(box.yaw_rad)
         yield markers.shape(
             shape="cube",
             group="boxes",
@@ -208,29 +213,34 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
             rgb=SOLID,
             alpha=GLASS,
             at_m=box.center_m,
-            turned=turned,
+            turned=rotation.from_yaw(box.yaw_rad),
         )
     for number, thing in enumerate(room.fixed_things):
-        above_m = vector.add(thing.center_m, (0.0, 0.0, thing.size_m[2] / 2.0 + LAMP_M))
-        yield markers.label(thing.label or thing.id, "things/names", number, above_m, LAMP_M)
+        height_m = thing.size_m[2] / 2.0 + LAMP_M
+        above_m = vector.add(thing.center_m, (0.0, 0.0, height_m))
+        name = thing.label or thing.id
+        yield markers.label(name, "things/names", number, above_m, LAMP_M)
+
+    # Planes, as thin boxes
     for number, plane in enumerate(room.planes):
         u, v = plane_axes(plane.normal)
         wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
-        turned = _of_axes(u, v)
-        size_m = (wide_m, high_m, THIN_M)
         yield markers.shape(
             shape="cube",
             group="planes",
             number=number,
-            size_m=size_m,
+            size_m=(wide_m, high_m, THIN_M),
             rgb=SOLID,
             alpha=GLASS,
             at_m=plane.center_m,
-            turned=turned,
+            turned=_of_axes(u, v),
         )
-    for number, each in enumerate(room.cylinders):
-        size_m = (2.0 * each.radius_m, 2.0 * each.radius_m, each.height_m)
-        middle_m = vector.add(each.center_m, (0.0, 0.0, each.height_m / 2.0))
+
+    # Round solids: the centre of a cylinder is that of its base
+    for number, cylinder in enumerate(room.cylinders):
+        wide_m = 2.0 * cylinder.radius_m
+        size_m = (wide_m, wide_m, cylinder.height_m)
+        middle_m = vector.add(cylinder.center_m, (0.0, 0.0, cylinder.height_m / 2.0))
         yield markers.shape(
             "cylinder", "cylinders", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=middle_m
         )
@@ -240,6 +250,8 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
         yield markers.shape(
             "sphere", "spheres", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=ball.center_m
         )
+
+    # Clouds of points have no shape: their bounding boxes
     for number, cloud in enumerate(room.clouds):
         size_m = vector.subtract(cloud.high_m, cloud.low_m)
         middle_m = vector.scale(vector.add(cloud.low_m, cloud.high_m), 0.5)
@@ -251,22 +263,24 @@ def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
     vertices_m = _vertices(line)
     corners_m: list[Vec3] = []
     for start_m, end_m in pairwise(vertices_m):
-        way = vector.subtract(end_m, start_m)
-        level_m = float(np.hypot(way[0], way[1]))
+        x, y, _ = vector.subtract(end_m, start_m)
+        level_m = float(np.hypot(x, y))
         if level_m == 0.0:
             continue
         half = width_m / 2.0 / level_m
-        across_m = (-way[1] * half, way[0] * half, 0.0)
+        across_m = (-y * half, x * half, 0.0)
         a = vector.add(start_m, across_m)
         b = vector.subtract(start_m, across_m)
         c = vector.add(end_m, across_m)
         d = vector.subtract(end_m, across_m)
-        corners_m += [a, b, c, c, b, d, a, c, b, c, d, b]
+        corners_m += [a, b, c, c, b, d]
+        corners_m += [a, c, b, c, d, b]  # the other way round: viewers leave out the back of a triangle
     return corners_m
 
 
 def _vertices(line: Polyline) -> list[Vec3]:
-    return [(x, y, z) for x, y, z in line.vertices_m.tolist()]
+    vertices_m = line.vertices_m.tolist()
+    return [(x, y, z) for x, y, z in vertices_m]
 
 
 def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
@@ -276,8 +290,9 @@ def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
     level = rotation.from_azimuth_elevation(azimuth, elevation)
     across = rotation.rotate(level, (0.0, 1.0, 0.0))
     up = rotation.rotate(level, (0.0, 0.0, 1.0))
-    roll = float(np.arctan2(vector.dot(v, up), vector.dot(v, across)))
-    return rotation.from_azimuth_elevation(azimuth, elevation, roll)
+    sine = vector.dot(v, up)
+    cosine = vector.dot(v, across)
+    return rotation.from_azimuth_elevation(azimuth, elevation, float(np.arctan2(sine, cosine)))
 
 
 class Markers:
@@ -290,41 +305,50 @@ class Markers:
         """Return the scene's markers."""
         markers = MarkerBuilder(context, LIFETIME_S)
         state = context.state
-        made = [marker for user in sorted(state.people) for marker in _person(markers, state, user)]
-        made += _objects(markers, state)
-        made += robots(markers, state)
-        now = {(marker.ns, marker.id): None for marker in made}
-        gone = [markers.gone(*key) for key in self._drawn if key not in now]
-        self._drawn = now
-        return (markers.array(gone + made),)
+        drawn: list[Any] = []
+        for user in sorted(state.people):
+            drawn += _person(markers, state, user)
+        drawn += _objects(markers, state)
+        drawn += robots(markers, state)
+
+        # Deletions first: viewers keep a marker for its lifetime
+        keys = {(marker.ns, marker.id): None for marker in drawn}
+        deleted = [markers.gone(*key) for key in self._drawn if key not in keys]
+        self._drawn = keys
+        return (markers.array(deleted + drawn),)
 
 
 def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
     """Return both half-axes, m, and the azimuth of the major one, or None if it is too small to see."""
-    spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
-    variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
-    short_m, long_m = (SIGMAS * np.sqrt(np.maximum(variances, 0.0))).tolist()
+    covariance = np.array(pose.covariance).reshape(3, 3)
+    horizontal = covariance[:2, :2]
+    variances, axes = np.linalg.eigh((horizontal + horizontal.T) / 2.0)
+    half_axes_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    short_m, long_m = half_axes_m.tolist()
     if long_m < SMALLEST_M:
         return None
-    return long_m, max(short_m, SMALLEST_M), float(np.arctan2(axes[1, 1], axes[0, 1]))
+    azimuth_rad = float(np.arctan2(axes[1, 1], axes[0, 1]))
+    return long_m, max(short_m, SMALLEST_M), azimuth_rad
 
 
 def _person(markers: MarkerBuilder, state: ConversionState, user: str) -> Iterator[Any]:
     person = state.people[user]
     rgb = person.profile.cursor_color
     if person.pose is not None:
-        place_m = person.pose.position_m
-        yield markers.label(user, f"{user}/name", 0, vector.add(place_m, (0.0, 0.0, NAME_M)))
+        position_m = person.pose.position_m
+        above_m = vector.add(position_m, (0.0, 0.0, NAME_M))
+        yield markers.label(user, f"{user}/name", 0, above_m)
         rim = ellipse(person.pose)
         if rim is not None:
+            long_m, short_m, azimuth_rad = rim
             yield markers.shape(
                 "cylinder",
                 f"{user}/place",
                 0,
-                size_m=(2.0 * rim[0], 2.0 * rim[1], 0.01),
+                size_m=(2.0 * long_m, 2.0 * short_m, 0.01),
                 rgb=rgb,
-                at_m=place_m,
-                turned=rotation.from_yaw(rim[2]),
+                at_m=position_m,
+                turned=rotation.from_yaw(azimuth_rad),
                 alpha=0.3,
             )
     yield from _pointing(markers, state, user, person, rgb)
@@ -336,33 +360,48 @@ def _pointing(
     cursor = state.pointing(user)
     if cursor is None:
         return
+
+    # The ray, fainter if it meets nothing
     if cursor.origin_m is not None and cursor.direction is not None:
-        length_m = FREE_RAY_M if cursor.point_m is None else max(cursor.range_m, 0.1)
+        length_m = FREE_RAY_M
+        alpha = 0.3
+        if cursor.point_m is not None:
+            length_m = max(cursor.range_m, 0.1)
+            alpha = 0.8
         end_m = vector.add(cursor.origin_m, vector.scale(cursor.direction, length_m))
-        alpha = 0.3 if cursor.point_m is None else 0.8
         ends_m = (cursor.origin_m, end_m)
-        yield markers.shape("arrow", f"{user}/ray", 0, size_m=RAY_M, rgb=rgb, alpha=alpha, places_m=ends_m)
-    if cursor.point_m is not None:
-        size_m = (CURSOR_M, CURSOR_M, CURSOR_M)
-        yield markers.shape("sphere", f"{user}/cursor", 0, size_m=size_m, rgb=rgb, at_m=cursor.point_m)
-        hover = person.hover
-        if hover is not None and hover.object_id and hover.progress > 0.0:
-            above_m = vector.add(cursor.point_m, (0.0, 0.0, 0.15))
-            yield markers.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
+        group = f"{user}/ray"
+        yield markers.shape("arrow", group, 0, size_m=RAY_M, rgb=rgb, alpha=alpha, places_m=ends_m)
+
+    # The cursor, with the progress of what it is about to do
+    if cursor.point_m is None:
+        return
+    size_m = (CURSOR_M, CURSOR_M, CURSOR_M)
+    yield markers.shape("sphere", f"{user}/cursor", 0, size_m=size_m, rgb=rgb, at_m=cursor.point_m)
+    hover = person.hover
+    if hover is None or not hover.object_id:
+        return
+    if hover.progress > 0.0:
+        above_m = vector.add(cursor.point_m, (0.0, 0.0, 0.15))
+        words = f"{hover.progress:.0%} {hover.action}"
+        yield markers.label(words, f"{user}/progress", 0, above_m)
 
 
 def _objects(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
-    selection = state.selection
-    owners = {} if selection is None else {item.id: item.user for item in selection.objects}
-    left_out = 0
+    owners: dict[str, str] = {}
+    if state.selection is not None:
+        owners = {item.id: item.user for item in state.selection.objects}
     steered = state.robots  # drawn on their own
-    for count, item in enumerate(item for item in state.tracked() if item.id not in steered):
-        if count < MAX_OBJECTS:
+    count = 0
+    for item in state.tracked():
+        if item.id in steered:
+            continue
+        count += 1
+        if count <= MAX_OBJECTS:
             yield from _object(markers, state, item, owners.get(item.id))
-        else:
-            left_out += 1
-    if left_out:
-        yield markers.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
+    if count > MAX_OBJECTS:
+        words = f"{count - MAX_OBJECTS} more objects are not drawn"
+        yield markers.label(words, "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
 
 
 def _object(
@@ -370,28 +409,43 @@ def _object(
 ) -> Iterator[Any]:
     number = state.uids.number(item.id)
     rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
+
+    # Shape and size: a ball, or a box along its belt or strip
+    shape: Shape = "sphere"
     length_m = item.length_m or USUAL_M
-    line = state.lines.get((item.surface, item.surface_id))
     at_m = item.position_m
-    turned = rotation.IDENTITY
+    orientation = rotation.IDENTITY
     size_m = (length_m, length_m, length_m)
+    line = state.lines.get((item.surface, item.surface_id))
     if line is not None:
-        ahead = line.tangent_at(item.surface_position_m)
-        turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
+        shape = "cube"
+        tangent = line.tangent_at(item.surface_position_m)
+        orientation = rotation.from_azimuth_elevation(vector.azimuth(tangent), vector.elevation(tangent))
         size_m = (length_m, *SEGMENT_M)
         if item.surface == "belt":
             # Trackers publish lengths only; the shares are those of the page's packages.
+            wide_m = min(max(0.75 * length_m, 0.1), 0.34)
             high_m = min(max(0.6 * length_m, 0.1), 0.26)
-            size_m = (length_m, min(max(0.75 * length_m, 0.1), 0.34), high_m)
+            size_m = (length_m, wide_m, high_m)
             at_m = vector.add(at_m, (0.0, 0.0, high_m / 2.0))
-    shape: Shape = "sphere" if line is None else "cube"
-    yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=turned)
-    if owner is not None:
-        around_m = vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M))
-        owner_rgb = state.people[owner].profile.cursor_color if owner in state.people else OTHER_COLOR
-        yield markers.shape(
-            shape, "selected", number, size_m=around_m, rgb=owner_rgb, at_m=at_m, turned=turned, alpha=0.35
-        )
+    yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=orientation)
+
+    # Its owner, as a larger shell in their colour
+    if owner is None:
+        return
+    owner_rgb = OTHER_COLOR
+    if owner in state.people:
+        owner_rgb = state.people[owner].profile.cursor_color
+    yield markers.shape(
+        shape=shape,
+        group="selected",
+        number=number,
+        size_m=vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M)),
+        rgb=owner_rgb,
+        at_m=at_m,
+        turned=orientation,
+        alpha=0.35,
+    )
 
 
 def robots(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
@@ -400,10 +454,11 @@ def robots(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
         yield from _robot(markers, state, name, robot_state)
     for user, person in sorted(state.people.items()):
         waypoints_m = () if person.steering is None else person.steering.waypoints_m
+        rgb = person.profile.cursor_color
         size_m = (SPOT_M, SPOT_M, SPOT_M)
+        group = f"{user}/waypoints"
         for number, place_m in enumerate(waypoints_m):
-            rgb = person.profile.cursor_color
-            yield markers.shape("sphere", f"{user}/waypoints", number, size_m=size_m, rgb=rgb, at_m=place_m)
+            yield markers.shape("sphere", group, number, size_m=size_m, rgb=rgb, at_m=place_m)
 
 
 def _robot(
@@ -411,18 +466,27 @@ def _robot(
 ) -> Iterator[Any]:
     owner = state.people.get(robot_state.user)
     rgb = OTHER_COLOR if owner is None else owner.profile.cursor_color
-    is_halted = robot_state.phase in {"stopped", "lost"}
+    body_rgb = HALTED if robot_state.phase in {"stopped", "lost"} else rgb
     group = f"robot {name}"
     at_m = robot_state.position_m
+
+    # Body, and an arrow to its front
     wide_m = 2.0 * robot_state.radius_m
     size_m = (wide_m, wide_m, HIGH_M[robot_state.kind])
-    body = HALTED if is_halted else rgb
-    yield markers.shape("cylinder", group, 0, size_m=size_m, rgb=body, at_m=at_m)
-    ahead = vector.scale(vector.direction(robot_state.yaw_rad, 0.0), max(1.5 * robot_state.radius_m, 0.1))
-    ends_m = (at_m, vector.add(at_m, ahead))
-    yield markers.shape("arrow", f"{group}/front", 0, size_m=FRONT_M, rgb=body, places_m=ends_m)
-    words = f"{name}: {robot_state.phase}" + (f", {robot_state.user}" if robot_state.user else "")
-    yield markers.label(words, f"{group}/name", 0, vector.add(at_m, (0.0, 0.0, LABEL_M)))
+    yield markers.shape("cylinder", group, 0, size_m=size_m, rgb=body_rgb, at_m=at_m)
+    heading = vector.direction(robot_state.yaw_rad, 0.0)
+    front_m = vector.scale(heading, max(1.5 * robot_state.radius_m, 0.1))
+    ends_m = (at_m, vector.add(at_m, front_m))
+    yield markers.shape("arrow", f"{group}/front", 0, size_m=FRONT_M, rgb=body_rgb, places_m=ends_m)
+
+    # Name, phase and who steers it
+    words = f"{name}: {robot_state.phase}"
+    if robot_state.user:
+        words += f", {robot_state.user}"
+    above_m = vector.add(at_m, (0.0, 0.0, LABEL_M))
+    yield markers.label(words, f"{group}/name", 0, above_m)
+
+    # Uncertainty of its position
     if robot_state.position_sigma_m:
         spread_m = 2.0 * SIGMAS * robot_state.position_sigma_m
         yield markers.shape(
@@ -435,12 +499,14 @@ def _robot(
             turned=rotation.IDENTITY,
             alpha=0.3,
         )
+
+    # Its way to the target
     plan = state.plan(name)
     if plan is not None and plan.line_m:
         line_m = (at_m, *plan.line_m)
-        yield markers.shape("line", f"{group}/plan", 0, size_m=(PLAN_M, 0.0, 0.0), rgb=rgb, places_m=line_m)
-    if robot_state.target_m is not None:
+        width_m = (PLAN_M, 0.0, 0.0)
+        yield markers.shape("line", f"{group}/plan", 0, size_m=width_m, rgb=rgb, places_m=line_m)
+    target_m = robot_state.target_m
+    if target_m is not None:
         spot_m = (SPOT_M, SPOT_M, SPOT_M)
-        yield markers.shape(
-            "sphere", f"{group}/target", 0, size_m=spot_m, rgb=rgb, at_m=robot_state.target_m, alpha=0.6
-        )
+        yield markers.shape("sphere", f"{group}/target", 0, size_m=spot_m, rgb=rgb, at_m=target_m, alpha=0.6)

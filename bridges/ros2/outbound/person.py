@@ -49,33 +49,35 @@ _NONE = np.empty(0, dtype=np.uint32)
 
 def pointing_ray(ray: PointingRay, context: ConversionContext) -> Converted:
     """Return the ray as a pose whose x axis is its direction."""
-    way = ray.direction
-    turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
-    return _stamped_pose(context, ray.origin_m, turned)
+    direction = ray.direction
+    azimuth = vector.azimuth(direction)
+    orientation = rotation.from_azimuth_elevation(azimuth, vector.elevation(direction))
+    return _stamped_pose(context, ray.origin_m, orientation)
 
 
 def rotation_of_arm(sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the arm's orientation in {H}."""
-    turned = values.quaternion(context.state.types, sample.orientation_xyzw)
-    return values.stamped(context, "geometry_msgs/msg/QuaternionStamped", quaternion=turned)
+    orientation = values.quaternion(context.state.types, sample.orientation_xyzw)
+    return values.stamped(context, "geometry_msgs/msg/QuaternionStamped", quaternion=orientation)
 
 
 def imu(sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the sample with all vectors in {H}, since the arm has no published frame."""
     types = context.state.types
-    turned = sample.orientation_xyzw
-    turning = sample.angular_velocity_radps
-    push = sample.acceleration_mps2
-    nothing = (0.0, 0.0, 0.0)
+    orientation = sample.orientation_xyzw
+    turn_radps = sample.angular_velocity_radps or (0.0, 0.0, 0.0)
+    turn_covariance = _UNKNOWN if sample.angular_velocity_radps is None else _ZEROS
+    acceleration_mps2 = sample.acceleration_mps2 or (0.0, 0.0, 0.0)
+    acceleration_covariance = _UNKNOWN if sample.acceleration_mps2 is None else _ZEROS
     return values.stamped(
         context,
         "sensor_msgs/msg/Imu",
-        orientation=values.quaternion(types, turned),
+        orientation=values.quaternion(types, orientation),
         orientation_covariance=_ZEROS,
-        angular_velocity=values.vector3(types, rotation.rotate(turned, turning or nothing)),
-        angular_velocity_covariance=_UNKNOWN if turning is None else _ZEROS,
-        linear_acceleration=values.vector3(types, rotation.rotate(turned, push or nothing)),
-        linear_acceleration_covariance=_UNKNOWN if push is None else _ZEROS,
+        angular_velocity=values.vector3(types, rotation.rotate(orientation, turn_radps)),
+        angular_velocity_covariance=turn_covariance,
+        linear_acceleration=values.vector3(types, rotation.rotate(orientation, acceleration_mps2)),
+        linear_acceleration_covariance=acceleration_covariance,
     )
 
 
@@ -87,13 +89,17 @@ def pose(user_pose: UserPose, context: ConversionContext) -> Converted:
 def pose_with_covariance(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return {H} in {W} and its covariance: rows and columns x, y, z, roll, pitch, yaw; no variance is 0."""
     types = context.state.types
-    spread = np.zeros((6, 6))
-    spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(user_pose.covariance).reshape(3, 3)
-    spread[2, 2] = user_pose.z_sigma_m**2
-    np.fill_diagonal(spread, np.maximum(spread.diagonal(), _MIN_VARIANCES))
-    stands = values.pose(types, user_pose.position_m, rotation.from_yaw(user_pose.yaw_rad))
-    known = types.make("geometry_msgs/msg/PoseWithCovariance", pose=stands, covariance=spread.ravel())
-    return values.stamped(context, "geometry_msgs/msg/PoseWithCovarianceStamped", pose=known)
+    covariance = np.zeros((6, 6))
+    x_y_yaw = np.ix_((0, 1, 5), (0, 1, 5))
+    covariance[x_y_yaw] = np.array(user_pose.covariance).reshape(3, 3)
+    covariance[2, 2] = user_pose.z_sigma_m**2
+    variances = np.maximum(covariance.diagonal(), _MIN_VARIANCES)
+    np.fill_diagonal(covariance, variances)
+    pose = values.pose(types, user_pose.position_m, rotation.from_yaw(user_pose.yaw_rad))
+    with_covariance = types.make(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
+    )
+    return values.stamped(context, "geometry_msgs/msg/PoseWithCovarianceStamped", pose=with_covariance)
 
 
 def transform(user_pose: UserPose, context: ConversionContext) -> Converted:
@@ -103,27 +109,26 @@ def transform(user_pose: UserPose, context: ConversionContext) -> Converted:
     if now_ns < state.person(context.name).tf_until_ns:
         return ()
     child = state.frames.person(context.name)
-    turned = rotation.from_yaw(user_pose.yaw_rad)
-    return (transforms(context, [(child, user_pose.position_m, turned)]),)
+    orientation = rotation.from_yaw(user_pose.yaw_rad)
+    return (transforms(context, [(child, user_pose.position_m, orientation)]),)
 
 
 def transforms(context: ConversionContext, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
     """Return one message with the frames `children`, in the frame of the route."""
     types = context.state.types
-    made = [
-        types.make(
-            "geometry_msgs/msg/TransformStamped",
-            header=values.header(types, context.stamp_ns, context.frame),
-            child_frame_id=child,
-            transform=types.make(
-                "geometry_msgs/msg/Transform",
-                translation=values.vector3(types, place_m),
-                rotation=values.quaternion(types, turned),
-            ),
+    header = values.header(types, context.stamp_ns, context.frame)
+    stamped: list[Any] = []
+    for child, position_m, orientation in children:
+        transform = types.make(
+            "geometry_msgs/msg/Transform",
+            translation=values.vector3(types, position_m),
+            rotation=values.quaternion(types, orientation),
         )
-        for child, place_m, turned in children
-    ]
-    return types.make("tf2_msgs/msg/TFMessage", transforms=made)
+        message = types.make(
+            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform
+        )
+        stamped.append(message)
+    return types.make("tf2_msgs/msg/TFMessage", transforms=stamped)
 
 
 def cursor(cursor: Cursor, context: ConversionContext) -> Converted:
@@ -164,20 +169,19 @@ def subscription(interaction: Interaction, context: ConversionContext) -> Conver
     """Return a cursor subscription, or its end, for the ROS toolkit's `pui_node`."""
     types = context.state.types
     profile = context.state.person(context.name).profile
-    return (
-        types.make(
-            "conveyor_msgs/msg/PUISubscription",
-            user_name=context.state.names.of(context.name),
-            subscribe=interaction.state == "pointing",
-            pointer_color=values.color(types, profile.cursor_color),
-            pointer_cmap=values.text(profile.cursor_colormap),
-            pointer_size=profile.cursor_width_m,
-        ),
+    message = types.make(
+        "conveyor_msgs/msg/PUISubscription",
+        user_name=context.state.names.of(context.name),
+        subscribe=interaction.state == "pointing",
+        pointer_color=values.color(types, profile.cursor_color),
+        pointer_cmap=values.text(profile.cursor_colormap),
+        pointer_size=profile.cursor_width_m,
     )
+    return (message,)
 
 
-def _stamped_pose(context: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
-    pose = values.pose(context.state.types, place_m, turned)
+def _stamped_pose(context: ConversionContext, at_m: Vec3, orientation: rotation.Quaternion) -> Converted:
+    pose = values.pose(context.state.types, at_m, orientation)
     return values.stamped(context, "geometry_msgs/msg/PoseStamped", pose=pose)
 
 
@@ -187,30 +191,31 @@ def packages(_message: Message, context: ConversionContext) -> Converted:
     The message has no place for others.
     """
     state = context.state
-    made: list[Any] = []
-    things = set[str]() if state.room is None else {thing.id for thing in state.room.fixed_things}
+    things: set[str] = set()
+    if state.room is not None:
+        things = {thing.id for thing in state.room.fixed_things}
+    packages: list[Any] = []
     for item in state.tracked():
         if item.id in things:
             continue
         place = _along(state, item.surface, item.surface_id, item.surface_position_m)
         if place is not None:
-            made.append(_package(state, item, place))
-    return values.stamped(context, "conveyor_msgs/msg/PackageList", packages=made)
+            packages.append(_package(state, item, place))
+    return values.stamped(context, "conveyor_msgs/msg/PackageList", packages=packages)
 
 
 def selected(selection: Selection, context: ConversionContext) -> Converted:
     """Return all selected objects, of every owner."""
-    uids = [context.state.uids.number(item.id) for item in selection.objects]
-    return (
-        context.state.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),
-    )
+    number = context.state.uids.number
+    uids = np.array([number(item.id) for item in selection.objects], dtype=np.uint32)
+    return (context.state.types.make("conveyor_msgs/msg/PackageUIDList", uids=uids),)
 
 
 def pointers(_message: Message, context: ConversionContext) -> Converted:
     """Return every person's cursor, with an empty strip name if it is on no line, as in the ROS toolkit."""
     state = context.state
-    made = [_pointer(state, user) for user in sorted(state.people)]
-    return (state.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
+    pointers = [_pointer(state, user) for user in sorted(state.people)]
+    return (state.types.make("conveyor_msgs/msg/PointerList", pointers=pointers),)
 
 
 def step_number(state: ConveyorState, context: ConversionContext) -> Converted:
@@ -225,12 +230,10 @@ def step_number(state: ConveyorState, context: ConversionContext) -> Converted:
 
 
 def _package(state: ConversionState, item: TrackedObject, place: Any) -> Any:
+    number = state.uids.number(item.id)
+    kind = state.kinds.number(item.kind)
     return state.types.make(
-        "conveyor_msgs/msg/Package",
-        uid=state.uids.number(item.id),
-        position=place,
-        type=state.kinds.number(item.kind),
-        length=item.length_m,
+        "conveyor_msgs/msg/Package", uid=number, position=place, type=kind, length=item.length_m
     )
 
 
@@ -243,14 +246,19 @@ def _pointer(state: ConversionState, user: str) -> Any:
     place = cursor and _along(state, cursor.surface, cursor.surface_id, cursor.position_m)
     if cursor is None or place is None:
         return types.make("conveyor_msgs/msg/Pointer", user_name=name)
-    hovered = "" if person.hover is None else person.hover.object_id
-    over = np.array([state.uids.number(hovered)], dtype=np.uint32) if hovered else _NONE
+
+    # The object under it, if any
+    uids = _NONE
+    if person.hover is not None and person.hover.object_id:
+        number = state.uids.number(person.hover.object_id)
+        uids = np.array([number], dtype=np.uint32)
+    overlay = types.make("conveyor_msgs/msg/PackageUIDList", uids=uids)
     return types.make(
         "conveyor_msgs/msg/Pointer",
         position=place,
         size=profile.cursor_width_m,
         distance=cursor.miss_m,
-        overlay=types.make("conveyor_msgs/msg/PackageUIDList", uids=over),
+        overlay=overlay,
         user_name=name,
         color=values.color(types, profile.cursor_color),
         cmap=values.text(profile.cursor_colormap),
@@ -263,6 +271,5 @@ def _along(state: ConversionState, surface: SurfaceKind, surface_id: str, positi
     if line is None:
         return None
     share = min(max(position_m / line.length_m, 0.0), 1.0)
-    return state.types.make(
-        "conveyor_msgs/msg/PositionOnStrip", name=values.text(lane_name(surface, surface_id)), position=share
-    )
+    name = values.text(lane_name(surface, surface_id))
+    return state.types.make("conveyor_msgs/msg/PositionOnStrip", name=name, position=share)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
@@ -59,25 +60,30 @@ class _Service:
     def hear(self, health: Health) -> Iterator[Line]:
         """Yield lines about findings that are over or new by this report."""
         self.spent = max(self.spent - 1, 0)
-        now = _findings(self.name, health, self.last)
+        current = _findings(self.name, health, self.last)
         self.last = health
+
+        # Ended findings first: they make room for new ones
         for identity, report in list(self.reports.items()):
-            if line := now.get(identity):
+            line = current.get(identity)
+            if line is not None:
                 report.missed = 0
                 report.text = line[1]
                 continue
             report.missed += 1
-            if report.missed >= OVER_REPORTS and self._may():
+            if report.missed >= OVER_REPORTS and self._spend_line():
                 del self.reports[identity]
                 yield INFO, f"over: {report.text}"
-        for identity, (level, text) in now.items():
-            known = self.reports.get(identity)
-            has_room = len(self.reports) < MAX_REPORTS if known is None else level > known.level
-            if has_room and self._may():
+
+        # A known finding is logged again if it has got worse
+        for identity, (level, text) in current.items():
+            report = self.reports.get(identity)
+            is_due = len(self.reports) < MAX_REPORTS if report is None else level > report.level
+            if is_due and self._spend_line():
                 self.reports[identity] = _Report(level, text)
                 yield level, text
 
-    def _may(self) -> bool:
+    def _spend_line(self) -> bool:
         """Return True, and count the line, if one more may be sent."""
         if self.spent > (MAX_AT_ONCE - 1) * REPORTS_PER_LINE:
             return False
@@ -98,14 +104,17 @@ class Rosout:
         service = self._services.get(context.name)
         if service is None:
             spent = self._gone.pop(context.name, 0)
-            service = self._services[context.name] = _Service(context.name, spent)
+            service = _Service(context.name, spent)
+            self._services[context.name] = service
         types = context.state.types
         stamp = values.time(types, context.stamp_ns)
         name = values.text(f"pointit.{context.name}")
-        return tuple(
-            types.make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=values.text(output))
-            for level, output in service.hear(health)
-        )
+        logs: list[Any] = []
+        for level, line in service.hear(health):
+            text = values.text(line)
+            log = types.make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=text)
+            logs.append(log)
+        return tuple(logs)
 
     def forget(self, instance: str) -> None:
         """Forget the findings of a service that is gone."""
@@ -122,12 +131,17 @@ class Rosout:
 def _findings(name: str, health: Health, before: Health | None) -> dict[Identity, Line]:
     """Return the line of each finding of `name` by a report and the one `before` it."""
     reports = [DiagnosisReport(received_s=LONG_S, health=health)]
-    if before is not None and (before.host, before.pid) == (health.host, health.pid):
-        reports.insert(0, DiagnosisReport(received_s=LONG_S, health=before))
-    seen = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
-    found: dict[Identity, Line] = {}
-    for each in diagnose(seen):  # the worst first
-        if each.service == name and each.severity in LEVELS:
-            output = f"{each.sentence}; {each.remedy}" if each.remedy else each.sentence
-            found.setdefault(each.identity, (LEVELS[each.severity], values.text(output)))
-    return found
+    if before is not None:
+        is_same_process = (before.host, before.pid) == (health.host, health.pid)
+        if is_same_process:  # figures of another process say nothing about this one
+            reports.insert(0, DiagnosisReport(received_s=LONG_S, health=before))
+    observation = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
+    lines: dict[Identity, Line] = {}
+    for finding in diagnose(observation):  # the worst first
+        if finding.service != name or finding.severity not in LEVELS:
+            continue
+        text = finding.sentence
+        if finding.remedy:
+            text = f"{text}; {finding.remedy}"
+        lines.setdefault(finding.identity, (LEVELS[finding.severity], values.text(text)))
+    return lines

@@ -47,14 +47,11 @@ _MANY = Qos(depth=100)
 def led_strips(frame: StripsFrame, context: ConversionContext) -> Converted:
     """Return all pixels, red green blue; a strip's id is the number at the end of ours."""
     types = context.state.types
-    strips = [
-        types.make(
-            "led_strip_msgs/msg/LedStrip",
-            id=context.state.channels.number(strip.id),
-            data=np.frombuffer(strip.rgb, dtype=np.uint8),
-        )
-        for strip in frame.strips
-    ]
+    strips: list[Any] = []
+    for strip in frame.strips:
+        number = context.state.channels.number(strip.id)
+        pixels = np.frombuffer(strip.rgb, dtype=np.uint8)
+        strips.append(types.make("led_strip_msgs/msg/LedStrip", id=number, data=pixels))
     return (types.make("led_strip_msgs/msg/LedStrips", strips=strips),)
 
 
@@ -65,13 +62,14 @@ def lamp_color(lamp: LampColor, context: ConversionContext) -> Converted:
 
 def static_frames(room: Environment, context: ConversionContext) -> Converted:
     """Return lamps and the starts of belts and strips, x along them, all in one message."""
-    children: list[tuple[str, Vec3, rotation.Quaternion]] = [
-        (f"lamp/{lamp.id}", lamp.position_m, rotation.IDENTITY) for lamp in room.lamps
-    ]
+    children: list[tuple[str, Vec3, rotation.Quaternion]] = []
+    for lamp in room.lamps:
+        children.append((f"lamp/{lamp.id}", lamp.position_m, rotation.IDENTITY))
     for (kind, name), line in context.state.lines.items():
         tangent = line.tangent_at(0.0)
         orientation = rotation.from_azimuth_elevation(vector.azimuth(tangent), vector.elevation(tangent))
-        children.append((values.text(f"{kind}/{name}"), line.point_at(0.0), orientation))
+        frame = values.text(f"{kind}/{name}")
+        children.append((frame, line.point_at(0.0), orientation))
     return (transforms(context, children[:MAX_FRAMES]),)
 
 
@@ -91,40 +89,44 @@ def diagnostics(health: Health, context: ConversionContext) -> Converted:
     def value(key: str, text: str) -> Any:
         return types.make("diagnostic_msgs/msg/KeyValue", key=values.text(key), value=values.text(text))
 
+    # Warnings count also if the service calls itself well
     level = OK
     message = health.status
     if health.warnings:
         message = "; ".join(health.warnings)
     if health.warnings or health.status != "ok":
         level = WARN
-    figures = _figures(health)[:MAX_VALUES]
+
+    figures = [value(key, text) for key, text in _figures(health)[:MAX_VALUES]]
     status = types.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=level,
         name=values.text(f"pointit: {health.instance}"),
         message=values.text(message),
         hardware_id=values.text(health.host),
-        values=[value(key, text) for key, text in figures],
+        values=figures,
     )
-    array = types.make(
-        "diagnostic_msgs/msg/DiagnosticArray",
-        header=values.header(types, context.stamp_ns, ""),
-        status=[status],
-    )
+    header = values.header(types, context.stamp_ns, "")
+    array = types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=[status])
     return (array,)
 
 
 def _figures(health: Health) -> list[tuple[str, str]]:
     """Return names and values of all that one service reports."""
-    pairs = [("errors", str(health.errors)), ("uptime, s", f"{health.uptime_s:.0f}")]
+    pairs = [("errors", str(health.errors))]
+    pairs.append(("uptime, s", f"{health.uptime_s:.0f}"))
     for name, spread in (("latency", health.latency), ("step", health.step)):
         if spread is not None:
-            pairs.append((f"{name} p50, ms", f"{spread.p50_s * 1e3:.3f}"))
-            pairs.append((f"{name} p99, ms", f"{spread.p99_s * 1e3:.3f}"))
+            p50_ms = spread.p50_s * 1e3
+            p99_ms = spread.p99_s * 1e3
+            pairs.append((f"{name} p50, ms", f"{p50_ms:.3f}"))
+            pairs.append((f"{name} p99, ms", f"{p99_ms:.3f}"))
     for figure in health.figures:
-        pairs.append((f"{figure.name} {figure.unit}".strip(), f"{figure.value:g}"))
+        title = f"{figure.name} {figure.unit}".strip()
+        pairs.append((title, f"{figure.value:g}"))
     for key in health.keys:
-        pairs.append((f"{key.key} {key.direction}, Hz", f"{key.rate_hz:.1f}"))
+        title = f"{key.key} {key.direction}, Hz"
+        pairs.append((title, f"{key.rate_hz:.1f}"))
     return pairs
 
 
@@ -139,11 +141,9 @@ def detection(event: SelectionEvent, context: ConversionContext, *, is_on: bool)
     make = state.types.make
 
     # The thing, and how sure the selection is
-    hypothesis = make(
-        "vision_msgs/msg/ObjectHypothesis",
-        class_id=values.text(event.object_id),
-        score=event.confidence or 0.0,
-    )
+    object_id = values.text(event.object_id)
+    score = event.confidence or 0.0
+    hypothesis = make("vision_msgs/msg/ObjectHypothesis", class_id=object_id, score=score)
     result = make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis)
 
     # Its box, empty if no tracker sees the thing
@@ -153,11 +153,9 @@ def detection(event: SelectionEvent, context: ConversionContext, *, is_on: bool)
         length_m = tracked_object.length_m
         orientation = rotation.from_yaw(tracked_object.yaw_rad or 0.0)
         size_m = tracked_object.size_m or (length_m, length_m, length_m)
-        box = make(
-            "vision_msgs/msg/BoundingBox3D",
-            center=values.pose(state.types, tracked_object.position_m, orientation),
-            size=values.vector3(state.types, size_m),
-        )
+        center = values.pose(state.types, tracked_object.position_m, orientation)
+        size = values.vector3(state.types, size_m)
+        box = make("vision_msgs/msg/BoundingBox3D", center=center, size=size)
     user = values.text(event.user)
     return values.stamped(context, "vision_msgs/msg/Detection3D", id=user, results=[result], bbox=box)
 

@@ -33,7 +33,8 @@ def header(types: Types, stamp_ns: int, frame: str) -> Any:
 def stamped(context: ConversionContext, kind: str, **fields: Any) -> Converted:
     """Return a message of type `kind` with the header of `context` and these fields."""
     types = context.state.types
-    return (types.make(kind, header=header(types, context.stamp_ns, context.frame), **fields),)
+    own_header = header(types, context.stamp_ns, context.frame)
+    return (types.make(kind, header=own_header, **fields),)
 
 
 def point(types: Types, place_m: Vec3) -> Any:
@@ -63,7 +64,8 @@ def pose(types: Types, place_m: Vec3, turned: Quaternion) -> Any:
 
 def color(types: Types, rgb: Rgb, alpha: float = 1.0) -> Any:
     """Return a colour."""
-    return types.make("std_msgs/msg/ColorRGBA", r=rgb[0] / 255.0, g=rgb[1] / 255.0, b=rgb[2] / 255.0, a=alpha)
+    red, green, blue = rgb
+    return types.make("std_msgs/msg/ColorRGBA", r=red / 255.0, g=green / 255.0, b=blue / 255.0, a=alpha)
 
 
 def text(words: str) -> str:

@@ -66,7 +66,8 @@ class DdsWriter(RosEndpoint[DdsContext]):
     def __init__(self, context: DdsContext, topic: str, message: type[object], qos: Qos) -> None:
         super().__init__(context, topic)
         self._echoes = context.echoes[topic]
-        self._publisher = context.node.create_publisher(message, topic, context.rclpy.profile(qos))
+        profile = context.rclpy.profile(qos)
+        self._publisher = context.node.create_publisher(message, topic, profile)
         context.ends.add(self)
 
     def put(self, cdr: bytes) -> None:
@@ -82,10 +83,9 @@ class DdsWriter(RosEndpoint[DdsContext]):
         try:
             self._publisher.publish(cdr)
         except RuntimeError as error:  # an error of rcl; the next message may succeed
-            why = str(error).partition("\n")[0][:200]
-            self._context.warnings.show_briefly(
-                f"sending {self.name}", f"{self.name} could not be sent to ROS: {why}"
-            )
+            reason = str(error).partition("\n")[0][:200]
+            sentence = f"{self.name} could not be sent to ROS: {reason}"
+            self._context.warnings.show_briefly(f"sending {self.name}", sentence)
         finally:
             sent.ended_ns = time.time_ns()
 
@@ -109,14 +109,16 @@ class DdsReader(RosEndpoint[DdsContext]):
         self._echoes = context.echoes[topic]
         self._queue = MessageQueue(context, topic, handler, qos)
         profile = context.rclpy.profile(qos)
-        self._subscription = context.node.create_subscription(message, topic, self._take, profile, raw=True)
+        self._subscription = context.node.create_subscription(
+            message, topic, self._on_message, profile, raw=True
+        )
         context.ends.add(self)
 
     def _undeclare(self) -> None:
         self._queue.close()
         self._context.node.destroy_subscription(self._subscription)
 
-    def _take(self, cdr: bytes, info: MessageInfo) -> None:  # on the executor's thread
+    def _on_message(self, cdr: bytes, info: MessageInfo) -> None:  # on the executor's thread
         if not self._echoes.is_ours(cdr, info["source_timestamp"]):
             self._queue.put(cdr, is_oversized=len(cdr) > self._context.max_bytes)
 
@@ -159,10 +161,12 @@ def join(config: BackendConfig) -> RclpyNode:
         executor = rclpy.new_executor(context=context)
         executor.add_node(node)
     except Exception as error:  # any error of rcl, of a middleware or of their shared libraries
-        why = str(error).partition("\n")[0][:300] or type(error).__name__
+        first_line = str(error).partition("\n")[0]
+        reason = first_line[:300] or type(error).__name__
+        middleware = os.environ.get("RMW_IMPLEMENTATION", "")
         raise ConfigError(
             f"backend.kind dds: rclpy cannot join the ROS graph as {config.node}, domain {config.domain_id} "
-            f"({why}); check that RMW_IMPLEMENTATION={os.environ.get('RMW_IMPLEMENTATION', '')} names an "
+            f"({reason}); check that RMW_IMPLEMENTATION={middleware} names an "
             "installed middleware and that `ros2 node list` works in this terminal"
         ) from error
     return RclpyNode(rclpy, context, node, executor)
@@ -195,7 +199,7 @@ class RclpyBackend(NodeBackend[DdsContext]):
         self._is_left = threading.Event()
         self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
         self._spinning.start()
-        self._look_timer = Timer(context.loop.call_later, self._look)
+        self._look_timer = Timer(context.loop.call_later, self._read_soon)
         self._warn_of_environment()
         self._look_timer.start(0.0)
 
@@ -206,21 +210,27 @@ class RclpyBackend(NodeBackend[DdsContext]):
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
-        infos = self._joined.node.get_publishers_info_by_topic
-        return self._declared(kind, topic, lambda built: DdsWriter(self._context, topic, built, qos), infos)
+
+        def declare(message: Any) -> DdsWriter:
+            return DdsWriter(self._context, topic, message, qos)
+
+        return self._declared(kind, topic, declare, self._joined.node.get_publishers_info_by_topic)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
         """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
-        infos = self._joined.node.get_subscriptions_info_by_topic
-        return self._declared(
-            kind, topic, lambda built: DdsReader(self._context, topic, built, qos, handler), infos
-        )
+
+        def declare(message: Any) -> DdsReader:
+            return DdsReader(self._context, topic, message, qos, handler)
+
+        return self._declared(kind, topic, declare, self._joined.node.get_subscriptions_info_by_topic)
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
         """Answer requests to `service`, unless this ROS lacks its type."""
-        return self._declared(
-            kind, service, lambda built: DdsServiceServer(self._context, service, built, server)
-        )
+
+        def declare(types: Any) -> DdsServiceServer:
+            return DdsServiceServer(self._context, service, types, server)
+
+        return self._declared(kind, service, declare)
 
     def _declared(
         self,
@@ -232,9 +242,13 @@ class RclpyBackend(NodeBackend[DdsContext]):
         """Return the endpoint that `declare` makes of the built type; `infos` returns those of its kind."""
         self._context.check_open()
         built = self._context.class_of(kind)
-        end = None if built is None else self._context.declared(kind, name, lambda: declare(built))
+        if built is None:
+            return NullEndpoint()
+        end = self._context.declared(kind, name, lambda: declare(built))
         if end is None:
             return NullEndpoint()
+
+        # Only a declared endpoint shows the hash of the installed definition
         if infos is not None and self._context.is_other(kind, name, infos):
             end.close()
             return NullEndpoint()
@@ -268,23 +282,24 @@ class RclpyBackend(NodeBackend[DdsContext]):
                 self._joined.executor.spin()
             except Exception as error:  # noqa: BLE001 - a request that cannot be read must not end all else
                 if not self._is_left.is_set():
-                    why = str(error).partition("\n")[0][:200]
-                    self._in_loop(
-                        functools.partial(
-                            self._warnings.show_briefly,
-                            "rclpy",
-                            f"something from ROS was dropped by rclpy: {why}",
-                        )
-                    )
+                    reason = str(error).partition("\n")[0][:200]
+                    sentence = f"something from ROS was dropped by rclpy: {reason}"
+                    self._in_loop(functools.partial(self._warnings.show_briefly, "rclpy", sentence))
             self._is_left.wait(PAUSE_S)
 
-    def _in_loop(self, what: Callable[[], None]) -> None:
+    def _in_loop(self, work: Callable[[], None]) -> None:
+        """Do `work` in the loop, unless the backend is closed by then."""
+
+        def run() -> None:
+            if not self._context.is_closed:
+                work()
+
         try:
-            self._context.loop.call_soon_threadsafe(lambda: None if self._context.is_closed else what())
+            self._context.loop.call_soon_threadsafe(run)
         except RuntimeError:  # the loop is closed
             self._is_left.set()
 
-    def _look(self) -> None:
+    def _read_soon(self) -> None:
         self._joined.executor.create_task(self._read)
 
     def _read(self) -> None:  # on the executor's thread
@@ -300,24 +315,27 @@ class RclpyBackend(NodeBackend[DdsContext]):
         self._look_timer.start(LOOK_S)
         if graph is None:
             return
-        wrong: dict[str, str] = {}
+        problems: dict[str, str] = {}
         if self._reader.namesakes:
-            wrong["node"] = (
+            problems["node"] = (
                 f"another ROS node is called {self.node}: neither sees what the other has; "
                 "set node to another name in one of them, and if it is another PointIt bridge domain_id, too"
             )
-        self._graph_monitor.show(graph, wrong)
+        self._graph_monitor.show(graph, problems)
 
     def _warn_of_environment(self) -> None:
         """Warn if environment variables of ROS differ from the configuration."""
+        domain_id = f"{self._config.domain_id}"
         for variable, setting, field in (
-            ("ROS_DOMAIN_ID", f"{self._config.domain_id}", "domain_id"),
+            ("ROS_DOMAIN_ID", domain_id, "domain_id"),
             ("ROS_DISTRO", self._config.distro, "distro"),
         ):
             value = os.environ.get(variable, setting)
-            if value not in ("", setting):
-                self._warnings.show(
-                    variable,
-                    f"{variable} is {value[:20]} in this terminal, but backend.{field} is {setting}: set "
-                    f"backend.{field} to {value[:20]} to meet the nodes that are started there",
-                )
+            if value in ("", setting):
+                continue
+            shown = value[:20]
+            sentence = (
+                f"{variable} is {shown} in this terminal, but backend.{field} is {setting}: set "
+                f"backend.{field} to {shown} to meet the nodes that are started there"
+            )
+            self._warnings.show(variable, sentence)

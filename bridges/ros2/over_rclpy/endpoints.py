@@ -79,10 +79,13 @@ class GraphReader:
 
         An endpoint replaced by one of another quality of service is seen at most `WHOLE_EVERY` reads later.
         """
+        # Lists of names, which are cheap, show most changes
         topics = _traits(self._node.get_topic_names_and_types())
-        nodes = [tuple(each) for each in self._node.get_node_names_and_namespaces()[:MAX_NODES]]
-        counts = collections.Counter(full_name(name, namespace) for name, namespace in nodes)
-        held = {full_name(*node): self._held(*node) for node in dict.fromkeys(nodes)}
+        nodes = [tuple(node) for node in self._node.get_node_names_and_namespaces()[:MAX_NODES]]
+        counts = collections.Counter(full_name(*node) for node in nodes)
+        held: dict[str, tuple[Traits, ...]] = {}
+        for node in dict.fromkeys(nodes):
+            held[full_name(*node)] = self._held(*node)
         traits = (topics, sorted(counts.items()), sorted(held.items()))
         self._unread += 1
         if traits == self._traits and self._unread < WHOLE_EVERY:
@@ -90,15 +93,18 @@ class GraphReader:
         self._unread = 0
         self._traits = traits
         self.namesakes = max(counts[self._name] - 1, 0)
+
+        # Endpoints of topics with their quality of service, which services do not show
         endpoints: set[Endpoint] = set()
         for topic, _ in topics:
-            endpoints.update(self._ends("publisher", topic, self._node.get_publishers_info_by_topic(topic)))
-            endpoints.update(
-                self._ends("subscriber", topic, self._node.get_subscriptions_info_by_topic(topic))
-            )
-        for node, (_, _, services, clients) in held.items():
-            endpoints.update(self._services("server", node, services))
-            endpoints.update(self._services("client", node, clients))
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            endpoints.update(self._ends("publisher", topic, publishers))
+            subscribers = self._node.get_subscriptions_info_by_topic(topic)
+            endpoints.update(self._ends("subscriber", topic, subscribers))
+        for name, (_, _, services, clients) in held.items():
+            endpoints.update(self._services("server", name, services))
+            endpoints.update(self._services("client", name, clients))
+
         graph = Graph(nodes=frozenset(counts), endpoints=frozenset(endpoints))
         if self._last_read == (graph, self.namesakes):
             return None
@@ -112,45 +118,43 @@ class GraphReader:
     def _held(self, name: str, namespace: str) -> tuple[Traits, ...]:
         node = self._node
         try:
-            return (
-                _traits(node.get_publisher_names_and_types_by_node(name, namespace)),
-                _traits(node.get_subscriber_names_and_types_by_node(name, namespace)),
-                _traits(node.get_service_names_and_types_by_node(name, namespace)),
-                _traits(node.get_client_names_and_types_by_node(name, namespace)),
-            )
+            publishers = _traits(node.get_publisher_names_and_types_by_node(name, namespace))
+            subscribers = _traits(node.get_subscriber_names_and_types_by_node(name, namespace))
+            services = _traits(node.get_service_names_and_types_by_node(name, namespace))
+            clients = _traits(node.get_client_names_and_types_by_node(name, namespace))
         except RuntimeError:  # it has gone meanwhile; the next read does not see it
             return ((), (), (), ())
+        return (publishers, subscribers, services, clients)
 
     def _ends(self, kind: EndpointKind, topic: str, infos: Sequence[EndInfo]) -> list[Endpoint]:
-        return [
-            self._endpoint(
-                kind,
-                full_name(info.node_name, info.node_namespace),
-                topic,
-                RosType(name=info.topic_type, hash=hash_of(info)),
-                info,
-            )
-            for info in infos
-            if info.topic_type.count("/") == 2
-        ]
+        endpoints: list[Endpoint] = []
+        for info in infos:
+            if info.topic_type.count("/") != 2:
+                continue
+            node = full_name(info.node_name, info.node_namespace)
+            ros_type = RosType(name=info.topic_type, hash=hash_of(info))
+            endpoints.append(self._endpoint(kind, node, topic, ros_type, info))
+        return endpoints
 
     def _services(self, kind: EndpointKind, node: str, services: Traits) -> list[Endpoint]:
-        return [
-            self._endpoint(kind, node, service, RosType(name=name, hash=""))
-            for service, names in services
-            for name in names
-            if name.count("/") == 2
-        ]
+        endpoints: list[Endpoint] = []
+        for service, type_names in services:
+            for type_name in type_names:
+                if type_name.count("/") == 2:
+                    ros_type = RosType(name=type_name, hash="")
+                    endpoints.append(self._endpoint(kind, node, service, ros_type))
+        return endpoints
 
     def _endpoint(
-        self, kind: EndpointKind, node: str, name: str, of: RosType, info: EndInfo | None = None
+        self, kind: EndpointKind, node: str, name: str, ros_type: RosType, info: EndInfo | None = None
     ) -> Endpoint:
+        qos = None if info is None else self._rclpy.qos(info.qos_profile)
         return Endpoint(
             kind=kind,
             node=node,
             name=name,
-            type=of,
-            qos=None if info is None else self._rclpy.qos(info.qos_profile),
+            type=ros_type,
+            qos=qos,
             domain=self._domain,
             is_ours=node == self._name,
         )
@@ -193,12 +197,13 @@ class DdsContext(NodeContext):
                     f"build them with `colcon build --base-paths {INTERFACES}`, source install/setup.bash"
                 )
             else:
-                remedy = f"install ros-{self._config.distro}-{package.replace('_', '-')}"
-            self.warnings.show(
-                f"package {package}",
+                debian_name = package.replace("_", "-")
+                remedy = f"install ros-{self._config.distro}-{debian_name}"
+            sentence = (
                 f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
-                "start again",
+                "start again"
             )
+            self.warnings.show(f"package {package}", sentence)
             return None
 
     def declared(self, kind: RosType, name: str, declare: Callable[[], End]) -> End | None:
@@ -206,11 +211,11 @@ class DdsContext(NodeContext):
         try:
             return declare()
         except Exception as error:  # noqa: BLE001 - rclpy raises what comes out of the type's libraries
-            why = str(error).partition("\n")[0][:200] or type(error).__name__
-            self.warnings.show(
-                f"refusal of {kind.name}",
-                f"rclpy refuses {kind.name}, so {name} is left out: {why}; rebuild its package for this ROS",
-            )
+            first_line = str(error).partition("\n")[0]
+            reason = first_line[:200] or type(error).__name__
+            remedy = "rebuild its package for this ROS"
+            sentence = f"rclpy refuses {kind.name}, so {name} is left out: {reason}; {remedy}"
+            self.warnings.show(f"refusal of {kind.name}", sentence)
             return None
 
     def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
@@ -223,20 +228,25 @@ class DdsContext(NodeContext):
             name: of a topic with an endpoint of ours.
             infos: returns the endpoints of that kind.
         """
-        installed = {
-            hash_of(info)
-            for info in infos(name)
-            if full_name(info.node_name, info.node_namespace) == self._config.node
-            and info.topic_type == kind.name
-        } - {""}
-        if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
+        # The hash of our own endpoint there: rclpy takes it from the installed definition
+        installed: set[str] = set()
+        for info in infos(name):
+            node = full_name(info.node_name, info.node_namespace)
+            if node == self._config.node and info.topic_type == kind.name:
+                installed.add(hash_of(info))
+        installed.discard("")
+        if not installed or kind.hash in installed:
             return False
-        self.warnings.show(
-            f"definition of {kind.name}",
-            f"this ROS has another definition of {kind.name} than PointIt (hash {min(installed)[:20]}, not "
+        if not kind.hash.startswith("RIHS01_"):
+            return False
+
+        other_hash = min(installed)
+        sentence = (
+            f"this ROS has another definition of {kind.name} than PointIt (hash {other_hash[:20]}, not "
             f"{kind.hash[:20]}), so {name} is left out; set distro to this ROS's, or rebuild the package "
-            f"from {INTERFACES}",
+            f"from {INTERFACES}"
         )
+        self.warnings.show(f"definition of {kind.name}", sentence)
         return True
 
 
@@ -271,10 +281,10 @@ class LoopbackFilter:
 
     def is_ours(self, cdr: bytes, source_ns: int) -> bool:
         """Return True if we published `cdr` at `source_ns`."""
-        return any(
-            sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns and sent.is_in(cdr)
-            for sent in self._sent.copy()  # the loop appends meanwhile
-        )
+        for sent in self._sent.copy():  # the loop appends meanwhile
+            if sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns and sent.is_in(cdr):
+                return True
+        return False
 
 
 class _Sent:
@@ -291,7 +301,8 @@ class _Sent:
 
     def is_in(self, cdr: bytes) -> bool:
         """Return True if `cdr` is this message, with or without padding."""
-        return 0 <= len(cdr) - self.length <= MAX_PADDING and hash(cdr[: self.length]) == self.mark
+        padding = len(cdr) - self.length
+        return 0 <= padding <= MAX_PADDING and hash(cdr[: self.length]) == self.mark
 
 
 class DdsServiceServer(RosServiceServer[DdsContext]):
@@ -327,21 +338,26 @@ class DdsServiceServer(RosServiceServer[DdsContext]):
     def _begin(self, request: bytes, header: object) -> None:
         if self.is_closed or self._context.is_closed:
             return
-        if len(self._tasks) >= MAX_OPEN or len(request) > self._context.max_bytes:
-            what = "too many requests are open" if len(self._tasks) >= MAX_OPEN else "it was too long"
-            self._context.warnings.show_briefly(
-                f"requests to {self.name}", f"a request to {self.name} was refused: {what}"
-            )
+        reason = ""
+        if len(self._tasks) >= MAX_OPEN:
+            reason = "too many requests are open"
+        elif len(request) > self._context.max_bytes:
+            reason = "it was too long"
+        if reason:
+            sentence = f"a request to {self.name} was refused: {reason}"
+            self._context.warnings.show_briefly(f"requests to {self.name}", sentence)
             self._answer(self._types.Response(), header)
             return
         self._start(id(header), self._work(request, header))
 
     async def _work(self, request: bytes, header: object) -> None:
         types = self._types
+
+        def decode(cdr: bytes) -> object:
+            return self._context.rclpy.deserialize(cdr, types.Response)
+
         try:
-            response = await self._response(
-                request, lambda cdr: self._context.rclpy.deserialize(cdr, types.Response)
-            )
+            response = await self._response(request, decode)
         except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
             response = types.Response()
         self._answer(response, header)
@@ -371,21 +387,24 @@ class DdsClient(RosEndpoint[DdsContext]):
             TimeoutError: If there is no server, or no answer of it in time.
         """
         value = self._context.rclpy.deserialize(request, self._types.Request)
-        lacking = "no node serves it"
+        problem = "no node serves it"
         reply: Reply | None = None
         try:
             async with asyncio.timeout(timeout_s):
                 while not self._client.service_is_ready():  # noqa: ASYNC110 - rclpy has no event for it
                     await asyncio.sleep(LOOK_S)
-                lacking = "its server did not answer"
+                problem = "its server did not answer"
                 outcome: asyncio.Future[object] = self._context.loop.create_future()
                 reply = self._client.call_async(value)
                 reply.add_done_callback(functools.partial(self._on_reply, outcome))
                 return self._context.rclpy.serialize(await outcome)
         except TimeoutError as error:
-            raise TimeoutError(f"ROS service {self.name}: {lacking} within {timeout_s:g} s") from error
+            sentence = f"ROS service {self.name}: {problem} within {timeout_s:g} s"
+            raise TimeoutError(sentence) from error
         finally:
-            if reply is not None and not self.is_closed and not self._context.is_closed:
+            # rclpy keeps a request for ever that gets no answer; a destroyed client has none
+            is_open = not self.is_closed and not self._context.is_closed
+            if reply is not None and is_open:
                 self._client.remove_pending_request(reply)
 
     def _undeclare(self) -> None:

@@ -52,21 +52,18 @@ class Rclpy:
 
     def profile(self, qos: Qos) -> Profile:
         """Return `qos` as an rclpy profile."""
-        ends = {} if qos.lifespan_ns is None else {"lifespan": self.new_duration(nanoseconds=qos.lifespan_ns)}
-        return self.new_profile(
-            **ends,
-            depth=qos.depth,
-            reliability=self.reliability.RELIABLE if qos.reliable else self.reliability.BEST_EFFORT,
-            durability=self.durability.TRANSIENT_LOCAL if qos.latched else self.durability.VOLATILE,
-        )
+        limits: dict[str, object] = {}
+        if qos.lifespan_ns is not None:
+            limits["lifespan"] = self.new_duration(nanoseconds=qos.lifespan_ns)
+        reliability = self.reliability.RELIABLE if qos.reliable else self.reliability.BEST_EFFORT
+        durability = self.durability.TRANSIENT_LOCAL if qos.latched else self.durability.VOLATILE
+        return self.new_profile(**limits, depth=qos.depth, reliability=reliability, durability=durability)
 
     def qos(self, profile: Profile) -> Qos:
         """Return the `Qos` of `profile`. DDS does not show the depth of others, and lifespan is not used."""
-        return Qos(
-            depth=profile.depth,
-            reliable=profile.reliability == self.reliability.RELIABLE,
-            latched=profile.durability == self.durability.TRANSIENT_LOCAL,
-        )
+        is_reliable = profile.reliability == self.reliability.RELIABLE
+        is_latched = profile.durability == self.durability.TRANSIENT_LOCAL
+        return Qos(depth=profile.depth, reliable=is_reliable, latched=is_latched)
 
 
 def loaded() -> Rclpy:
@@ -75,31 +72,34 @@ def loaded() -> Rclpy:
     Raises:
         ConfigError: If it is not there, not for this Python, or older than Iron.
     """
+    load = importlib.import_module
     try:
-        _ = importlib.import_module("rclpy.subscription").Subscription.CallbackType  # since Iron
-        qos = importlib.import_module("rclpy.qos")
-        serialization = importlib.import_module("rclpy.serialization")
+        _ = load("rclpy.subscription").Subscription.CallbackType  # since Iron
+        qos = load("rclpy.qos")
+        serialization = load("rclpy.serialization")
         return Rclpy(
-            new_context=importlib.import_module("rclpy.context").Context,
-            new_node=importlib.import_module("rclpy.node").Node,
-            new_executor=importlib.import_module("rclpy.executors").SingleThreadedExecutor,
+            new_context=load("rclpy.context").Context,
+            new_node=load("rclpy.node").Node,
+            new_executor=load("rclpy.executors").SingleThreadedExecutor,
             new_profile=qos.QoSProfile,
-            new_duration=importlib.import_module("rclpy.duration").Duration,
+            new_duration=load("rclpy.duration").Duration,
             reliability=qos.ReliabilityPolicy,
             durability=qos.DurabilityPolicy,
             serialize=serialization.serialize_message,
             deserialize=serialization.deserialize_message,
         )
     except (ImportError, AttributeError, OSError) as error:
+        # Absent, or there but built for another Python or incomplete
         python = f"{sys.version_info.major}.{sys.version_info.minor}"
         if isinstance(error, ModuleNotFoundError) and error.name == "rclpy":
-            what = f"there is no rclpy for this Python {python}"
+            problem = f"there is no rclpy for this Python {python}"
         else:
-            what = f"rclpy does not load in this Python {python} ({str(error).partition(chr(10))[0][:200]})"
+            first_line = str(error).partition("\n")[0]
+            problem = f"rclpy does not load in this Python {python} ({first_line[:200]})"
         distro = os.environ.get("ROS_DISTRO") or "jazzy"
         raise ConfigError(
-            f"backend.kind dds: {what}; run `source /opt/ros/{distro}/setup.bash` and start PointIt with the "
-            "Python that this ROS is built for; or use kind rmw_zenoh"
+            f"backend.kind dds: {problem}; run `source /opt/ros/{distro}/setup.bash` and start PointIt with "
+            "the Python that this ROS is built for; or use kind rmw_zenoh"
         ) from error
 
 

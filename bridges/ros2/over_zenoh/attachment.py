@@ -34,10 +34,8 @@ def unpacked(data: bytes | None) -> Attachment:
     if data is None:
         raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
     if len(data) != _FORMAT.size:
-        raise ValueError(
-            f"an attachment of {len(data)} bytes, rmw_zenoh's has {_FORMAT.size}: update ros-*-rmw-zenoh-cpp "
-            "there"
-        )
+        sizes = f"{len(data)} bytes, rmw_zenoh's has {_FORMAT.size}"
+        raise ValueError(f"an attachment of {sizes}: update ros-*-rmw-zenoh-cpp there")
     sequence, stamp_ns, length, sender = _FORMAT.unpack(data)
     if length != GID_BYTES:
         raise ValueError(f"an attachment with a gid of {length} bytes, rmw_zenoh's has {GID_BYTES}")

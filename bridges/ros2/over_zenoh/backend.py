@@ -83,4 +83,5 @@ class ZenohBackend(NodeBackend[EndpointContext]):
             self._refresh_timer.start(SETTLE_S)
 
     def _refresh(self) -> None:
-        self._graph_monitor.show(self._directory.graph(), {"router": self.problem} if self.problem else {})
+        problems = {"router": self.problem} if self.problem else {}
+        self._graph_monitor.show(self._directory.graph(), problems)

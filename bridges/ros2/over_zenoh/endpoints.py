@@ -85,9 +85,9 @@ class ZenohWriter(RosEndpoint[EndpointContext]):
         super().__init__(context, topic)
         # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
         # Subscribers of a latched topic still receive later messages.
-        self._writer = context.session.publisher(
-            context.rmw.key(topic, kind), cache_size=qos.depth if qos.lasts else 0, reliable=qos.reliable
-        )
+        key = context.rmw.key(topic, kind)
+        cache_size = qos.depth if qos.lasts else 0
+        self._writer = context.session.publisher(key, cache_size=cache_size, reliable=qos.reliable)
         self._token = context.announce("publisher", topic, kind, qos)
         context.ends.add(self)
 
@@ -122,29 +122,32 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
         self._remembered = max(qos.depth, REMEMBERED)
         self._queue = MessageQueue(context, topic, self._on_sample, qos)
+
+        def enqueue(sample: RawSample) -> None:  # on a thread of Zenoh
+            self._queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes))
+
+        key = context.rmw.key(topic, kind)
+        cache_size = qos.depth if qos.latched else 0
         self._subscriber = context.session.subscriber(
-            context.rmw.key(topic, kind),
-            lambda sample: self._queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
-            cache_size=qos.depth if qos.latched else 0,
-            reliable=qos.reliable,
+            key, enqueue, cache_size=cache_size, reliable=qos.reliable
         )
         self._token = context.announce("subscriber", topic, kind, qos)
         context.ends.add(self)
 
     def _undeclare(self) -> None:
-        for each in (self._token, self._subscriber, self._queue):
-            each.close()
+        for end in (self._token, self._subscriber, self._queue):
+            end.close()
 
     def _on_sample(self, sample: RawSample) -> None:
         try:
             origin = unpacked(sample.attachment)
         except ValueError as error:
             self._malformed += 1
-            self._context.warnings.show_briefly(
-                f"attachments of {self.name}", f"dropped {self._malformed} messages on {self.name}: {error}"
-            )
+            sentence = f"dropped {self._malformed} messages on {self.name}: {error}"
+            self._context.warnings.show_briefly(f"attachments of {self.name}", sentence)
             return
-        if origin.gid in self._context.gids or origin.gid in self._context.directory.bridged:
+        context = self._context
+        if origin.gid in context.gids or origin.gid in context.directory.bridged:
             return  # it is ours, or of another PointIt
         if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
             return
@@ -167,9 +170,8 @@ class ZenohServiceServer(RosServiceServer[EndpointContext]):
     def __init__(self, context: EndpointContext, service: str, kind: RosType, server: Server) -> None:
         """Declare. The presence token comes last, so that clients that see it find a server."""
         super().__init__(context, service, server)
-        self._queryable = context.session.queryable(
-            context.rmw.key(service, kind), self._on_query, max_bytes=context.max_bytes
-        )
+        key = context.rmw.key(service, kind)
+        self._queryable = context.session.queryable(key, self._on_query, max_bytes=context.max_bytes)
         self._token = context.announce("server", service, kind, SERVICE)
         context.ends.add(self)
 
@@ -181,8 +183,8 @@ class ZenohServiceServer(RosServiceServer[EndpointContext]):
         try:
             origin = unpacked(query.attachment)
         except ValueError as error:
-            why = f"dropped a request to {self.name}: {error}"
-            self._context.warnings.show_briefly(f"attachments of {self.name}", why)
+            sentence = f"dropped a request to {self.name}: {error}"
+            self._context.warnings.show_briefly(f"attachments of {self.name}", sentence)
             self._start(id(query), query.refuse(str(error)))
             return
         mark = origin.gid, origin.sequence
@@ -200,7 +202,8 @@ class ZenohServiceServer(RosServiceServer[EndpointContext]):
         except RefusedError as error:
             await query.refuse(str(error))
         else:
-            await query.answer(response, packed(replace(origin, stamp_ns=self._context.now_ns())))
+            echo = replace(origin, stamp_ns=self._context.now_ns())
+            await query.answer(response, packed(echo))
 
 
 class ZenohServiceClient(RosEndpoint[EndpointContext]):
@@ -208,7 +211,8 @@ class ZenohServiceClient(RosEndpoint[EndpointContext]):
 
     def __init__(self, context: EndpointContext, service: str, kind: RosType) -> None:
         super().__init__(context, service)
-        self._querier = context.session.querier(context.rmw.key(service, kind), max_bytes=context.max_bytes)
+        key = context.rmw.key(service, kind)
+        self._querier = context.session.querier(key, max_bytes=context.max_bytes)
         self._token = context.announce("client", service, kind, SERVICE)
         context.ends.add(self)
 
@@ -220,25 +224,28 @@ class ZenohServiceClient(RosEndpoint[EndpointContext]):
         """
         loop = self._context.loop
         refusals: list[str] = []
-        lacking = "no node serves it"
+        problem = "no node serves it"
         try:
             async with asyncio.timeout(timeout_s):
                 for wait_s in (*EMPTY_RETRY_S, None):
                     await self._querier.wait_for_server()
-                    lacking = "its server did not answer"
+                    problem = "its server did not answer"
                     began_s = loop.time()
                     response = await self._ask(request, refusals)
                     if response is not None:
                         return response
-                    lacking = GONE
-                    if wait_s is None or refusals or loop.time() - began_s > AT_ONCE_S:
+
+                    # Repeated only if it reached no server: a request may not be done twice
+                    problem = GONE
+                    has_arrived = bool(refusals) or loop.time() - began_s > AT_ONCE_S
+                    if wait_s is None or has_arrived:
                         break
                     await asyncio.sleep(wait_s)
         except TimeoutError as error:
-            why = "; ".join(dict.fromkeys([*refusals, f"{lacking} within {timeout_s:g} s"]))
-            raise TimeoutError(f"ROS service {self.name}: {why}") from error
-        why = "; ".join(dict.fromkeys(refusals)) or GONE
-        raise TimeoutError(f"ROS service {self.name}: {why}")
+            reasons = dict.fromkeys([*refusals, f"{problem} within {timeout_s:g} s"])
+            raise TimeoutError(f"ROS service {self.name}: {'; '.join(reasons)}") from error
+        reason = "; ".join(dict.fromkeys(refusals)) or GONE
+        raise TimeoutError(f"ROS service {self.name}: {reason}")
 
     async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
         """Return the first good response, or None, with the reasons of rejections added to `refusals`."""

@@ -25,7 +25,8 @@ def qos_text(qos: Qos) -> str:
     reliability = "" if qos.reliable else f"{BEST_EFFORT}"
     durability = f"{TRANSIENT_LOCAL}" if qos.latched else ""
     depth = "" if qos.depth == DEFAULT_DEPTH else f"{qos.depth}"
-    return f"{reliability}:{durability}:,{depth}:,:{_time_text(qos.lifespan_ns)}:,,"
+    lifespan = _time_text(qos.lifespan_ns)
+    return f"{reliability}:{durability}:,{depth}:,:{lifespan}:,,"
 
 
 def qos_of(text: str) -> Qos:
@@ -36,14 +37,13 @@ def qos_of(text: str) -> Qos:
     """
     try:
         reliability, durability, history, *rest = text.split(":")
-        kept, depth = history.split(",")
-        _choice(kept, KEEP_LAST, KEEP_ALL)
-        return Qos(
-            reliable=_choice(reliability, RELIABLE, BEST_EFFORT) == RELIABLE,
-            latched=_choice(durability, VOLATILE, TRANSIENT_LOCAL) == TRANSIENT_LOCAL,
-            depth=_natural(depth) if depth else DEFAULT_DEPTH,
-            lifespan_ns=_time_ns(rest[1]) if len(rest) > 1 else None,
-        )
+        history_kind, depth = history.split(",")
+        _choice(history_kind, KEEP_LAST, KEEP_ALL)
+        is_reliable = _choice(reliability, RELIABLE, BEST_EFFORT) == RELIABLE
+        is_latched = _choice(durability, VOLATILE, TRANSIENT_LOCAL) == TRANSIENT_LOCAL
+        depth_number = _natural(depth) if depth else DEFAULT_DEPTH
+        lifespan_ns = _time_ns(rest[1]) if len(rest) > 1 else None
+        return Qos(reliable=is_reliable, latched=is_latched, depth=depth_number, lifespan_ns=lifespan_ns)
     except ValueError as error:
         raise ValueError(f"{text!r} is not a quality of service as rmw_zenoh writes it") from error
 
@@ -59,21 +59,25 @@ def _choice(text: str, default: int, other: int) -> int:
 def _time_text(time_ns: int | None) -> str:
     parts = divmod(ENDLESS_NS if time_ns is None else time_ns, NS_PER_S)
     endless = divmod(ENDLESS_NS, NS_PER_S)
-    return ",".join(
-        "" if part == default else f"{part}" for part, default in zip(parts, endless, strict=True)
-    )
+    texts: list[str] = []
+    for part, default in zip(parts, endless, strict=True):
+        texts.append("" if part == default else f"{part}")
+    return ",".join(texts)
 
 
 def _time_ns(text: str) -> int | None:
     """Return a time, or None if it is infinite."""
-    s, ns = text.split(",")
+    seconds, nanoseconds = text.split(",")
     endless_s, endless_ns = divmod(ENDLESS_NS, NS_PER_S)
-    time_ns = (_natural(s) if s else endless_s) * NS_PER_S + (_natural(ns) if ns else endless_ns)
+    whole_s = _natural(seconds) if seconds else endless_s
+    rest_ns = _natural(nanoseconds) if nanoseconds else endless_ns
+    time_ns = whole_s * NS_PER_S + rest_ns
     return None if time_ns == ENDLESS_NS else time_ns
 
 
 def _natural(text: str) -> int:
     """Return the number written in plain digits; `int` alone would accept signs, blanks and underscores."""
-    if not (text.isascii() and text.isdigit()) or len(text) > 18:
+    is_digits = text.isascii() and text.isdigit()
+    if not is_digits or len(text) > 18:
         raise ValueError(text)
     return int(text)

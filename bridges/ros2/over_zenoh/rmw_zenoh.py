@@ -56,32 +56,37 @@ class LivelinessDirectory:
 
     def change(self, tokens: Mapping[str, bool]) -> None:
         """Add tokens (True) or remove them (False)."""
-        changed = False
+        has_changed = False
         for token, present in tokens.items():
             if not present and token in self._own:
                 continue
             if not present:
-                gone = self._seen.pop(token, None)
-                if gone is not None:
-                    changed = True
-                    self.bridged -= {gone.bridge_gid}
+                ended = self._seen.pop(token, None)
+                if ended is not None:
+                    has_changed = True
+                    self.bridged -= {ended.bridge_gid}
             elif token not in self._seen and len(self._seen) < MAX_TOKENS:
                 try:
-                    seen = self._seen[token] = self._read(token)
+                    seen = self._read(token)
                 except ValueError:
                     continue
-                changed = True
+                self._seen[token] = seen
+                has_changed = True
                 if seen.bridge_gid is not None:
                     self.bridged.add(seen.bridge_gid)
-        if changed:
+        if has_changed:
             self._on_change()
 
     def graph(self) -> Graph:
         """Return the graph: the nodes of our domain, the endpoints of every domain."""
-        return Graph(
-            nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
-            endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),
-        )
+        nodes: set[str] = set()
+        endpoints: set[Endpoint] = set()
+        for seen in self._seen.values():
+            if seen.domain == self._domain:
+                nodes.add(seen.node)
+            if seen.endpoint is not None:
+                endpoints.add(seen.endpoint)
+        return Graph(nodes=frozenset(nodes), endpoints=frozenset(endpoints))
 
 
 class RmwZenoh:
@@ -101,9 +106,8 @@ class RmwZenoh:
         """
         self._domain = domain
         self._ids = itertools.count()
-        self._own = NodeToken(
-            domain=domain, session=session, node_id=str(next(self._ids)), node=node, enclave=enclave
-        )
+        node_id = str(next(self._ids))
+        self._own = NodeToken(domain=domain, session=session, node_id=node_id, node=node, enclave=enclave)
 
     def key(self, name: str, kind: RosType) -> str:
         """Return the key of `name`; other type hashes have other keys."""
@@ -126,20 +130,20 @@ class RmwZenoh:
         Raises:
             ValueError: If it is none.
         """
-        found = parsed(token)
-        if not isinstance(found, EndpointToken):
-            return Seen(node=found.node, domain=found.domain)
-        is_ours = found.session == self._own.session
-        is_bridge = self._own.enclave == found.enclave == BRIDGE and not is_ours
+        content = parsed(token)
+        if not isinstance(content, EndpointToken):
+            return Seen(node=content.node, domain=content.domain)
+        is_ours = content.session == self._own.session
+        is_bridge = self._own.enclave == content.enclave == BRIDGE and not is_ours
         endpoint = Endpoint(
-            kind=found.kind,
-            node=found.node,
-            name=found.name,
-            type=found.type,
-            qos=found.qos,
-            domain=found.domain,
+            kind=content.kind,
+            node=content.node,
+            name=content.name,
+            type=content.type,
+            qos=content.qos,
+            domain=content.domain,
             is_ours=is_ours,
             is_bridge=is_bridge,
         )
         origin = gid(token) if is_bridge else None
-        return Seen(node=found.node, domain=found.domain, endpoint=endpoint, bridge_gid=origin)
+        return Seen(node=content.node, domain=content.domain, endpoint=endpoint, bridge_gid=origin)

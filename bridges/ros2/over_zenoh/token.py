@@ -66,10 +66,10 @@ def dds_type(text: str, type_hash: str) -> RosType:
     Raises:
         ValueError: If it , or the hash, is not written that way.
     """
-    found = DDS_TYPE.fullmatch(text)
-    if found is None or not HASH.fullmatch(type_hash):
+    match = DDS_TYPE.fullmatch(text)
+    if match is None or not HASH.fullmatch(type_hash):
         raise ValueError(f"{text!r} with the hash {type_hash!r} is not a type as DDS writes it")
-    return RosType(name="/".join(found.groups()), hash=type_hash)
+    return RosType(name="/".join(match.groups()), hash=type_hash)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,8 @@ class NodeToken:
     def _chunks(self, entity_id: str, code: str) -> str:
         namespace, _, name = self.node.rpartition("/")
         ids = f"{PRESENCE}/{self.domain}/{self.session}/{self.node_id}/{entity_id}"
-        return f"{ids}/{code}/{mangled(self.enclave)}/{mangled(namespace)}/{name}"
+        place = f"{mangled(self.enclave)}/{mangled(namespace)}/{name}"
+        return f"{ids}/{code}/{place}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,8 @@ class EndpointToken(NodeToken):
         """Return the token."""
         node = self._chunks(self.endpoint_id, CODES[self.kind])
         name = mangled(self.name)
-        return f"{node}/{name}/{self.type.dds_name}/{self.type.hash}/{qos_text(self.qos)}"
+        kind = f"{self.type.dds_name}/{self.type.hash}"
+        return f"{node}/{name}/{kind}/{qos_text(self.qos)}"
 
 
 def parsed(text: str) -> NodeToken | EndpointToken:
@@ -123,26 +125,36 @@ def parsed(text: str) -> NodeToken | EndpointToken:
     Raises:
         ValueError: If it is no such token.
     """
-    chunks = text.split("/", ENDPOINT_CHUNKS) if len(text) <= MAX_CHARACTERS else []
-    if len(chunks) < NODE_CHUNKS or chunks[0] != PRESENCE or not all(chunks):
+    chunks: list[str] = []
+    if len(text) <= MAX_CHARACTERS:
+        chunks = text.split("/", ENDPOINT_CHUNKS)
+    has_chunks = len(chunks) >= NODE_CHUNKS and all(chunks)
+    if not has_chunks or chunks[0] != PRESENCE:
         raise ValueError(f"{text[:100]!r} is not a token of a ROS node")
-    _, domain, session, node_id, entity_id, code, enclave, namespace, name = chunks[:NODE_CHUNKS]
+
+    # The node, which is in both kinds of tokens
+    _, domain, session, node_id, entity_id = chunks[:5]
+    code, enclave, namespace, name = chunks[5:NODE_CHUNKS]
     if not SESSION.fullmatch(session) or not DIGITS.fullmatch(domain):
         raise ValueError(f"{text[:100]!r} has a domain or session that is none")
-    node = resolved(f"{unmangled(namespace).rstrip('/')}/{name}")
+    parent = unmangled(namespace).rstrip("/")
+    node = resolved(f"{parent}/{name}")
     own = NodeToken(
         domain=int(domain), session=session, node_id=node_id, node=node, enclave=unmangled(enclave)
     )
     if code == NODE:
         return own
+
+    # Its endpoint
     if code not in KINDS or len(chunks) < ENDPOINT_CHUNKS:
         raise ValueError(f"{text[:100]!r} is neither of a node nor of an endpoint")
     topic, dds_name, type_hash, qos = chunks[NODE_CHUNKS:ENDPOINT_CHUNKS]
+    endpoint_name = resolved(unmangled(topic))
     return EndpointToken(
         **vars(own),
         endpoint_id=entity_id,
         kind=KINDS[code],
-        name=resolved(unmangled(topic)),
+        name=endpoint_name,
         type=dds_type(dds_name, type_hash),
         qos=qos_of(qos),
     )
@@ -160,4 +172,5 @@ def unmangled(chunk: str) -> str:
 
 def gid(token: str) -> bytes:
     """Return the 16 bytes that identify the endpoint with this token: its XXH3, little endian."""
-    return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
+    digest = xxhash.xxh3_128_intdigest(token.encode())
+    return digest.to_bytes(16, "little")

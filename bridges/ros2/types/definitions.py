@@ -144,17 +144,21 @@ class Rihs01:
 
     def service(self, name: str) -> str:
         """Return the hash of the service `name` (`std_srvs/srv/Empty`): of request, response and event."""
-        request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
-        parts = [("request_message", request), ("response_message", response), ("event_message", event)]
-        self._describe(
-            event,
-            [
-                ("info", (NAME, EVENT_INFO)),
-                ("request", (SEQUENCE, ((NAME, request), 1))),
-                ("response", (SEQUENCE, ((NAME, response), 1))),
-            ],
-        )
-        return self._hash(*self._describe(name, [(field, (NAME, part)) for field, part in parts]))
+        request = (NAME, f"{name}_Request")
+        response = (NAME, f"{name}_Response")
+        event = f"{name}_Event"
+
+        # The event is in no file: rosidl derives it from the service
+        info = ("info", (NAME, EVENT_INFO))
+        requests = ("request", (SEQUENCE, (request, 1)))
+        responses = ("response", (SEQUENCE, (response, 1)))
+        self._describe(event, [info, requests, responses])
+        parts: Fields = [
+            ("request_message", request),
+            ("response_message", response),
+            ("event_message", (NAME, event)),
+        ]
+        return self._hash(*self._describe(name, parts))
 
     def _hash(self, text: str, referenced: frozenset[str]) -> str:
         others = ", ".join(self._description(name)[0] for name in sorted(referenced))
@@ -162,8 +166,10 @@ class Rihs01:
         return f"RIHS01_{sha256(described.encode()).hexdigest()}"
 
     def _description(self, name: str) -> tuple[str, frozenset[str]]:
-        known = self._described.get(name)
-        return known if known is not None else self._describe(name, self._fields_of(name))
+        description = self._described.get(name)
+        if description is None:
+            description = self._describe(name, self._fields_of(name))
+        return description
 
     def _describe(self, name: str, fields: Fields) -> tuple[str, frozenset[str]]:
         """Return the type's own JSON, and the names of all types below it."""
@@ -172,8 +178,10 @@ class Rihs01:
         for field, of in fields or EMPTY:
             kind = _kind(of)
             described.append({"name": field, "type": kind})
-            if nested := kind["nested_type_name"]:
-                referenced |= {nested} | self._description(nested)[1]
+            nested = kind["nested_type_name"]
+            if nested:
+                _, below = self._description(nested)
+                referenced |= {nested} | below
         text = json.dumps({"type_name": name, "fields": described})
         self._described[name] = text, frozenset(referenced)
         return self._described[name]
@@ -187,7 +195,9 @@ def _kind(of: Any) -> dict[str, Any]:
     nested = ""
     if shape in {ARRAY, SEQUENCE}:
         (shape, rest), capacity = rest
-        offset = ARRAY_IDS if of[0] == ARRAY else BOUNDED_SEQUENCE_IDS if capacity else SEQUENCE_IDS
+        offset = BOUNDED_SEQUENCE_IDS if capacity else SEQUENCE_IDS
+        if of[0] == ARRAY:
+            offset = ARRAY_IDS
     if shape == NAME:
         number = NAMED_ID
         nested = rest
@@ -205,7 +215,9 @@ def _kind(of: Any) -> dict[str, Any]:
 def actions(distro: Distro) -> dict[str, str]:
     """Return name and text of the actions that nodes of `distro` have: goal, result and feedback."""
     result = _RESULTS.get(distro, f"{_CODE}string error_msg\n")
-    feedback = _FEEDBACK + (_TRACKING if distro in {"lyrical", "rolling"} else "")
+    feedback = _FEEDBACK
+    if distro in {"lyrical", "rolling"}:
+        feedback += _TRACKING
     return {NAVIGATE_TO_POSE: f"{_GOAL}---\n{result}---\n{feedback}"}
 
 
@@ -236,12 +248,15 @@ class Definitions:
 
     def _action(self, name: str, text: str) -> dict[str, Any]:
         """Return the messages of an action: its own three, and those of its topic and two services."""
-        parts = zip(("Goal", "Result", "Feedback"), text.split("---\n"), strict=True)
-        parsed = {f"{name}_{part}": _parsed(f"{name}_{part}", lines)[0] for part, lines in parts}
-        for part, lines, held in ACTION_PARTS:
-            (constants, fields), _ = _parsed(f"{name}_{part}", lines)
-            nested = [(own.lower(), (NAME, f"{name}_{own}")) for own in held]
-            parsed[f"{name}_{part}"] = constants, [*fields, *nested]
+        parsed: dict[str, Any] = {}
+        for part, lines in zip(("Goal", "Result", "Feedback"), text.split("---\n"), strict=True):
+            message = f"{name}_{part}"
+            parsed[message], _ = _parsed(message, lines)
+        for part, lines, own_parts in ACTION_PARTS:
+            message = f"{name}_{part}"
+            (constants, fields), _ = _parsed(message, lines)
+            nested = [(own.lower(), (NAME, f"{name}_{own}")) for own in own_parts]
+            parsed[message] = constants, [*fields, *nested]
         self.services |= {f"{name}_SendGoal", f"{name}_GetResult"}
         return parsed
 
@@ -251,7 +266,8 @@ def _texts() -> Iterator[tuple[str, str]]:
     for path in sorted(INTERFACES.glob("*/*/*")):
         if path.suffix in {".msg", ".srv"}:
             package, kind = path.parts[-3:-1]
-            yield f"{package}/{kind}/{path.stem}", path.read_text(encoding="utf-8")
+            name = f"{package}/{kind}/{path.stem}"
+            yield name, path.read_text(encoding="utf-8")
 
 
 def _parts(name: str, text: str) -> list[tuple[str, str]]:
@@ -267,8 +283,11 @@ def _parsed(name: str, text: str) -> tuple[Any, dict[str, Any]]:
     package, _, short = name.split("/")
     try:
         # The parser would put a service's halves under `/srv/msg/`; it gets a message, and the name is kept.
-        (message,) = MSGParser(f"MSG: {package}/msg/{short}\n{text}").specification()
+        source = f"MSG: {package}/msg/{short}\n{text}"
+        (message,) = MSGParser(source).specification()
     except TypesysError as error:
-        raise ConfigError(f"{name} in {INTERFACES}: is not a definition of a ROS type ({error})") from error
+        problem = f"is not a definition of a ROS type ({error})"
+        raise ConfigError(f"{name} in {INTERFACES}: {problem}") from error
     (definition,) = make_typesdict([message]).values()
-    return definition, {field.name: field.value for field in message.fields if field.value is not None}
+    defaults = {field.name: field.value for field in message.fields if field.value is not None}
+    return definition, defaults

@@ -61,7 +61,9 @@ class Layout:
     def _default(self, field: str, of: Any) -> None:
         shape, rest = of
         if shape == BASE:
-            zero = "" if rest[0] == "string" else _dtype_of(rest[0]).type(0).item()
+            zero: Any = ""
+            if rest[0] != "string":
+                zero = _dtype_of(rest[0]).type(0).item()
             self._constant[field] = self._defaults.get(field, zero)
         elif shape == NAME:
             self._fresh[field] = partial(self._zero, rest)
@@ -70,20 +72,26 @@ class Layout:
             if shape != ARRAY:
                 length = 0
             if shape_within == NAME:
-                self._fresh[field] = lambda: [self._zero(within) for _ in range(length)]
+                self._fresh[field] = partial(self._zeros, within, length)
             elif within[0] == "string":
                 self._fresh[field] = lambda: [""] * length
             else:
-                self._arrays[field] = _dtype_of(within[0])
-                self._fresh[field] = partial(np.zeros, length, self._arrays[field])
+                dtype = _dtype_of(within[0])
+                self._arrays[field] = dtype
+                self._fresh[field] = partial(np.zeros, length, dtype)
 
     def _zero(self, within: str) -> Any:
         return self._layout_of(within).make({})
 
+    def _zeros(self, within: str, length: int) -> list[Any]:
+        return [self._zero(within) for _ in range(length)]
+
 
 def _numbers(given: Any, dtype: "np.dtype[Any]") -> "np.ndarray[Any, Any]":
     """Return `given` (bytes, a list, an array) as an array of `dtype`, which the codec copies unchecked."""
-    return np.frombuffer(given, dtype) if isinstance(given, bytes) else np.ascontiguousarray(given, dtype)
+    if isinstance(given, bytes):
+        return np.frombuffer(given, dtype)
+    return np.ascontiguousarray(given, dtype)
 
 
 def _dtype_of(base: str) -> "np.dtype[Any]":
@@ -105,7 +113,8 @@ class Types:
         self._definitions = Definitions(distro)
         self._store = self._definitions.store
         self._rihs01 = Rihs01(self._fields_of)
-        self._golden: dict[str, str] = json.loads(GOLDEN.read_text(encoding="utf-8"))
+        golden = GOLDEN.read_text(encoding="utf-8")
+        self._golden: dict[str, str] = json.loads(golden)
         self._layouts: dict[str, Layout] = {}
         self._kinds: dict[str, RosType] = {}
 
@@ -128,8 +137,10 @@ class Types:
         """
         for name in names:
             self.kind(name)
-            is_service = name in self._definitions.services
-            for part in (self.request_of(name), self.response_of(name)) if is_service else (name,):
+            parts: tuple[str, ...] = (name,)
+            if name in self._definitions.services:
+                parts = (self.request_of(name), self.response_of(name))
+            for part in parts:
                 self._layout(part)
                 self._store.get_msgdef(part)
 
@@ -171,13 +182,15 @@ class Types:
         """
         codec = self._store.get_msgdef(self._layout(name).name)
         if len(cdr) > max_bytes:
-            raise ValueError(f"{name}: {len(cdr)} bytes, at most {max_bytes} are read")
+            size = f"{len(cdr)} bytes, at most {max_bytes}"
+            raise ValueError(f"{name}: {size} are read")
         if cdr[:2] == b"\x00\x01":
             deserialize = codec.deserialize_cdr_le
         elif cdr[:2] == b"\x00\x00":
             deserialize = codec.deserialize_cdr_be
         else:
-            raise ValueError(f"{name}: is not CDR, begins with {cdr[:4].hex(' ') or 'nothing'}")
+            head = cdr[:4].hex(" ") or "nothing"
+            raise ValueError(f"{name}: is not CDR, begins with {head}")
         try:
             value, _ = deserialize(cdr[HEADER_BYTES:], 0, codec.cls, self._store)
         except (SerdeError, struct.error, ValueError, TypeError, IndexError, OverflowError) as error:
@@ -207,7 +220,8 @@ class Types:
             return NO_HASH
         is_service = name in self._definitions.services
         computed = self._rihs01.service(name) if is_service else self._rihs01.message(name)
-        if (expected := self._golden.get(name, computed)) != computed:
+        expected = self._golden.get(name, computed)
+        if expected != computed:
             raise ConfigError(
                 f"{name}: the hash of its definition is {computed}, in ROS 2 it is {expected}; remove "
                 f"this Python environment, make it again and run {remedy('ros2')}"
@@ -220,9 +234,9 @@ class Types:
         return f"{service}_{half}"
 
     def _layout(self, name: str) -> Layout:
-        known = self._layouts.get(name)
-        if known is not None:
-            return known
+        layout = self._layouts.get(name)
+        if layout is not None:
+            return layout
         if name not in self._store.fielddefs:
             raise KeyError(f"{name} is not a type that ROS 2 {self.distro} or PointIt defines")
         self._layouts[name] = Layout(name, self._definitions, self._layout)

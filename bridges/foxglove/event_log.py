@@ -25,6 +25,9 @@ HISTORY = 200
 MAX_STATES = 1000
 """Maximum number of states that are remembered; the oldest go first."""
 
+Sentences = Iterator[tuple[LogLevel, str]]
+"""Levels and texts of log lines."""
+
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
@@ -49,7 +52,7 @@ class EventLog:
         self._site = site
         self._states: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
         """Last states by type and name. They outlive their services, with which they return unchanged."""
-        self._writers: dict[type[Message], Callable[[Any, Any], Iterator[tuple[LogLevel, str]]]] = {
+        self._writers: dict[type[Message], Callable[[Any, Any], Sentences]] = {
             Health: self._health,
             SelectionEvent: self._selection,
             Feedback: self._feedback,
@@ -61,7 +64,9 @@ class EventLog:
     def take(self, change: Change, now_ns: int) -> list[LogLine]:
         """Return the new lines from a change."""
         message = change.message
-        writer = None if message is None else self._writers.get(type(message))
+        if message is None:
+            return []
+        writer = self._writers.get(type(message))
         if writer is None:
             return []
         previous = change.previous
@@ -71,27 +76,28 @@ class EventLog:
             self._states[key] = message
             if len(self._states) > MAX_STATES:
                 self._states.popitem(last=False)
-        return self._lines_of(writer(message, previous), change.name or "selection", now_ns)
+        source = change.name or "selection"
+        return self._lines_of(writer(message, previous), source, now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
         """Return the line that says that a service has started or ended."""
-        sentences = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
-        return self._lines_of(iter([sentences]), instance, now_ns)
+        sentence = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
+        return self._lines_of(iter([sentence]), instance, now_ns)
 
     def active_warnings(self, now_ns: int) -> list[LogLine]:
         """Return the warnings that are active now."""
-        return [
-            LogLine(now_ns, LogLevel.Warning, instance, sentence)
-            for instance, health in self._site.all(topics.HEALTH).items()
-            for sentence in _warnings(health).values()
-        ]
+        lines: list[LogLine] = []
+        for instance, health in self._site.all(topics.HEALTH).items():
+            for sentence in _warnings(health).values():
+                lines.append(LogLine(now_ns, LogLevel.Warning, instance, sentence))
+        return lines
 
-    def _lines_of(self, sentences: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[LogLine]:
+    def _lines_of(self, sentences: Sentences, source: str, now_ns: int) -> list[LogLine]:
         lines = [LogLine(now_ns, level, source, text) for level, text in sentences]
         self.history += lines
         return lines
 
-    def _health(self, health: Health, previous: Health | None) -> Iterator[tuple[LogLevel, str]]:
+    def _health(self, health: Health, previous: Health | None) -> Sentences:
         now = _warnings(health)
         before = _warnings(previous)
         for identity, sentence in now.items():
@@ -100,27 +106,29 @@ class EventLog:
         for identity, sentence in before.items():
             if identity not in now:
                 yield LogLevel.Info, f"no longer: {sentence}"
+
+        # Counts of a service that has been started again may be lower
         for level, text, name in (
             (LogLevel.Error, "handlers failed; see its log", "errors"),
             (LogLevel.Warning, "events were lost on their way to it", "lost"),
             (LogLevel.Warning, "messages to it could not be read", "invalid"),
         ):
-            if (new := _count(health, name) - _count(previous, name)) > 0:
-                yield level, f"{new} {text}"
+            increase = _count(health, name) - _count(previous, name)
+            if increase > 0:
+                yield level, f"{increase} {text}"
 
-    def _selection(self, event: SelectionEvent, _previous: None) -> Iterator[tuple[LogLevel, str]]:
+    def _selection(self, event: SelectionEvent, _previous: None) -> Sentences:
         words = [event.user, event.event, event.kind, event.object_id]
-        words += [f"to bay {event.bay}"] if event.bay else []
-        text = " ".join(word for word in words if word)
+        if event.bay:
+            words.append(f"to bay {event.bay}")
         level = LogLevel.Warning if event.event == "refused" else LogLevel.Info
-        yield level, f"{text}: {event.reason}" if event.reason else text
+        text = " ".join(filter(None, words))
+        yield level, _with_reason(text, event.reason)
 
-    def _feedback(self, cue: Feedback, _previous: None) -> Iterator[tuple[LogLevel, str]]:
-        yield LogLevel.Info, f"cue {cue.cue}: {cue.text}" if cue.text else f"cue {cue.cue}"
+    def _feedback(self, cue: Feedback, _previous: None) -> Sentences:
+        yield LogLevel.Info, _with_reason(f"cue {cue.cue}", cue.text)
 
-    def _localization(
-        self, message: Localization, previous: Localization | None
-    ) -> Iterator[tuple[LogLevel, str]]:
+    def _localization(self, message: Localization, previous: Localization | None) -> Sentences:
         phase = (message.phase, message.target_id)
         if previous is None:
             is_same = message.phase == "idle"
@@ -130,32 +138,37 @@ class EventLog:
             return
         level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
         target = f" {message.target_id}" if message.target_id else ""
-        yield (
-            level,
-            f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else ""),
-        )
+        text = f"localization {message.phase}{target}"
+        yield level, _with_reason(text, message.reason)
 
-    def _interaction(
-        self, message: Interaction, previous: Interaction | None
-    ) -> Iterator[tuple[LogLevel, str]]:
+    def _interaction(self, message: Interaction, previous: Interaction | None) -> Sentences:
         if previous is None or previous.state != message.state:
-            yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
+            yield LogLevel.Info, _with_reason(f"is {message.state}", message.reason)
 
-    def _robot(self, message: RobotState, previous: RobotState | None) -> Iterator[tuple[LogLevel, str]]:
-        if message.user != (previous.user if previous else ""):
+    def _robot(self, message: RobotState, previous: RobotState | None) -> Sentences:
+        previous_user = previous.user if previous else ""
+        if message.user != previous_user:
             yield LogLevel.Info, f"{message.user or 'nobody'} steers it"
         if message.has_new_reason(previous):
-            yield LogLevel.Warning, f"{message.phase.replace('_', ' ')}: {message.reason}"
+            phase = message.phase.replace("_", " ")
+            yield LogLevel.Warning, f"{phase}: {message.reason}"
+
+
+def _with_reason(text: str, reason: str) -> str:
+    return f"{text}: {reason}" if reason else text
 
 
 def _warnings(health: Health | None) -> dict[tuple[str, ...], str]:
     """Return the sentences of the warnings in a report by the identity of the problem."""
     problems = () if health is None else health.all_problems
-    return {each.identity: each.sentence for each in problems if each.severity == "warning"}
+    warnings = (problem for problem in problems if problem.severity == "warning")
+    return {warning.identity: warning.sentence for warning in warnings}
 
 
 def _count(health: Health | None, name: str) -> int:
     """Return the errors of a report, or what its keys have counted."""
     if health is None:
         return 0
-    return health.errors if name == "errors" else sum(getattr(key, name) for key in health.keys)
+    if name == "errors":
+        return health.errors
+    return sum(getattr(key, name) for key in health.keys)

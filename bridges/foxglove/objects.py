@@ -49,11 +49,12 @@ class ObjectOwnership:
         """Return the claims in `selection` and in what each user hovers."""
         ownership = cls()
         if selection is not None:
-            ownership.owners = {each.id: each.user for each in selection.objects}
-            ownership.reservers = {each.id: each.user for each in selection.reserved}
+            ownership.owners = {item.id: item.user for item in selection.objects}
+            ownership.reservers = {item.id: item.user for item in selection.reserved}
         for user in sorted(hovers):
-            if hovers[user].object_id:
-                ownership.hovers.setdefault(hovers[user].object_id, []).append((user, hovers[user]))
+            hover = hovers[user]
+            if hover.object_id:
+                ownership.hovers.setdefault(hover.object_id, []).append((user, hover))
         return ownership
 
 
@@ -65,7 +66,8 @@ class _Box:
 
     @property
     def above_m(self) -> Vec3:
-        return vector.add(self.center_m, (0.0, 0.0, self.size_m[2] / 2.0 + 0.12))
+        height_m = self.size_m[2] / 2.0 + 0.12
+        return vector.add(self.center_m, (0.0, 0.0, height_m))
 
 
 class ObjectRenderer:
@@ -83,7 +85,11 @@ class ObjectRenderer:
         now_ns: int,
     ) -> list[NamedEntity]:
         """Return an entity for each of the `objects` of `tracker`; `colors` are those of people."""
-        return [self._entity(f"{tracker} {item.id}", item, ownership, colors, now_ns) for item in objects]
+        entities: list[NamedEntity] = []
+        for item in objects:
+            name = f"{tracker} {item.id}"
+            entities.append(self._entity(name, item, ownership, colors, now_ns))
+        return entities
 
     def _entity(
         self,
@@ -97,41 +103,44 @@ class ObjectRenderer:
         facts = {"id": item.id, "kind": item.kind}
         if item.bay:
             facts["bay"] = item.bay
+
+        # Place: packages stand on their belt, segments are in their strip
         line, size_m = self._box(item)
-        if line is None:
-            center = item.position_m
-            turned = rotation.IDENTITY
-        else:
-            ahead = line.tangent_at(item.surface_position_m)
-            turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
+        center = item.position_m
+        orientation = rotation.IDENTITY
+        if line is not None:
+            tangent = line.tangent_at(item.surface_position_m)
+            orientation = rotation.from_azimuth_elevation(vector.azimuth(tangent), vector.elevation(tangent))
             rise_m = size_m[2] / 2.0 if item.surface == "belt" else 0.0
             center = vector.add(item.position_m, (0.0, 0.0, rise_m))
-        box = _Box(center, size_m, turned)
+        box = _Box(center, size_m, orientation)
+
+        # Shape: a box, or a ball with its name and velocity
         lines, texts = self._claimed(item, ownership, colors, box, facts)
-        drawn: dict[str, Any] = {"lines": lines, "texts": texts}
+        primitives: dict[str, Any] = {"lines": lines, "texts": texts}
         if line is not None:
-            color = shapes.color(rgb, 1.0 if item.id in ownership.owners else 0.85)
-            pose = shapes.pose(center, turned)
+            alpha = 1.0 if item.id in ownership.owners else 0.85
+            color = shapes.color(rgb, alpha)
+            pose = shapes.pose(center, orientation)
             size = shapes.size(*size_m)
-            drawn["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
+            primitives["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
         else:
-            drawn["spheres"] = [shapes.sphere(center, size_m[0], rgb)]
-            drawn["texts"] = texts or [shapes.label(item.id, box.above_m)]
+            primitives["spheres"] = [shapes.sphere(center, size_m[0], rgb)]
+            if not texts:
+                primitives["texts"] = [shapes.label(item.id, box.above_m)]
             if vector.norm(item.velocity_mps) > MOVES_MPS:
-                drawn["arrows"] = [shapes.arrow(center, item.velocity_mps, rgb)]
-        return shapes.entity(name, now_ns, lifetime_s=LIFETIME_S, facts=facts, **drawn)
+                primitives["arrows"] = [shapes.arrow(center, item.velocity_mps, rgb)]
+        return shapes.entity(name, now_ns, lifetime_s=LIFETIME_S, facts=facts, **primitives)
 
     def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
         """Return the object's line, or None if it is on none, and its length, width and height."""
         length_m = item.length_m or USUAL_LENGTH_M
         if item.surface == "belt" and item.surface_id in self._lines.belts:
-            width_m, height_m = (
-                min(max(share * length_m, least_m), most_m)
-                for share, least_m, most_m in (PACKAGE_WIDE, PACKAGE_HIGH)
-            )
-            return self._lines.belts[item.surface_id][0], (length_m, width_m, height_m)
+            line, _ = self._lines.belts[item.surface_id]
+            return line, (length_m, _share_m(PACKAGE_WIDE, length_m), _share_m(PACKAGE_HIGH, length_m))
         if item.surface == "strip" and item.surface_id in self._lines.strips:
-            return self._lines.strips[item.surface_id][0], (length_m, *SEGMENT)
+            line, _ = self._lines.strips[item.surface_id]
+            return line, (length_m, *SEGMENT)
         diameter_m = item.length_m or ROBOT_M
         return None, (diameter_m, diameter_m, diameter_m)
 
@@ -146,6 +155,8 @@ class ObjectRenderer:
         """Return outlines and labels of owners, the owner's outline the thickest. Adds them to `facts`."""
         outlines: list[tuple[Rgb, float]] = []
         words: list[str] = []
+
+        # Whose it is
         owner = ownership.owners.get(item.id)
         reserver = ownership.reservers.get(item.id)
         if owner is not None:
@@ -155,15 +166,27 @@ class ObjectRenderer:
         elif reserver is not None:
             outlines.append((colors.get(reserver, shapes.WHITE), RESERVED_PIXELS))
             facts["reserved by"] = reserver
+
+        # Who is about to act on it
         for user, hover in ownership.hovers.get(item.id, ()):
             outlines.append((colors.get(user, shapes.WHITE), HOVERED_PIXELS))
-            facts[f"hovered by {user}"] = f"{hover.progress:.0%} {hover.action}".rstrip()
+            progress = f"{hover.progress:.0%}"
+            facts[f"hovered by {user}"] = f"{progress} {hover.action}".rstrip()
             if hover.progress > 0.0:
-                words.append(f"{user} {hover.progress:.0%}")
+                words.append(f"{user} {progress}")
+
         lines: list[LinePrimitive] = []
         for number, (rgb, pixels) in enumerate(outlines):
             grown_m = 0.02 + 0.03 * number  # one around the other
             around = vector.add(box.size_m, (grown_m, grown_m, grown_m))
             edges = shapes.box_edges(box.center_m, around, box.turned)
             lines.append(shapes.line(edges, rgb, kind="list", pixels=pixels))
-        return lines, [shapes.label("\n".join(words), box.above_m)] if words else []
+        if not words:
+            return lines, []
+        return lines, [shapes.label("\n".join(words), box.above_m)]
+
+
+def _share_m(limits: tuple[float, float, float], length_m: float) -> float:
+    """Return the width or height of a package of this length by its share, minimum and maximum."""
+    share, least_m, most_m = limits
+    return min(max(share * length_m, least_m), most_m)

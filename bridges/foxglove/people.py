@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from foxglove.messages import FrameTransform, Quaternion
+from foxglove.messages import CylinderPrimitive, FrameTransform, Quaternion
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
@@ -73,13 +73,16 @@ def transform(user: str, pose: UserPose, now_ns: int) -> FrameTransform:
 
 def ellipse(pose: UserPose) -> Places | None:
     """Return the points of the `SIGMAS` ellipse around the position, or None if it is too small to see."""
-    spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
-    variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
-    halves_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
-    if halves_m[1] < SMALLEST_M:
+    covariance = np.array(pose.covariance).reshape(3, 3)
+    horizontal = covariance[:2, :2]
+    variances, axes = np.linalg.eigh((horizontal + horizontal.T) / 2.0)
+    half_axes_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    if half_axes_m[1] < SMALLEST_M:
         return None
-    around = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)]) * halves_m @ axes.T
-    rim: Places = np.column_stack([around, np.full(len(around), 0.01)]) + np.array(pose.position_m)
+    circle = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
+    around = circle * half_axes_m @ axes.T
+    above_floor = np.full(len(around), 0.01)
+    rim: Places = np.column_stack([around, above_floor]) + np.array(pose.position_m)
     return rim
 
 
@@ -102,48 +105,64 @@ def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedE
     neck_m = profile.body.footprint_to_neck_m
     limbs = [shapes.cylinder(pose.position_m, neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)]
     cursor = person.cursor
-    if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
-        met = vector.add(cursor.origin_m, vector.scale(cursor.direction, cursor.range_m or FREE_RAY_M))
-        azimuth, elevation = stance.aim_at(met)
-        arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
-        shoulder = stance.shoulder_m(azimuth)
-        limbs.append(shapes.cylinder_between(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
+    if cursor is not None:
+        limbs += _arm(stance, cursor, rgb)
+
     rim = ellipse(pose)
+    lines = [] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")]
+    head = shapes.sphere(stance.eyes_m, HEAD_M, rgb)
+    label = shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)
+    facts = {"user": user, "located by": pose.method, "samples": str(pose.samples)}
     return shapes.entity(
         f"person {user}",
         now_ns,
-        facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
+        facts=facts,
         cylinders=limbs,
-        spheres=[shapes.sphere(stance.eyes_m, HEAD_M, rgb)],
-        lines=[] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")],
-        texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
+        spheres=[head],
+        lines=lines,
+        texts=[label],
     )
+
+
+def _arm(stance: Stance, cursor: Cursor, rgb: Rgb) -> list[CylinderPrimitive]:
+    """Return the arm that points to the cursor, or along a ray that meets nothing."""
+    if cursor.origin_m is None or cursor.direction is None:
+        return []
+    range_m = cursor.range_m or FREE_RAY_M
+    target = vector.add(cursor.origin_m, vector.scale(cursor.direction, range_m))
+    azimuth, elevation = stance.aim_at(target)
+    arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
+    shoulder = stance.shoulder_m(azimuth)
+    hand = vector.add(shoulder, arm)
+    return [shapes.cylinder_between(shoulder, hand, ARM_M, rgb)]
 
 
 def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEntity]:
     entities: list[NamedEntity] = []
     point_m: Vec3 | None = cursor.point_m
     if cursor.origin_m is not None and cursor.direction is not None:
-        way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
+        length_m = FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1)
+        step = vector.scale(cursor.direction, length_m)
         alpha = 0.3 if point_m is None else 0.8
-        ray = shapes.arrow(cursor.origin_m, way, rgb, width_m=RAY_M, alpha=alpha)
+        ray = shapes.arrow(cursor.origin_m, step, rgb, width_m=RAY_M, alpha=alpha)
         facts = {"user": user}
-        entities.append(
-            shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray])
-        )
+        entity = shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray])
+        entities.append(entity)
     if point_m is not None:
         on = cursor.solid or cursor.surface
         facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
         ball = shapes.sphere(point_m, CURSOR_M, rgb)
-        entities.append(
-            shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
-        )
+        entity = shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
+        entities.append(entity)
     return entities
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
     foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
-    arrow = shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
-    label = shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)
-    facts = {"user": user, "on": goal.surface_id, "sigma_m": f"{goal.position_sigma_m:.3f}"}
+    heading = vector.direction(goal.yaw_rad, 0.0)
+    arrow = shapes.arrow(foot, vector.scale(heading, GOAL_M), rgb, width_m=0.05)
+    above = vector.add(foot, (0.0, 0.0, 0.4))
+    label = shapes.label(f"goal of {user}", above, rgb)
+    sigma_m = f"{goal.position_sigma_m:.3f}"
+    facts = {"user": user, "on": goal.surface_id, "sigma_m": sigma_m}
     return shapes.entity(f"goal {user}", now_ns, facts=facts, arrows=[arrow], texts=[label])

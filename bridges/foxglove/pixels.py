@@ -36,7 +36,8 @@ class Pixels:
             numbers: Places = np.arange(strip.pixels, dtype=np.float64)
             at_m: Places = (numbers + 0.5) / (strip.pixels / line.length_m)
             part = slice(first, first + strip.pixels)
-            self._points["place_m"][part] = line.points_at(at_m)[:: strip.direction]
+            place_m = line.points_at(at_m)
+            self._points["place_m"][part] = place_m[:: strip.direction]
             self._slices[name] = part
             first = part.stop
 
@@ -44,9 +45,11 @@ class Pixels:
         """Set the colours of `frame`. Ignores strips that are not on the map or are longer there."""
         for strip in frame.strips:
             part = self._slices.get(strip.id)
-            if part is not None and len(strip.rgb) == 3 * (part.stop - part.start):
-                colors = np.frombuffer(strip.rgb, dtype=np.uint8).reshape(-1, 3)
-                np.maximum(colors, FLOOR, out=self._points["rgba"][part, :3])
+            if part is None or len(strip.rgb) != 3 * (part.stop - part.start):
+                continue
+            colors = np.frombuffer(strip.rgb, dtype=np.uint8).reshape(-1, 3)
+            shown = self._points["rgba"][part, :3]
+            np.maximum(colors, FLOOR, out=shown)
 
     def cloud(self, now_ns: int) -> PointCloud:
         """Return the points with fields x, y, z (m, {W}) and red, green, blue, alpha (0 to 255)."""

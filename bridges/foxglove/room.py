@@ -1,20 +1,21 @@
 """Entities of the room, which change seldom: belts, strips, planes, fences, lamps and bays."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from foxglove.messages import CubePrimitive
+from foxglove.messages import CubePrimitive, TextPrimitive
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.solids import plane_axes
+from pointit.geometry.vector import Vec3
 from pointit.plugins import rotation
 from pointit.schemas import Belt, ConveyorState, Environment, Lamp, LampColor, Strip, Thing
 from pointit.schemas.base import Rgb
-from pointit.schemas.environment import Cloud, Fence, Plane
+from pointit.schemas.environment import Box, Cloud, Fence, Plane
 
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
@@ -46,17 +47,20 @@ class Lines:
         self.belts: dict[str, tuple[Polyline, Belt]] = {}
         self.strips: dict[str, tuple[Polyline, Strip]] = {}
         for belt in environment.belts:
-            if line := self._line("belt", belt):
+            line = self._line("belt", belt)
+            if line is not None:
                 self.belts[belt.id] = (line, belt)
         for strip in environment.strips:
-            if line := self._line("strip", strip):
+            line = self._line("strip", strip)
+            if line is not None:
                 self.strips[strip.id] = (line, strip)
 
-    def _line(self, what: str, line: Belt | Strip) -> Polyline | None:
+    def _line(self, kind: str, line: Belt | Strip) -> Polyline | None:
         try:
             return Polyline(line.line_m)
         except ValueError as error:
-            self.problems.append(f"{what} {line.id!r} cannot be drawn ({error}); correct the map")
+            subject = f"{kind} {line.id!r}"
+            self.problems.append(f"{subject} cannot be drawn ({error}); correct the map")
             return None
 
 
@@ -66,7 +70,9 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     In bends its two rims stay `width_m` apart; where a bend is sharper than `SHARPEST` says, its corner
     is cut. Pieces that go straight up are as wide as the piece before.
     """
-    across = np.column_stack([-line.tangents[:, 1], line.tangents[:, 0]])
+    # Unit vectors to the left of each piece; a piece straight up has that of the piece before
+    tangents = line.tangents
+    across = np.column_stack([-tangents[:, 1], tangents[:, 0]])
     lengths = np.linalg.norm(across, axis=1)
     upright = lengths < 1e-6
     across[upright] = (0.0, 1.0)
@@ -74,6 +80,8 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     across /= lengths[:, None]
     for index in np.flatnonzero(upright[1:]) + 1:
         across[index] = across[index - 1]
+
+    # At each vertex the mean direction of both pieces; in a turn back, which has none, that of the first
     before = np.vstack([across[:1], across])
     after = np.vstack([across, across[-1:]])
     middle = before + after
@@ -82,68 +90,98 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     middle[turns_back] = before[turns_back]
     length[turns_back] = 1.0
     middle /= length[:, None]
+
+    # Further out by the cosine of half the bend, so that the rims stay parallel to the pieces
     cosine = np.maximum(np.einsum("nk,nk->n", middle, after), SHARPEST)
+    half_widths_m = width_m / 2.0 / cosine
     reach_m = np.zeros_like(line.vertices_m)
-    reach_m[:, :2] = middle * (width_m / 2.0 / cosine)[:, None]
+    reach_m[:, :2] = middle * half_widths_m[:, None]
     places = np.empty((2 * len(reach_m), 3))
     places[0::2] = line.vertices_m + reach_m
     places[1::2] = line.vertices_m - reach_m
-    first = range(0, 2 * (len(reach_m) - 1), 2)
-    return places, [corner for i in first for corner in (i, i + 1, i + 2, i + 2, i + 1, i + 3)]
+
+    # Two triangles between each vertex and the next
+    triangles: list[int] = []
+    for first in range(0, 2 * (len(reach_m) - 1), 2):
+        triangles += (first, first + 1, first + 2)
+        triangles += (first + 2, first + 1, first + 3)
+    return places, triangles
 
 
 def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntity]:
     """Return all entities of `environment` that change only with the map."""
 
-    def made(kind: str, name: str, **primitives: Any) -> NamedEntity:
+    def new_entity(kind: str, name: str, **primitives: Any) -> NamedEntity:
         facts = {"kind": kind, "id": name}
         return shapes.entity(f"{kind} {name}", now_ns, facts=facts, **primitives)
 
-    entities = [made("belt", name, **_belt(line, belt)) for name, (line, belt) in lines.belts.items()]
+    # Belts one by one, strips together
+    entities: list[NamedEntity] = []
+    for name, (line, belt) in lines.belts.items():
+        entities.append(new_entity("belt", name, **_belt(line, belt)))
     if lines.strips:
-        drawn = [shapes.line(line.vertices_m.tolist(), BELT) for line, _ in lines.strips.values()]
-        entities.append(shapes.entity("strips", now_ns, lines=drawn))
-    boxes = [
-        *(("box", each) for each in environment.boxes),
-        *(("thing", each) for each in environment.fixed_things),
-    ]
-    for kind, box in boxes:
-        turned = rotation.from_yaw(box.yaw_rad)
-        pose = shapes.pose(box.center_m, turned)
-        size = shapes.size(*box.size_m)
-        cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
-        edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
-        above = vector.add(box.center_m, (0.0, 0.0, box.size_m[2] / 2.0 + LAMP_M))
-        texts = [shapes.label(box.label or box.id, above)] if isinstance(box, Thing) else []
-        entities.append(made(kind, box.id, cubes=[cube], lines=[edges], texts=texts))
-    entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
-    for each in environment.cylinders:
-        shape = shapes.cylinder(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)
-        entities.append(made("cylinder", each.id, cylinders=[shape]))
-    for sphere in environment.spheres:
-        shown = shapes.sphere(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
-        entities.append(made("sphere", sphere.id, spheres=[shown]))
-    entities += [made("cloud", cloud.id, **_cloud(cloud)) for cloud in environment.clouds]
-    entities += [made("fence", fence.id, **_fence(fence)) for fence in environment.fences]
+        strips = [shapes.line(line.vertices_m.tolist(), BELT) for line, _ in lines.strips.values()]
+        entities.append(shapes.entity("strips", now_ns, lines=strips))
+
+    for kind, name, primitives in _solids(environment):
+        entities.append(new_entity(kind, name, **primitives))
+
+    # Lamps themselves change their colours: here only what they stand on
     for lamp in environment.lamps:
         x, y, z = lamp.position_m
         if z > POLE_M:
             pole = shapes.cylinder((x, y, 0.0), z, POLE_M, RIM)
-            entities.append(made("pole", lamp.id, cylinders=[pole]))
+            entities.append(new_entity("pole", lamp.id, cylinders=[pole]))
     return entities
+
+
+def _solids(environment: Environment) -> Iterator[tuple[str, str, dict[str, object]]]:
+    """Yield kind, id and primitives of each solid, and of what is like one."""
+    for box in environment.boxes:
+        yield "box", box.id, _box(box)
+    for thing in environment.fixed_things:
+        yield "thing", thing.id, _box(thing)
+    for plane in environment.planes:
+        yield "plane", plane.id, _plane(plane)
+    for cylinder in environment.cylinders:
+        diameter_m = 2.0 * cylinder.radius_m
+        shape = shapes.cylinder(cylinder.center_m, cylinder.height_m, diameter_m, SOLID, alpha=GLASS)
+        yield "cylinder", cylinder.id, {"cylinders": [shape]}
+    for sphere in environment.spheres:
+        ball = shapes.sphere(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
+        yield "sphere", sphere.id, {"spheres": [ball]}
+    for cloud in environment.clouds:
+        yield "cloud", cloud.id, _cloud(cloud)
+    for fence in environment.fences:
+        yield "fence", fence.id, _fence(fence)
+
+
+def _box(box: Box | Thing) -> dict[str, object]:
+    """Return a box and its edges, and its name if it is a thing."""
+    orientation = rotation.from_yaw(box.yaw_rad)
+    pose = shapes.pose(box.center_m, orientation)
+    size = shapes.size(*box.size_m)
+    cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
+    ends = shapes.box_edges(box.center_m, box.size_m, orientation)
+    edges = shapes.line(ends, RIM, kind="list", pixels=1.0)
+    texts: list[TextPrimitive] = []
+    if isinstance(box, Thing):
+        height_m = box.size_m[2] / 2.0 + LAMP_M
+        above = vector.add(box.center_m, (0.0, 0.0, height_m))
+        texts.append(shapes.label(box.label or box.id, above))
+    return {"cubes": [cube], "lines": [edges], "texts": texts}
 
 
 def _belt(line: Polyline, belt: Belt) -> dict[str, object]:
     places, triangles = ribbon(line, belt.width_m)
     middle_m = line.length_m / 2.0
-    way = vector.scale(line.tangent_at(middle_m), min(0.4, line.length_m / 2.0))
+    step = vector.scale(line.tangent_at(middle_m), min(0.4, line.length_m / 2.0))
     above = vector.add(line.point_at(middle_m), (0.0, 0.0, 0.01))
-    rim = np.vstack([places[0::2], places[-1::-2]]).tolist()
-    return {
-        "triangles": [shapes.surface(places, triangles, BELT)],
-        "lines": [shapes.line(rim, RIM, kind="loop", pixels=1.5)],
-        "arrows": [shapes.arrow(above, way, RIM, width_m=0.015)],
-    }
+    rim = np.vstack([places[0::2], places[-1::-2]]).tolist()  # there on the left, back on the right
+    surface = shapes.surface(places, triangles, BELT)
+    outline = shapes.line(rim, RIM, kind="loop", pixels=1.5)
+    arrow = shapes.arrow(above, step, RIM, width_m=0.015)
+    return {"triangles": [surface], "lines": [outline], "arrows": [arrow]}
 
 
 def _plane(plane: Plane) -> dict[str, object]:
@@ -151,13 +189,14 @@ def _plane(plane: Plane) -> dict[str, object]:
     wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
     across = vector.scale(u, wide_m / 2.0)
     up = vector.scale(v, high_m / 2.0)
-    signs = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-    offsets = [vector.add(vector.scale(across, a), vector.scale(up, b)) for a, b in signs]
-    corners = np.array([vector.add(plane.center_m, offset) for offset in offsets])
-    return {
-        "triangles": [shapes.surface(corners, (0, 1, 2, 0, 2, 3), SOLID, GLASS)],
-        "lines": [shapes.line(corners.tolist(), RIM, kind="loop", pixels=1.0)],
-    }
+    corners: list[Vec3] = []
+    for sign_u, sign_v in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
+        offset = vector.add(vector.scale(across, sign_u), vector.scale(up, sign_v))
+        corners.append(vector.add(plane.center_m, offset))
+    places = np.array(corners)
+    surface = shapes.surface(places, (0, 1, 2, 0, 2, 3), SOLID, GLASS)
+    outline = shapes.line(places.tolist(), RIM, kind="loop", pixels=1.0)
+    return {"triangles": [surface], "lines": [outline]}
 
 
 def _cloud(cloud: Cloud) -> dict[str, object]:
@@ -166,7 +205,8 @@ def _cloud(cloud: Cloud) -> dict[str, object]:
     center = vector.scale(vector.add(low, high), 0.5)
     edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
     lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]
-    return {"lines": lines, "texts": [shapes.label(f"{cloud.id}: {cloud.points} points", center)]}
+    label = shapes.label(f"{cloud.id}: {cloud.points} points", center)
+    return {"lines": lines, "texts": [label]}
 
 
 def _fence(fence: Fence) -> dict[str, object]:
@@ -175,16 +215,27 @@ def _fence(fence: Fence) -> dict[str, object]:
     low_m = max(fence.low_m or 0.0, 0.0) + 0.01
     high_m = low_m + FENCE_M if fence.high_m is None else fence.high_m
     count = len(fence.outline_m)
-    places = np.array([(x, y, z) for z in (low_m, high_m) for x, y in fence.outline_m])
-    sides = [(at, (at + 1) % count) for at in range(count)]
+    bottom = [(x, y, low_m) for x, y in fence.outline_m]
+    top = [(x, y, high_m) for x, y in fence.outline_m]
+    places = np.array(bottom + top)
+
+    # Edges; one without an upper end is open at the top
     lines = [shapes.line(places[:count].tolist(), rgb, kind="loop")]
     if fence.high_m is not None:
         lines.append(shapes.line(places[count:].tolist(), rgb, kind="loop"))
-    posts = places[[end for at in range(count) for end in (at, at + count)]]
-    lines.append(shapes.line(posts.tolist(), rgb, kind="list"))
+    posts: list[list[float]] = []
+    for index in range(count):
+        posts += places[[index, index + count]].tolist()
+    lines.append(shapes.line(posts, rgb, kind="list"))
     if fence.kind == "keep_in":
         return {"lines": lines}
-    triangles = [i for a, b in sides for i in (a, b, b + count, a, b + count, a + count)]
+
+    # Two triangles a side
+    triangles: list[int] = []
+    for start in range(count):
+        end = (start + 1) % count
+        triangles += (start, end, end + count)
+        triangles += (start, end + count, start + count)
     return {"lines": lines, "triangles": [shapes.surface(places, triangles, rgb, 0.25)]}
 
 
@@ -192,13 +243,15 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
     """Return a labelled ball per lamp in its commanded colour."""
     entities: list[NamedEntity] = []
     for lamp in all_lamps:
-        color = colors.get(lamp.id)
-        r, g, b = (0, 0, 0) if color is None else color.color
-        facts = {"kind": "lamp", "id": lamp.id, "color": f"{r} {g} {b}"}
+        commanded = colors.get(lamp.id)
+        red, green, blue = (0, 0, 0) if commanded is None else commanded.color
+        facts = {"kind": "lamp", "id": lamp.id, "color": f"{red} {green} {blue}"}
         x, y, z = lamp.position_m
-        ball = shapes.sphere((x, y, z), LAMP_M, (max(r, OFF), max(g, OFF), max(b, OFF)))
+        shown: Rgb = (max(red, OFF), max(green, OFF), max(blue, OFF))
+        ball = shapes.sphere((x, y, z), LAMP_M, shown)
         label = shapes.label(lamp.id, (x, y, z + ABOVE_M))
-        entities.append(shapes.entity(f"lamp {lamp.id}", now_ns, facts=facts, spheres=[ball], texts=[label]))
+        name = f"lamp {lamp.id}"
+        entities.append(shapes.entity(name, now_ns, facts=facts, spheres=[ball], texts=[label]))
     return entities
 
 
@@ -207,14 +260,18 @@ def bays(
 ) -> list[NamedEntity]:
     """Return a label at the end of each bay's belt: its name, and a line per kind that came out there."""
     entities: list[NamedEntity] = []
+    all_counts = () if state is None else state.bays
     for bay in environment.bays:
         if bay.belt not in lines.belts:
             continue
-        line = lines.belts[bay.belt][0]
+        rows = [f"bay {bay.id}"]
+        for count in all_counts:
+            if count.bay == bay.id:
+                rows.append(f"{count.kind}: {count.count} ({count.selected} selected)")
+        line, _ = lines.belts[bay.belt]
         x, y, z = line.point_at(line.length_m)
-        counts = [count for count in (() if state is None else state.bays) if count.bay == bay.id]
-        rows = [f"{count.kind}: {count.count} ({count.selected} selected)" for count in counts]
-        label = shapes.label("\n".join((f"bay {bay.id}", *rows)), (x, y, z + 2.0 * ABOVE_M))
+        above = (x, y, z + 2.0 * ABOVE_M)
+        label = shapes.label("\n".join(rows), above)
         facts = {"kind": "bay", "id": bay.id, "belt": bay.belt}
         entities.append(shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label]))
     return entities

@@ -20,6 +20,7 @@ from pointit.bridges.foxglove.room import Lines, bays, lamps, room
 from pointit.bridges.foxglove.shapes import NamedEntity
 from pointit.plugins import Change, SiteState
 from pointit.schemas import Environment, Goal, Hover, Message, topics
+from pointit.schemas.base import Rgb
 from pointit.schemas.topics import Topic
 from pointit.site.site_state import M
 
@@ -76,8 +77,10 @@ class FoxgloveScene:
         topic = change.topic
         name = change.name
         message = change.message
-        if topic in EXPIRING:
-            (self._fresh[topic].add if message is not None else self._fresh[topic].discard)(name)
+        if topic in EXPIRING and message is not None:
+            self._fresh[topic].add(name)
+        elif topic in EXPIRING:
+            self._fresh[topic].discard(name)
         if isinstance(message, Environment):
             self._set_room(message)
         elif isinstance(message, Goal):
@@ -86,16 +89,24 @@ class FoxgloveScene:
             self._is_lit = False
         elif topic is topics.ROBOT_STATE and None in (message, change.previous):
             self.changed.add("objects")  # of which it is one no longer, or again
-        if topic is not topics.HOVER or _is_on_object(message) or _is_on_object(change.previous):
+        is_on_object = _is_on_object(message) or _is_on_object(change.previous)
+        if topic is not topics.HOVER or is_on_object:
             self.changed.update(DRAWN.get(topic, ()))
 
     def forget(self, now_s: float) -> None:
         """Remove rays, hovers, objects and robots that are too old at `now_s`, the site state's time."""
         for topic, names in self._fresh.items():
-            times_s = {name: self._site.received_s(topic, name) or 0.0 for name in names}
-            if expired := {name for name, at_s in times_s.items() if now_s - at_s > FORGET_S}:
-                names.difference_update(expired)
-                self.changed.update(DRAWN[topic], ("objects",) if topic is topics.ROBOT_STATE else ())
+            expired: set[str] = set()
+            for name in names:
+                received_s = self._site.received_s(topic, name) or 0.0
+                if now_s - received_s > FORGET_S:
+                    expired.add(name)
+            if not expired:
+                continue
+            names.difference_update(expired)
+            self.changed.update(DRAWN[topic])
+            if topic is topics.ROBOT_STATE:
+                self.changed.add("objects")  # of which it is one again
 
     @property
     def is_moving(self) -> bool:
@@ -117,11 +128,13 @@ class FoxgloveScene:
                 self._is_lit = True
             return self._pixels.cloud(now_ns)
         if part == "frames":
-            poses = self._site.all(topics.POSE).items()
-            return FrameTransforms(transforms=[people.transform(*each, now_ns) for each in poses])
-        return self._update(part, self._drawn(part, now_ns), now_ns)
+            poses = self._site.all(topics.POSE)
+            transforms = [people.transform(user, pose, now_ns) for user, pose in poses.items()]
+            return FrameTransforms(transforms=transforms)
+        return self._update(part, self._entities(part, now_ns), now_ns)
 
-    def _drawn(self, part: Part, now_ns: int) -> list[NamedEntity]:
+    def _entities(self, part: Part, now_ns: int) -> list[NamedEntity]:
+        """Return the entities of a part that consists of them."""
         site = self._site
         if part == "room":
             return room(self._map, self._lines, now_ns)
@@ -129,57 +142,68 @@ class FoxgloveScene:
             return lamps(self._map.lamps, site.all(topics.LAMP_COLOR), now_ns)
         if part == "bays":
             return bays(self._map, self._lines, site.get(topics.CONVEYOR_STATE), now_ns)
-        poses = site.all(topics.POSE)
-        cursors = self._new(topics.CURSOR)
-        profiles = site.all(topics.PROFILE)
-        drawn = {
-            user: DrawnPerson(
-                profiles.get(user, NO_PROFILE), poses.get(user), cursors.get(user), self._goals.get(user)
-            )
-            for user in {*profiles, *poses, *cursors, *self._goals}
-        }
-        if part == "people":
-            return [each for item in sorted(drawn.items()) for each in people.entities(*item, now_ns)]
-        colors = {user: person.color for user, person in drawn.items()}
-        robots = self._new(topics.ROBOT_STATE)
-        if part == "robots":
-            plans = site.all(topics.ROBOT_PLAN)
-            routes = site.all(topics.STEERING)
-            return [
-                *(robot(name, each, plans.get(name), colors, now_ns) for name, each in robots.items()),
-                *(
-                    waypoints(user, each, colors.get(user, shapes.WHITE), now_ns)
-                    for user, each in routes.items()
-                    if each.waypoints_m
-                ),
-            ]
-        claims = ObjectOwnership.of(site.get(topics.SELECTION), self._new(topics.HOVER))
-        return [
-            each
-            for tracker, tracked in self._new(topics.OBJECTS).items()
-            for each in self._renderer.entities(
-                tracker, [item for item in tracked.objects if item.id not in robots], claims, colors, now_ns
-            )
-        ]
 
-    def _new(self, topic: Topic[M]) -> dict[str, M]:
+        # People, in whose colours all else is drawn that they steer, select or hover
+        drawn_people = self._drawn_people()
+        if part == "people":
+            entities: list[NamedEntity] = []
+            for user, person in sorted(drawn_people.items()):
+                entities += people.entities(user, person, now_ns)
+            return entities
+        colors = {user: person.color for user, person in drawn_people.items()}
+        if part == "robots":
+            return self._robots(colors, now_ns)
+        return self._objects(colors, now_ns)
+
+    def _drawn_people(self) -> dict[str, DrawnPerson]:
+        """Return everyone of whom there is any message that is drawn."""
+        poses = self._site.all(topics.POSE)
+        cursors = self._unexpired(topics.CURSOR)
+        profiles = self._site.all(topics.PROFILE)
+        drawn: dict[str, DrawnPerson] = {}
+        for user in {*profiles, *poses, *cursors, *self._goals}:
+            profile = profiles.get(user, NO_PROFILE)
+            drawn[user] = DrawnPerson(profile, poses.get(user), cursors.get(user), self._goals.get(user))
+        return drawn
+
+    def _robots(self, colors: Mapping[str, Rgb], now_ns: int) -> list[NamedEntity]:
+        plans = self._site.all(topics.ROBOT_PLAN)
+        entities: list[NamedEntity] = []
+        for name, state in self._unexpired(topics.ROBOT_STATE).items():
+            entities.append(robot(name, state, plans.get(name), colors, now_ns))
+        for user, steering in self._site.all(topics.STEERING).items():
+            if steering.waypoints_m:
+                rgb = colors.get(user, shapes.WHITE)
+                entities.append(waypoints(user, steering, rgb, now_ns))
+        return entities
+
+    def _objects(self, colors: Mapping[str, Rgb], now_ns: int) -> list[NamedEntity]:
+        robots = self._unexpired(topics.ROBOT_STATE)  # drawn on their own
+        selection = self._site.get(topics.SELECTION)
+        ownership = ObjectOwnership.of(selection, self._unexpired(topics.HOVER))
+        entities: list[NamedEntity] = []
+        for tracker, tracked in self._unexpired(topics.OBJECTS).items():
+            objects = [item for item in tracked.objects if item.id not in robots]
+            entities += self._renderer.entities(tracker, objects, ownership, colors, now_ns)
+        return entities
+
+    def _unexpired(self, topic: Topic[M]) -> dict[str, M]:
         """Return the messages of `topic` that have not expired, by name."""
-        return {name: each for name, each in self._site.all(topic).items() if name in self._fresh[topic]}
+        names = self._fresh[topic]
+        return {name: message for name, message in self._site.all(topic).items() if name in names}
 
     def _update(self, part: Part, entities: list[NamedEntity], now_ns: int) -> SceneUpdate:
         """Return `entities` and deletions of what was drawn before and is missing from it."""
-        names = {each.name for each in entities}
-        gone = sorted(self._names.get(part, set()) - names)
+        names = {entity.name for entity in entities}
+        deleted = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
         if part == "room":  # without a lifetime: a viewer that missed a deletion must not keep it
-            gone = [""]
+            deleted = [""]
             kind = SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
-        return SceneUpdate(
-            deletions=[SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in gone],
-            entities=[each.entity for each in entities],
-        )
+        deletions = [SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in deleted]
+        return SceneUpdate(deletions=deletions, entities=[entity.entity for entity in entities])
 
     def _set_room(self, environment: Environment) -> None:
         self._map = environment

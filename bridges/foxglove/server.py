@@ -101,6 +101,7 @@ class SubprotocolRelay:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.closing(writer), contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError):
+            # The viewer's request
             async with asyncio.timeout(HANDSHAKE_TIMEOUT_S):  # TimeoutError is an OSError
                 first = await reader.readexactly(1)
                 if first == TLS_HANDSHAKE:
@@ -109,19 +110,26 @@ class SubprotocolRelay:
                 request = first + await reader.readuntil(b"\r\n\r\n")
                 target_reader, target = await asyncio.open_connection("127.0.0.1", self._target_port)
             with contextlib.closing(target):
-                offered = names_of(request)
+                # The SDK's response, by the name that the viewer knows. A refusal is passed on, too
+                names = names_of(request)
                 target.write(rename(request, OLD, NEW))
                 async with asyncio.timeout(HANDSHAKE_TIMEOUT_S):
                     response = await target_reader.readuntil(b"\r\n\r\n")
-                if response.split(b" ")[1:2] != [b"%d" % SWITCHING]:
-                    shown = one_line(", ".join(offered), MAX_NAMES) or "no subprotocol"
-                    self._refuse(
-                        writer,
-                        f"it offers {shown}, and {NEW} or {OLD} is needed: choose *Foxglove WebSocket* "
-                        "as its kind of connection",
-                    )
-                writer.write(response if NEW in offered else rename(response, NEW, OLD))
+                status = response.split(b" ")[1:2]
+                if status != [b"%d" % SWITCHING]:
+                    self._refuse_names(writer, names)
+                if NEW not in names:
+                    response = rename(response, NEW, OLD)
+                writer.write(response)
                 await _exchange(reader, writer, target_reader, target)
+
+    def _refuse_names(self, writer: asyncio.StreamWriter, names: list[str]) -> None:
+        offered = one_line(", ".join(names), MAX_NAMES) or "no subprotocol"
+        reason = (
+            f"it offers {offered}, and {NEW} or {OLD} is needed: choose *Foxglove WebSocket* "
+            "as its kind of connection"
+        )
+        self._refuse(writer, reason)
 
     def _refuse(self, writer: asyncio.StreamWriter, reason: str) -> None:
         if reason not in self._refusals and len(self._refusals) < MAX_REFUSALS:
@@ -137,15 +145,14 @@ async def _exchange(
     target: asyncio.StreamWriter,
 ) -> None:
     """Pass everything on in both directions, until one of them ends."""
-    directions = {
-        asyncio.create_task(_pass_on(reader, target)),
-        asyncio.create_task(_pass_on(target_reader, writer)),
-    }
+    to_target = asyncio.create_task(_pass_on(reader, target))
+    to_viewer = asyncio.create_task(_pass_on(target_reader, writer))
+    directions = {to_target, to_viewer}
     try:
         await asyncio.wait(directions, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        for each in directions:
-            each.cancel()
+        for direction in directions:
+            direction.cancel()
         await asyncio.gather(*directions, return_exceptions=True)
 
 
@@ -157,8 +164,11 @@ async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -
 
 def names_of(head: bytes) -> list[str]:
     """Return the subprotocols that the header of a handshake names."""
-    values = [value for name, value in _fields(head) if name == HEADER]
-    return [name.strip() for value in values for name in value.split(",") if name.strip()]
+    names: list[str] = []
+    for field, value in _fields(head):
+        if field == HEADER:
+            names += filter(None, map(str.strip, value.split(",")))
+    return names
 
 
 def rename(head: bytes, old: str, new: str) -> bytes:
@@ -166,15 +176,20 @@ def rename(head: bytes, old: str, new: str) -> bytes:
     lines = head.split(b"\r\n")
     for number, (field, value) in enumerate(_fields(head), start=1):
         if field == HEADER:
-            names = [new if name.strip() == old else name.strip() for name in value.split(",")]
-            lines[number] = f"{field}: {', '.join(dict.fromkeys(names))}".encode("latin-1")
+            names = [name.strip() for name in value.split(",")]
+            renamed = dict.fromkeys(new if name == old else name for name in names)
+            line = f"{field}: {', '.join(renamed)}"
+            lines[number] = line.encode("latin-1")
     return b"\r\n".join(lines)
 
 
 def _fields(head: bytes) -> list[tuple[str, str]]:
     """Return name and value of each line but the first."""
-    parts = [line.decode("latin-1").partition(":") for line in head.split(b"\r\n")[1:]]
-    return [(name.strip().lower(), value) for name, _, value in parts]
+    fields: list[tuple[str, str]] = []
+    for line in head.split(b"\r\n")[1:]:
+        name, _, value = line.decode("latin-1").partition(":")
+        fields.append((name.strip().lower(), value))
+    return fields
 
 
 class Viewers(ServerListener):
@@ -183,7 +198,7 @@ class Viewers(ServerListener):
     def __init__(self, hand_over: HandOver, callback: SubscriptionCallback) -> None:
         """Call `callback` in the loop when a viewer subscribes or unsubscribes."""
         self._hand_over = hand_over
-        self._tell = callback
+        self._callback = callback
         self._counts = Counter[str]()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
@@ -210,7 +225,7 @@ class Viewers(ServerListener):
         self._counts[topic] += 1 if begins else -1
         if self._counts[topic] <= 0:
             del self._counts[topic]
-        self._tell(topic, begins)
+        self._callback(topic, begins)
 
 
 class Server:
@@ -221,9 +236,10 @@ class Server:
         self._context = foxglove.Context()
         self._server: WebSocketServer | None = None
         self._relay: SubprotocolRelay | None = None
-        self._pictures: dict[Part, PictureChannel] = {
-            part: _channel_of(part)(picture_topic(part), context=self._context) for part in PARTS
-        }
+        self._pictures: dict[Part, PictureChannel] = {}
+        for part in PARTS:
+            new_channel = _channel_of(part)
+            self._pictures[part] = new_channel(picture_topic(part), context=self._context)
         self._log = LogChannel(LOG, context=self._context)
 
     async def open(self, name: str, host: str, port: int) -> str:
@@ -243,12 +259,14 @@ class Server:
         )
         self._relay = SubprotocolRelay(self._server.port)
         try:
-            return f"ws://{format_address(host, await self._relay.open(host, port))}"
+            listening_port = await self._relay.open(host, port)
         except OSError as error:
+            problem = error.strerror or error
             raise ListenError(
-                f"cannot listen on {host} port {port} for viewers ({error.strerror or error}); end what "
+                f"cannot listen on {host} port {port} for viewers ({problem}); end what "
                 "listens there, or give another --port or --host"
             ) from error
+        return f"ws://{format_address(host, listening_port)}"
 
     def channel(self, topic: str, schema: Schema) -> foxglove.Channel:
         """Return a new channel for JSON."""

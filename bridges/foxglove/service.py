@@ -92,9 +92,12 @@ class Foxglove(Service[FoxgloveConfig]):
         """
         config = self.config
         try:
-            address = await self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
+            name = f"PointIt {self.bus.site}"
+            address = await self._server.open(name, config.host, config.port)
             if config.host in EVERYWHERE:
-                address = f"ws://{own_address(socket.gethostname())}:{address.rpartition(':')[2]}"
+                host = own_address(socket.gethostname())
+                port = address.rpartition(":")[2]
+                address = f"ws://{host}:{port}"
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if not is_loopback(config.host):
                 log.warning(
@@ -128,12 +131,14 @@ class Foxglove(Service[FoxgloveConfig]):
         message = change.message
         self._scene.show(change)
         if message is None:
-            if mirrored := self._mirrored.pop(topic.at(name), None):
+            mirrored = self._mirrored.pop(topic.at(name), None)
+            if mirrored is not None:
                 mirrored.channel.close()
             self._schedule_frame()
             return
         if isinstance(message, Environment):
-            self.bus.warn("map", "; ".join(self._scene.problems[:3]))
+            problems = self._scene.problems[:3]
+            self.bus.warn("map", "; ".join(problems))
         now_ns = self.clock.now_ns()
         self._send_log(self._event_log.take(change, now_ns))
         self._mirror(topic, message, name, now_ns)
@@ -172,7 +177,8 @@ class Foxglove(Service[FoxgloveConfig]):
     def _on_service(self, instance: str, present: bool) -> None:
         if present:
             self._read_fast_topics()
-        self._send_log(self._event_log.presence(instance, self.clock.now_ns(), present=present))
+        lines = self._event_log.presence(instance, self.clock.now_ns(), present=present)
+        self._send_log(lines)
 
     def _on_viewer(self, topic: str, begins: bool) -> None:
         """Send a channel's retained values to a viewer that has just subscribed."""
@@ -180,12 +186,7 @@ class Foxglove(Service[FoxgloveConfig]):
         if not begins:
             return
         if topic == LOG:
-            is_first = self._server.viewers.of(LOG) == 1
-            event_log = self._event_log
-            # the history would reach the other viewers again: a further viewer gets active warnings only
-            self._send_log(
-                tuple(event_log.history) if is_first else event_log.active_warnings(self.clock.now_ns())
-            )
+            self._send_history()
             return
         for part in PARTS:
             if topic == picture_topic(part):
@@ -195,11 +196,20 @@ class Foxglove(Service[FoxgloveConfig]):
                 mirrored.is_new = True
         self._schedule_frame()
 
+    def _send_history(self) -> None:
+        # The history would reach the other viewers again: a further one gets active warnings only
+        if self._server.viewers.of(LOG) == 1:
+            self._send_log(tuple(self._event_log.history))
+        else:
+            self._send_log(self._event_log.active_warnings(self.clock.now_ns()))
+        self._schedule_frame()
+
     def _schedule_frame(self) -> None:
         """Schedule the next frame as soon as the rate allows, if a viewer is connected."""
         if not self._frame_timer.is_running and self._server.viewers.any:
             since_s = self._loop.time() - self._sent_s
-            self._frame_timer.start(max(0.0, 1.0 / self.config.rate_hz - since_s))
+            period_s = 1.0 / self.config.rate_hz
+            self._frame_timer.start(max(0.0, period_s - since_s))
 
     def _send_frame(self) -> None:
         now_s = self._loop.time()
@@ -208,8 +218,10 @@ class Foxglove(Service[FoxgloveConfig]):
         self._scene.forget(now_s)
         self._site.tick(now_s)
         for part in PARTS:
-            if part in self._scene.changed and self._server.viewers.of(picture_topic(part)):
-                self._server.show(part, self._scene.draw(part, now_ns), now_ns)
+            has_viewers = self._server.viewers.of(picture_topic(part))
+            if part in self._scene.changed and has_viewers:
+                picture = self._scene.draw(part, now_ns)
+                self._server.show(part, picture, now_ns)
         for mirrored in self._mirrored.values():
             if mirrored.is_new:
                 self._send(mirrored, now_ns)

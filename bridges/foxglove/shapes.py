@@ -1,5 +1,6 @@
 """Foxglove's primitives from PointIt's units: metres, {W}, colours 0 to 255."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -63,7 +64,8 @@ def timestamp(now_ns: int) -> Timestamp:
 
 def color(rgb: Rgb, alpha: float = 1.0) -> Color:
     """Return a colour."""
-    return Color(r=rgb[0] / 255.0, g=rgb[1] / 255.0, b=rgb[2] / 255.0, a=alpha)
+    red, green, blue = rgb
+    return Color(r=red / 255.0, g=green / 255.0, b=blue / 255.0, a=alpha)
 
 
 def pose(position_m: Vec3, orientation: rotation.Quaternion = rotation.IDENTITY) -> Pose:
@@ -121,8 +123,10 @@ def cylinder(
     foot_m: Vec3, height_m: float, diameter_m: float, rgb: Rgb, *, alpha: float = 1.0, waist: float = 1.0
 ) -> CylinderPrimitive:
     """Return an upright cylinder on `foot_m`; its foot is `waist` times as wide."""
+    x, y, z = foot_m
+    center_m = (x, y, z + height_m / 2.0)
     return CylinderPrimitive(
-        pose=pose((foot_m[0], foot_m[1], foot_m[2] + height_m / 2.0)),
+        pose=pose(center_m),
         size=size(diameter_m, diameter_m, height_m),
         bottom_scale=waist,
         top_scale=1.0,
@@ -132,11 +136,13 @@ def cylinder(
 
 def cylinder_between(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
     """Return a cylinder from one point to another."""
-    way_m = vector.subtract(end_m, start_m)
-    turned = rotation.multiply(_towards(way_m), _Z_TO_X)
+    step_m = vector.subtract(end_m, start_m)
+    orientation = rotation.multiply(_towards(step_m), _Z_TO_X)
+    middle_m = vector.add(start_m, vector.scale(step_m, 0.5))
+    length_m = vector.norm(step_m)
     return CylinderPrimitive(
-        pose=pose(vector.add(start_m, vector.scale(way_m, 0.5)), turned),
-        size=size(diameter_m, diameter_m, vector.norm(way_m)),
+        pose=pose(middle_m, orientation),
+        size=size(diameter_m, diameter_m, length_m),
         bottom_scale=1.0,
         top_scale=1.0,
         color=color(rgb),
@@ -149,12 +155,13 @@ def arrow(
     """Return an arrow from `start_m` along `way_m`, whose tip is at their sum."""
     length_m = vector.norm(way_m)
     head_m = min(_HEAD_M, length_m / 2.0)
+    head_width_m = max(_HEAD_WIDTH_M, 2.0 * width_m)
     return ArrowPrimitive(
         pose=pose(start_m, _towards(way_m)),
         shaft_length=length_m - head_m,
         shaft_diameter=width_m,
         head_length=head_m,
-        head_diameter=max(_HEAD_WIDTH_M, 2.0 * width_m),
+        head_diameter=head_width_m,
         color=color(rgb, alpha),
     )
 
@@ -173,12 +180,14 @@ def entity(
     **primitives: Any,
 ) -> NamedEntity:
     """Return an entity in {W}. `facts` are shown on a click, lifetime 0 is for ever."""
+    pairs = (facts or {}).items()
+    metadata = [KeyValuePair(key=key, value=value) for key, value in pairs]
     entity = SceneEntity(
         timestamp=timestamp(now_ns),
         frame_id=WORLD,
         id=name,
         lifetime=Duration.from_secs(lifetime_s),
-        metadata=[KeyValuePair(key=key, value=value) for key, value in (facts or {}).items()],
+        metadata=metadata,
         **primitives,
     )
     return NamedEntity(name, entity)
@@ -186,14 +195,15 @@ def entity(
 
 def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:
     """Return the twelve edges of a box, two points each."""
-    corners = [
-        vector.add(center_m, rotation.rotate(orientation, (x * size_m[0], y * size_m[1], z * size_m[2])))
-        for x in (-0.5, 0.5)
-        for y in (-0.5, 0.5)
-        for z in (-0.5, 0.5)
-    ]
-    return [corners[end] for edge in _EDGES for end in edge]
+    corners: list[Vec3] = []
+    for x, y, z in itertools.product((-0.5, 0.5), repeat=3):
+        corner = (x * size_m[0], y * size_m[1], z * size_m[2])
+        corners.append(vector.add(center_m, rotation.rotate(orientation, corner)))
+    ends: list[Vec3] = []
+    for start, end in _EDGES:
+        ends += (corners[start], corners[end])
+    return ends
 
 
-def _towards(way: Vec3) -> rotation.Quaternion:
-    return rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
+def _towards(step: Vec3) -> rotation.Quaternion:
+    return rotation.from_azimuth_elevation(vector.azimuth(step), vector.elevation(step))

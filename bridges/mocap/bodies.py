@@ -101,14 +101,16 @@ def body_sample(
     is_tracked: bool = True,
 ) -> BodySample:
     """Return a body; one whose values are not finite, too large or no rotation is not tracked."""
-    (x, y, z), (qx, qy, qz, qw) = position_m, orientation_xyzw
+    x, y, z = position_m
+    qx, qy, qz, qw = orientation_xyzw
     length = math.hypot(qx, qy, qz, qw)
     limit = MAX_COORDINATE
-    if not (-limit < x < limit and -limit < y < limit and -limit < z < limit and 0.9 < length < 1.1):
-        return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
-    turn = (qx / length, qy / length, qz / length, qw / length)
+    is_placed = -limit < x < limit and -limit < y < limit and -limit < z < limit  # False for NaN as well
+    if not is_placed or not 0.9 < length < 1.1:
+        return BodySample(number, (0.0, 0.0, 0.0), rotation.IDENTITY, 0.0, is_tracked=False, measured=None)
+    orientation = (qx / length, qy / length, qz / length, qw / length)
     error_m = error_m if math.isfinite(error_m) else 0.0
-    return BodySample(number, (x, y, z), turn, error_m, is_tracked, measured=None)
+    return BodySample(number, (x, y, z), orientation, error_m, is_tracked, measured=None)
 
 
 class BodyPose(NamedTuple):
@@ -145,7 +147,8 @@ class _Track:
         since_ns = last.stamp_ns - first.stamp_ns
         if since_ns <= VELOCITY_NS / 2:
             return (0.0, 0.0, 0.0)
-        return vector.scale(vector.subtract(last.position_m, first.position_m), NS_PER_S / since_ns)
+        step_m = vector.subtract(last.position_m, first.position_m)
+        return vector.scale(step_m, NS_PER_S / since_ns)
 
 
 class Bodies:
@@ -165,6 +168,8 @@ class Bodies:
         self._frame_ns = timed.stamp_ns
         if len(self._tracks) > MAX_BODIES:
             self._tracks = {name: track for name, track in self._tracks.items() if self._is_streamed(track)}
+
+        # Bodies of this frame in the room, each with the reason why it is not used
         counts = Counter(name for name, _ in timed.bodies)
         poses: list[tuple[_Track, BodyPose]] = []
         head_tracks: list[_Track] = []
@@ -172,20 +177,28 @@ class Bodies:
         scale = 0.001 if self._config.unit == "mm" else 1.0
         for name, body in timed.bodies:
             track = self._tracks.setdefault(name, _Track())
-            track.streamed_ns, track.fault = timed.stamp_ns, _fault(name, body, counts[name])
+            track.streamed_ns = timed.stamp_ns
+            track.fault = _fault(name, body, counts[name])
             if track.fault:
                 continue
             pose = _in_world(name, body, timed.stamp_ns, frame, is_y_up=is_y_up, scale=scale)
             if track.pose is None or track.jumped_ns:
-                track.fault = self._implausibility(pose, scale * math.hypot(*body.position_m))
-            head_tracks += [track] if self._is_head(name) else []
-            poses += [] if track.fault else [(track, pose)]
+                distance_m = scale * math.hypot(*body.position_m)
+                track.fault = self._implausibility(pose, distance_m)
+            if self._is_head(name):
+                head_tracks.append(track)
+            if not track.fault:
+                poses.append((track, pose))
+
+        # A head shows that axes and unit are right. After a jump to where none can be they may be others
         refused = [track for track in head_tracks if track.fault]
-        self._has_head = len(head_tracks) > len(refused) or (
-            self._has_head and not any(track.jumped_ns for track in refused)
-        )
+        has_jumped = any(track.jumped_ns for track in refused)
+        is_confirmed = len(head_tracks) > len(refused)
+        self._has_head = is_confirmed or (self._has_head and not has_jumped)
         if refused and not self._has_head:
             return []  # the same axes and unit are those of all bodies
+
+        # All are judged before any is used: one may have jumped to where another was
         used = [(track, pose) for track, pose in poses if self._is_plausible(track, pose)]
         for track, pose in used:
             _follow(track, pose)
@@ -194,43 +207,55 @@ class Bodies:
     def current(self, now_ns: int) -> Iterator[tuple[BodyPose, Vec3]]:
         """Yield the bodies that are seen, with their velocities. `now_ns`: time of the newest frame."""
         for track in self._tracks.values():
-            if track.pose is not None and 0 <= now_ns - track.pose.stamp_ns <= MAX_BODY_AGE_NS:
-                yield track.pose, track.velocity_mps
+            pose = track.pose
+            if pose is not None and 0 <= now_ns - pose.stamp_ns <= MAX_BODY_AGE_NS:
+                yield pose, track.velocity_mps
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
         """Return the bodies that no person wears at `now_ns`."""
-        worn = {name for name, each in self._config.bodies.items() if each.person}
-        return tuple(
-            self._object(pose, velocity_mps, now_ns)
-            for pose, velocity_mps in self.current(now_ns)
-            if pose.name not in worn
-        )
+        worn = {name for name, config in self._config.bodies.items() if config.person}
+        objects: list[TrackedObject] = []
+        for pose, velocity_mps in self.current(now_ns):
+            if pose.name not in worn:
+                objects.append(self._object(pose, velocity_mps, now_ns))
+        return tuple(objects)
 
     def states(self) -> dict[str, bool]:
         """Return the bodies of the stream by name: True if it is used in the last frame."""
-        return {
-            name: track.pose is not None and track.pose.stamp_ns == self._frame_ns
-            for name, track in self._tracks.items()
-            if self._is_streamed(track)
-        }
+        states: dict[str, bool] = {}
+        for name, track in self._tracks.items():
+            if self._is_streamed(track):
+                states[name] = track.pose is not None and track.pose.stamp_ns == self._frame_ns
+        return states
 
     def problem(self, now_ns: int) -> str:
         """Return a sentence about bodies that are not used, or `""`."""
-        self._jumps = {text: at_ns for text, at_ns in self._jumps.items() if now_ns - at_ns < REPORT_NS}
+        for sentence, jumped_ns in tuple(self._jumps.items()):
+            if now_ns - jumped_ns >= REPORT_NS:
+                del self._jumps[sentence]
         problems = list(self._jumps)
+
+        # Bodies that are configured and not there
         names = sorted(self.states())
         for name in self._config.bodies:
-            if name not in names and self._frame_ns:
-                known = did_you_mean(name, names) or f"it has {first_of(names, MAX_NAMES) or 'none'};"
-                program = self._config.program
-                problems.append(
-                    f"{program} streams no body {name!r}: {known} correct `bodies`, or rename it there"
-                )
+            if name in names or not self._frame_ns:
+                continue
+            hint = did_you_mean(name, names)
+            if not hint:
+                hint = f"it has {first_of(names, MAX_NAMES) or 'none'};"
+            program = self._config.program
+            problems.append(
+                f"{program} streams no body {name!r}: {hint} correct `bodies`, or rename it there"
+            )
+
+        # Bodies that are there and not used. A covered one matters only if it has a meaning
         for name in names:
             track = self._tracks[name]
             is_reported = name in self._config.bodies or "uncover" not in track.fault
+            if not track.fault or not is_reported:
+                continue
             last_ns = 0 if track.pose is None else track.pose.stamp_ns
-            if track.fault and is_reported and self._frame_ns - last_ns > UNSEEN_NS:
+            if self._frame_ns - last_ns > UNSEEN_NS:
                 problems.append(track.fault)
         return first_problem(problems)
 
@@ -239,67 +264,86 @@ class Bodies:
 
     def _is_head(self, name: str) -> bool:
         worn = self._config.bodies.get(name)
-        return worn is not None and bool(worn.person) and worn.part == "head"
+        if worn is None or not worn.person:
+            return False
+        return worn.part == "head"
 
     def _implausibility(self, pose: BodyPose, distance_m: float) -> str:
         """Return a sentence if a body is where none can be, so that unit or axes are not those declared."""
         if distance_m > MAX_DISTANCE_M:
-            return (
-                f"{pose.name} is {distance_m:.0f} m from the cameras' origin, limit {MAX_DISTANCE_M:.0f} m: "
-                "correct `unit`"
-            )
+            distance = f"{distance_m:.0f} m from the cameras' origin"
+            return f"{pose.name} is {distance}, limit {MAX_DISTANCE_M:.0f} m: correct `unit`"
+        low_m = MIN_HEIGHT_M
+        high_m = math.inf
+        if self._is_head(pose.name):
+            low_m, high_m = HEAD_HEIGHTS_M
         height_m = pose.position_m[2]
-        low_m, high_m = HEAD_HEIGHTS_M if self._is_head(pose.name) else (MIN_HEIGHT_M, math.inf)
         if low_m <= height_m <= high_m:
             return ""
+        height = f"{height_m:.2f} m above the floor"
         limits = f"{low_m:g} to {high_m:g} m are accepted at first"
-        return (
-            f"{pose.name} is {height_m:.2f} m above the floor, {limits}: correct `up`, "
-            "`unit`, `frame` or `bodies`"
-        )
+        return f"{pose.name} is {height}, {limits}: correct `up`, `unit`, `frame` or `bodies`"
 
     def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
         """Return False if the body has just jumped."""
         last = track.pose
-        seen_ns = track.seen_ns
+        since_s = (pose.stamp_ns - track.seen_ns) / NS_PER_S
         track.seen_ns = pose.stamp_ns
-        if last is None or not _has_jumped(last, pose, (pose.stamp_ns - seen_ns) / NS_PER_S):
+        if last is None or not _has_jumped(last, pose, since_s):
             track.jumped_ns = 0
             return True
-        others = [
-            each.pose
-            for each in self._tracks.values()
-            if each.pose is not None
-            and each.pose.name != pose.name
-            and pose.stamp_ns - each.pose.stamp_ns <= SWAP_NS
-        ]
-        nearest = min(others, key=lambda each: math.dist(each.position_m, pose.position_m), default=last)
+
+        # Exchanged, if another body was just there
+        nearest = self._nearest_other(pose) or last
         moved_m = math.dist(last.position_m, pose.position_m)
-        is_swap = nearest is not last and math.dist(nearest.position_m, pose.position_m) < JUMP_M < moved_m
+        apart_m = math.dist(nearest.position_m, pose.position_m)
+        is_swap = nearest is not last and apart_m < JUMP_M < moved_m
         if not track.jumped_ns:
             track.jumped_ns = pose.stamp_ns
             text = f"{pose.name} jumped by {moved_m:.2f} m at once and is not used until it stays"
             if is_swap:
-                text = f"{pose.name} is where {nearest.name} was: {self._config.program} has exchanged them"
+                program = self._config.program
+                text = f"{pose.name} is where {nearest.name} was: {program} has exchanged them"
             self._jumps[f"{text}; make their markers more different"] = pose.stamp_ns
-        if pose.stamp_ns - track.jumped_ns < (SWAP_NS if is_swap else JUMP_NS):
+
+        # Used again when it has stayed there, with a velocity from there on
+        wait_ns = SWAP_NS if is_swap else JUMP_NS
+        if pose.stamp_ns - track.jumped_ns < wait_ns:
             return False
         track.poses.clear()
         track.jumped_ns = 0
         return True
 
+    def _nearest_other(self, pose: BodyPose) -> BodyPose | None:
+        """Return the last pose nearest to `pose` of another body that may have been exchanged with it."""
+        others: list[BodyPose] = []
+        for track in self._tracks.values():
+            other = track.pose
+            if other is None or other.name == pose.name:
+                continue
+            if pose.stamp_ns - other.stamp_ns <= SWAP_NS:
+                others.append(other)
+        return min(others, key=lambda other: math.dist(other.position_m, pose.position_m), default=None)
+
     def _object(self, pose: BodyPose, velocity_mps: Vec3, now_ns: int) -> TrackedObject:
         config = self._config.bodies.get(pose.name)
-        kind = config.kind if config else "object"
+        kind = "object"
+        length_m = 0.1
+        if config is not None:
+            kind = config.kind
+            length_m = config.length_m
+        yaw_rad = None
+        if kind == "robot":
+            yaw_rad = vector.azimuth(rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0)))
         age_s = (now_ns - pose.stamp_ns) / NS_PER_S
-        front = rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0))
+        position_m = vector.add(pose.position_m, vector.scale(velocity_mps, age_s))
         return TrackedObject(
             id=pose.name[:64],
             kind=kind,
-            position_m=vector.add(pose.position_m, vector.scale(velocity_mps, age_s)),
+            position_m=position_m,
             velocity_mps=velocity_mps,
-            length_m=config.length_m if config else 0.1,
-            yaw_rad=vector.azimuth(front) if kind == "robot" else None,
+            length_m=length_m,
+            yaw_rad=yaw_rad,
             position_sigma_m=pose.sigma_m,
         )
 
@@ -308,17 +352,19 @@ def _in_world(
     name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *, is_y_up: bool, scale: float
 ) -> BodyPose:
     position_m = vector.scale(body.position_m, scale)
-    turn = body.orientation_xyzw
+    orientation = body.orientation_xyzw
     sigma_m = scale * body.error_m
     if is_y_up:
-        position_m = (position_m[0], -position_m[2], position_m[1])
-        turn = (turn[0], -turn[2], turn[1], turn[3])
+        x, y, z = position_m
+        position_m = (x, -z, y)
+        qx, qy, qz, qw = orientation
+        orientation = (qx, -qz, qy, qw)
     if frame is not None:
         position_m = point_in_world(position_m, frame)
-        turn = rotation.multiply(frame.orientation_xyzw, turn)
+        orientation = rotation.multiply(frame.orientation_xyzw, orientation)
     if not MIN_SIGMA_M <= sigma_m <= MAX_SIGMA_M:
         sigma_m = MIN_SIGMA_M if sigma_m < MIN_SIGMA_M else MAX_SIGMA_M
-    return BodyPose(name, stamp_ns, position_m, turn, sigma_m)
+    return BodyPose(name, stamp_ns, position_m, orientation, sigma_m)
 
 
 def _fault(name: str, body: BodySample, count: int) -> str:
@@ -340,7 +386,10 @@ def _has_jumped(last: BodyPose, pose: BodyPose, since_s: float) -> bool:
     ax, ay, az, aw = last.orientation_xyzw
     bx, by, bz, bw = pose.orientation_xyzw
     alike = abs(ax * bx + ay * by + az * bz + aw * bw)
-    return alike < MIN_ALIKE and 2.0 * math.acos(alike) > MAX_RATE_RADPS * since_s + JUMP_RAD
+    if alike >= MIN_ALIKE:
+        return False
+    turn_rad = 2.0 * math.acos(alike)
+    return turn_rad > MAX_RATE_RADPS * since_s + JUMP_RAD
 
 
 def _follow(track: _Track, pose: BodyPose) -> None:

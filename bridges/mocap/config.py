@@ -84,7 +84,7 @@ class MocapConfig(Config):
     def _check_unit_and_parts(self) -> "MocapConfig":
         if self.system == "qtm" and self.unit != "m":
             raise ValueError("unit: QTM streams millimetres by its protocol: leave it out")
-        parts = [(each.person, each.part) for each in self.bodies.values() if each.person]
+        parts = [(body.person, body.part) for body in self.bodies.values() if body.person]
         for person, part in parts:
             if parts.count((person, part)) > 1:
                 raise ValueError(f"bodies: two are the {part} of {person}: leave one out")

@@ -70,13 +70,16 @@ class ServerClock:
         if received_ns < sent_ns:
             return
         middle_ns = (sent_ns + received_ns) / 2
-        echo = _Echo(ticks * self._ns_per_tick - middle_ns, (received_ns - sent_ns) / 2, received_ns)
+        offset_ns = ticks * self._ns_per_tick - middle_ns
+        echo = _Echo(offset_ns, (received_ns - sent_ns) / 2, received_ns)
+
+        # Half a round trip bounds the error of each: further apart, both are right, of different clocks
         best = self._best(received_ns)
-        if best is not None and abs(echo.offset_ns - best.offset_ns) > (
-            echo.half_trip_ns + best.sigma_ns(received_ns)
-        ):  # half a round trip bounds the error of each, so that both are right of different clocks
-            self.steps += 1
-            self._echoes.clear()
+        if best is not None:
+            apart_ns = abs(echo.offset_ns - best.offset_ns)
+            if apart_ns > echo.half_trip_ns + best.sigma_ns(received_ns):
+                self.steps += 1
+                self._echoes.clear()
         self._echoes.append(echo)
 
     def time_ns(self, ticks: int, now_ns: int) -> tuple[int, float] | None:
@@ -84,7 +87,8 @@ class ServerClock:
         best = self._best(now_ns)
         if best is None:
             return None
-        return round(ticks * self._ns_per_tick - best.offset_ns), best.sigma_ns(now_ns) / 2
+        time_ns = ticks * self._ns_per_tick - best.offset_ns
+        return round(time_ns), best.sigma_ns(now_ns) / 2
 
     def _best(self, now_ns: int) -> _Echo | None:
         return min(self._echoes, key=lambda echo: echo.sigma_ns(now_ns), default=None)
@@ -122,8 +126,10 @@ class NatNetSession:
         self._clock = None
         self._names = None
         self._last = None
-        self._since_ns = self._packet_ns = now_ns
-        self._arrived_ns = self._used_ns = 0
+        self._since_ns = now_ns
+        self._packet_ns = now_ns
+        self._arrived_ns = 0
+        self._used_ns = 0
 
     def requests(self, now_ns: int) -> list[bytes]:
         """Return the packets to send now. To be called each `REQUEST_PERIOD_NS`."""
@@ -133,9 +139,8 @@ class NatNetSession:
             return [natnet_packets.connect_packet()]
         requests = [natnet_packets.packet(natnet_packets.KEEP_ALIVE)]
         if now_ns - max(self._arrived_ns, self._since_ns) > SERVER_TIMEOUT_NS:
-            requests.append(
-                natnet_packets.connect_packet()
-            )  # a server that was restarted has forgotten its clients
+            # A server that was restarted has forgotten its clients
+            requests.append(natnet_packets.connect_packet())
         if self._clock is not None:
             self._asked_ns = now_ns
             requests.append(natnet_packets.echo_packet(now_ns))
@@ -150,14 +155,13 @@ class NatNetSession:
         except MalformedPacketError as error:
             self.damaged += 1
             advice = "update PointIt or Motive, and end other programs on these ports"
-            self._faults["damage"] = (
-                f"{self.server} sent no NatNet as it is known ({error}); {advice}",
-                now_ns,
-            )
+            sentence = f"{self.server} sent no NatNet as it is known ({error}); {advice}"
+            self._faults["damage"] = sentence, now_ns
 
     def receive_unknown(self, data: bytes, address: str, now_ns: int) -> None:
         """Note a packet of another machine. It is not used, since anybody can send one."""
-        if data[:2] == natnet_packets.packet(natnet_packets.FRAME)[:2]:
+        frame_head = natnet_packets.packet(natnet_packets.FRAME)[:2]
+        if data[:2] == frame_head:
             advice = "end that server or give it another port, or name it as `server`"
             self._faults["unknown"] = f"{address} streams here, too, and is not used: {advice}", now_ns
 
@@ -170,24 +174,35 @@ class NatNetSession:
                 f"{self.server} does not answer by NatNet: start Motive, switch on its streaming, and allow "
                 "it in the firewalls; `pointit devices` lists servers"
             )
+
+        # Connected: without frames, with unusable ones, or without names, the most probable cause first
         if now_ns - max(self._arrived_ns, self._since_ns) > SILENCE_NS:
-            kind = f"multicast group {self.info.group}" if self.info.is_multicast else "unicast"
+            info = self.info
+            kind = f"multicast group {info.group}" if info.is_multicast else "unicast"
             return (
-                f"{self.server} answers, but no frames come ({kind}, port {self.info.data_port}): start the "
+                f"{self.server} answers, but no frames come ({kind}, port {info.data_port}): start the "
                 "live view in Motive, choose the network of this machine as its local interface, or name "
                 "this machine's address in that network in `interface`"
             )
-        if self._frame_fault and now_ns - max(self._used_ns, self._since_ns) > NS_PER_S:
+        unused_ns = now_ns - max(self._used_ns, self._since_ns)
+        if self._frame_fault and unused_ns > NS_PER_S:
             return f"{self.server}: {self._frame_fault}"
         if self._names is None and now_ns - self._since_ns > SILENCE_NS:
             return f"{self.server} does not name its bodies: switch on rigid bodies in its streaming panel"
-        recent = (sentence for sentence, seen_ns in self._faults.values() if now_ns - seen_ns < REPORT_NS)
-        return next(recent, "")
+        for sentence, seen_ns in self._faults.values():
+            if now_ns - seen_ns < REPORT_NS:
+                return sentence
+        return ""
 
     def clock_sigma_s(self, now_ns: int) -> float | None:
         """Return 1 sigma of the server's clock, s, or None if it is not known."""
-        time = None if self._clock is None else self._clock.time_ns(0, now_ns)
-        return None if time is None else time[1] / NS_PER_S
+        if self._clock is None:
+            return None
+        time = self._clock.time_ns(0, now_ns)
+        if time is None:
+            return None
+        _, sigma_ns = time
+        return sigma_ns / NS_PER_S
 
     def _receive(self, data: bytes, now_ns: int) -> None:
         message, payload = natnet_packets.split_packet(data)
@@ -211,7 +226,8 @@ class NatNetSession:
         if self.info == info:
             return
         if info.version < (2, 0):
-            raise MalformedPacketError(f"its version {info.version[0]}.{info.version[1]} is older than 2.0")
+            major, minor = info.version
+            raise MalformedPacketError(f"its version {major}.{minor} is older than 2.0")
         self.restart(now_ns)
         self.info = info
         self._clock = ServerClock(info.clock_hz) if info.clock_hz else None
@@ -224,40 +240,55 @@ class NatNetSession:
         if last is not None and _is_repeated(frame, last):
             self._frame_fault = "its frames stand still: leave the edit mode or the pause in Motive"
             return
+
+        # A recording has the times at which it was made
         stamp_ns, sigma_s = self._stamp(frame, now_ns)
         age_s = message_age_ns(stamp_ns, now_ns) / NS_PER_S
         if not -MAX_FUTURE_S <= age_s <= MAX_FRAME_AGE_S:
+            limit = f"at most {MAX_FRAME_AGE_S:g} s are accepted"
             self._frame_fault = (
-                f"its frames are {age_s:.1f} s old, at most {MAX_FRAME_AGE_S:g} s are accepted: change from "
+                f"its frames are {age_s:.1f} s old, {limit}: change from "
                 "a recording to the live view in Motive"
             )
             return
+
+        # Not before it has named its bodies, nor before the first echo of its clock, unless none comes
+        if self._names is None:
+            return
         is_timed = self._clock is None or self._clock.time_ns(0, now_ns) is not None
-        if self._names is None or (not is_timed and now_ns - self._since_ns < SILENCE_NS):
+        if not is_timed and now_ns - self._since_ns < SILENCE_NS:
             return
         if any(body.id not in self._names for body in frame.bodies):
             self._is_model_stale = True
         self._used_ns = now_ns
         self._frame_fault = ""
-        bodies = tuple(each for body in frame.bodies for each in _named(body, self._names.get(body.id)))
-        self._on_frame(TimedFrame(stamp_ns, sigma_s, bodies))
+        bodies: list[tuple[str, BodySample]] = []
+        for body in frame.bodies:
+            bodies += _named(body, self._names.get(body.id))
+        self._on_frame(TimedFrame(stamp_ns, sigma_s, tuple(bodies)))
 
     def _stamp(self, frame: MocapFrame, now_ns: int) -> tuple[int, float]:
         """Return the time of exposure, and its 1 sigma in s."""
         ticks = frame.exposure_ticks or frame.sent_ticks
-        time = None if self._clock is None or not ticks else self._clock.time_ns(ticks, now_ns)
+        if self._clock is None or not ticks:
+            return now_ns, ARRIVAL_SIGMA_S
+        time = self._clock.time_ns(ticks, now_ns)
         if time is None:
             return now_ns, ARRIVAL_SIGMA_S
-        return time[0], time[1] / NS_PER_S + (0.0 if frame.exposure_ticks else USB_LATENCY_SIGMA_S)
+        stamp_ns, sigma_ns = time
+        latency_sigma_s = 0.0 if frame.exposure_ticks else USB_LATENCY_SIGMA_S
+        return stamp_ns, sigma_ns / NS_PER_S + latency_sigma_s
 
 
 def _named(body: BodySample, names: tuple[str, ...] | None) -> Iterator[tuple[str, BodySample]]:
     """Yield a body under its name, or under each of several that share its id, with the fault."""
-    names = tuple(name or f"body {body.id}" for name in names or ("",))
-    if names[1:]:
-        text = f"the bodies {', '.join(names)} have one streaming id, {body.id}, and are not used: give each"
+    own_names = names or ("",)
+    shown_names = tuple(name or f"body {body.id}" for name in own_names)
+    if len(shown_names) > 1:
+        listing = ", ".join(shown_names)
+        text = f"the bodies {listing} have one streaming id, {body.id}, and are not used: give each"
         body = body._replace(fault=f"{text} its own in Motive")
-    for name in names:
+    for name in shown_names:
         yield name, body
 
 
@@ -294,6 +325,8 @@ class NatNetClient(asyncio.DatagramProtocol):
         self._warn = warn
         self._port = port
         self._interface = interface
+
+        # The connection, which is made in `run`
         self._addresses: frozenset[str] = frozenset()
         """Addresses of the server."""
         self._info: ServerInfo | None = None
@@ -307,9 +340,8 @@ class NatNetClient(asyncio.DatagramProtocol):
             try:
                 await self._receive()
             except OSError as error:
-                self._warn(
-                    f"{self._session.server} cannot be reached ({error}): correct `server` or `interface`"
-                )
+                server = self._session.server
+                self._warn(f"{server} cannot be reached ({error}): correct `server` or `interface`")
             await asyncio.sleep(RETRY_S)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
@@ -325,21 +357,28 @@ class NatNetClient(asyncio.DatagramProtocol):
         """Ignore an answer that nobody listens: the session reports the silence."""
 
     async def _receive(self) -> None:
-        hosts = [address for family, address in await look_up(self._session.server, self._port)
-                 if family == socket.AF_INET]  # fmt: skip
+        # The server, which sends from any of its addresses if it is this machine
+        hosts: list[str] = []
+        for family, address in await look_up(self._session.server, self._port):
+            if family == socket.AF_INET:
+                hosts.append(str(address[0]))
         if not hosts:
             raise OSError("its name has no IPv4 address")
-        host = str(hosts[0][0])
-        is_here = ipaddress.ip_address(host).is_loopback
-        self._addresses = frozenset((host, *(found_addresses() if is_here else ())))
+        host = hosts[0]
+        addresses = {host}
+        if ipaddress.ip_address(host).is_loopback:
+            addresses.update(found_addresses())
+        self._addresses = frozenset(addresses)
+
         loop = asyncio.get_running_loop()
-        with contextlib.ExitStack() as opened:
+        with contextlib.ExitStack() as stack:
             command = open_datagram_socket(self._interface, 0)
-            opened.callback(command.close)
+            stack.callback(command.close)
             transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=command)
-            opened.callback(transport.abort)
+            stack.callback(transport.abort)
             stream: asyncio.DatagramTransport | None = None
             while True:
+                # A stream for each server that answers there: it may be restarted with other settings
                 if self._session.info is not self._info:
                     self._info = self._session.info
                     if stream is not None:
@@ -347,7 +386,9 @@ class NatNetClient(asyncio.DatagramProtocol):
                         stream = None
                     if self._info is not None:
                         stream = await self._open_stream(self._info, host)
-                        opened.callback(stream.abort)
+                        stack.callback(stream.abort)
+
+                # Requests, each period and after the server has answered
                 self._changed.clear()
                 for request in self._session.requests(self._now_ns()):
                     transport.sendto(request, (host, self._port))
@@ -358,8 +399,10 @@ class NatNetClient(asyncio.DatagramProtocol):
         sock = open_datagram_socket("", info.data_port)
         try:
             if info.is_multicast:
-                own = [self._interface] if self._interface else [_own_address(host), DEFAULT_INTERFACE]
-                _join(sock, info.group, own)
+                interfaces = [_own_address(host), DEFAULT_INTERFACE]
+                if self._interface:
+                    interfaces = [self._interface]
+                _join(sock, info.group, interfaces)
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, sock=sock)
         except BaseException:
             sock.close()
@@ -412,12 +455,14 @@ async def find_servers(
 def _read_answer(data: bytes, address: str) -> FoundDevice | None:
     try:
         message, payload = natnet_packets.split_packet(data)
-        info = natnet_packets.read_server_info(payload) if message == natnet_packets.SERVER_INFO else None
+        if message != natnet_packets.SERVER_INFO:
+            return None
+        info = natnet_packets.read_server_info(payload)
     except MalformedPacketError:
         return None
-    if info is None:
-        return None
-    version = f"NatNet {info.version[0]}.{info.version[1]}"
+    major, minor = info.version
+    version = f"NatNet {major}.{minor}"
     kind = f"multicast {info.group}" if info.is_multicast else "unicast"
-    label = f"{info.application or 'NatNet server'}, {version}, {kind}"
+    application = info.application or "NatNet server"
+    label = f"{application}, {version}, {kind}"
     return FoundDevice(address, label, {"version": version, "stream": kind})

@@ -95,15 +95,18 @@ class PacketReader:
     def skip(self, size: int) -> None:
         """Pass over `size` bytes."""
         if not 0 <= size <= len(self.data) - self.at:
-            raise MalformedPacketError(f"{size} bytes are missing at byte {self.at} of {len(self.data)}")
+            size_here = len(self.data)
+            raise MalformedPacketError(f"{size} bytes are missing at byte {self.at} of {size_here}")
         self.at += size
 
     def count(self, item_bytes: int = 1) -> int:
         """Return a number of items of at least `item_bytes`."""
         (count,) = struct.unpack_from("<i", self.data, self.at)
         self.at += 4
-        if not 0 <= count * item_bytes <= len(self.data) - self.at or count > MAX_COUNT:
-            raise MalformedPacketError(f"{count} items at byte {self.at} of {len(self.data)}")
+        size = count * item_bytes
+        if not 0 <= size <= len(self.data) - self.at or count > MAX_COUNT:
+            total = len(self.data)
+            raise MalformedPacketError(f"{count} items at byte {self.at} of {total}")
         return int(count)
 
     def text(self) -> str:
@@ -124,7 +127,9 @@ def packet(message: int, payload: bytes = b"") -> bytes:
 def connect_packet(message: int = CONNECT) -> bytes:
     """Return a request to connect by unicast with `MAX_VERSION`, or another one of the same layout."""
     version = (*MAX_VERSION, 0, 0)
-    return packet(message, _INFO.pack(b"PointIt", *version, *version) + struct.pack("<B4B", 0, *version))
+    info = _INFO.pack(b"PointIt", *version, *version)
+    request = struct.pack("<B4B", 0, *version)
+    return packet(message, info + request)
 
 
 def echo_packet(time_ns: int) -> bytes:
@@ -142,7 +147,8 @@ def split_packet(data: bytes) -> tuple[int, bytes]:
         raise MalformedPacketError(f"{len(data)} bytes are no packet")
     message, size = _HEADER.unpack_from(data)
     if size > len(data) - _HEADER.size:
-        raise MalformedPacketError(f"{len(data)} bytes instead of {size + _HEADER.size}")
+        expected = size + _HEADER.size
+        raise MalformedPacketError(f"{len(data)} bytes instead of {expected}")
     return message, data[_HEADER.size : _HEADER.size + size]
 
 
@@ -173,9 +179,10 @@ def read_server_info(payload: bytes) -> ServerInfo:
     group = bytes(map(int, GROUP.split(".")))
     if len(payload) >= _INFO.size + _CONNECTION.size:
         clock_hz, port, is_multicast, group = _CONNECTION.unpack_from(payload, _INFO.size)
-    text = name.partition(b"\0")[0].decode("utf-8", "replace")
+    application = name.partition(b"\0")[0].decode("utf-8", "replace")
     address = ".".join(map(str, group))
-    return ServerInfo(text, (major, minor), clock_hz, port or DATA_PORT, bool(is_multicast), address)
+    version = (major, minor)
+    return ServerInfo(application, version, clock_hz, port or DATA_PORT, bool(is_multicast), address)
 
 
 def read_frame(payload: bytes, version: Version) -> MocapFrame:
@@ -195,44 +202,73 @@ def _frame(reader: PacketReader, version: Version) -> MocapFrame:
     is_sized = version >= SIZED
     (number,) = struct.unpack_from("<i", data)
     reader.at = 4
+
+    # Marker sets and unlabelled markers are not used
     for skip in (_skip_marker_sets, _skip_markers):
         count, end = _section(reader, is_sized=is_sized)
-        skip(reader, count) if end is None else reader.skip(end - reader.at)
+        if end is None:
+            skip(reader, count)
+        else:
+            reader.skip(end - reader.at)
+
+    # Rigid bodies
     count, end = _section(reader, is_sized=is_sized, limit=MAX_BODIES)
+    bodies: list[BodySample] = []
     if end is None:
-        bodies = [_body(reader, version) for _ in range(count)]
+        for _ in range(count):
+            bodies.append(_body(reader, version))
     else:
-        bodies = [
-            _body(PacketReader(data, at), version) for at in _strides(reader.at, end, count, _BODY.size + 6)
-        ]
+        for offset in _strides(reader.at, end, count, _BODY.size + 6):
+            bodies.append(_body(PacketReader(data, offset), version))
         reader.skip(end - reader.at)
+
+    # Skeletons and assets (4.1) are not used
     if version >= (2, 1):
-        count, end = _section(reader, is_sized=is_sized)
-        for _ in range(0 if end is not None else count):
-            reader.skip(4)
-            for _bone in range(reader.count(_BODY.size)):
-                _body(reader, version)
-        reader.skip(0 if end is None else end - reader.at)
+        _skip_skeletons(reader, version, is_sized=is_sized)
     if is_sized:
         _, end = _section(reader, is_sized=True)
         reader.skip((end or reader.at) - reader.at)
-    measured = dict[int, int]()
+
+    # Labelled markers: how many of each body cameras see
     if version >= (2, 6):
-        count, end = _section(reader, is_sized=is_sized)
-        item_bytes = 26 if version >= (3, 0) else 22
-        for at in _strides(
-            reader.at, reader.at + count * item_bytes if end is None else end, count, item_bytes
-        ):
-            marker = struct.unpack_from("<i", data, at)[0]
-            flags = struct.unpack_from("<H", data, at + 20)[0]
-            measured[marker >> 16] = measured.get(marker >> 16, 0) + (not flags & (OCCLUDED | MODEL_FILLED))
+        measured = _measured_markers(reader, version, is_sized=is_sized)
+        bodies = [body._replace(measured=measured.get(body.id)) for body in bodies]
+
+    # Times and flags are counted from the end: force plates and devices before them are not read
     exposure = 0
     sent = 0
     if version >= (3, 0):
-        exposure, _, sent = _TICKS.unpack_from(data, len(data) - (SUFFIX_BYTES if is_sized else 46) + 16)
+        suffix_bytes = SUFFIX_BYTES if is_sized else 46
+        exposure, _, sent = _TICKS.unpack_from(data, len(data) - suffix_bytes + 16)
     (flags,) = struct.unpack_from("<H", data, len(data) - 6)
-    bodies = [body._replace(measured=measured.get(body.id)) for body in bodies]
     return MocapFrame(number, tuple(bodies), exposure, sent, flags)
+
+
+def _skip_skeletons(reader: PacketReader, version: Version, *, is_sized: bool) -> None:
+    count, end = _section(reader, is_sized=is_sized)
+    if end is not None:
+        reader.skip(end - reader.at)
+        return
+    for _ in range(count):
+        reader.skip(4)
+        for _bone in range(reader.count(_BODY.size)):
+            _body(reader, version)
+
+
+def _measured_markers(reader: PacketReader, version: Version, *, is_sized: bool) -> dict[int, int]:
+    """Return the number of markers that cameras see, by the id of their body."""
+    measured: dict[int, int] = {}
+    count, end = _section(reader, is_sized=is_sized)
+    item_bytes = 26 if version >= (3, 0) else 22
+    if end is None:
+        end = reader.at + count * item_bytes
+    for offset in _strides(reader.at, end, count, item_bytes):
+        (marker,) = struct.unpack_from("<i", reader.data, offset)
+        (flags,) = struct.unpack_from("<H", reader.data, offset + 20)
+        body_id = marker >> 16
+        is_seen = not flags & (OCCLUDED | MODEL_FILLED)
+        measured[body_id] = measured.get(body_id, 0) + is_seen
+    return measured
 
 
 def _section(reader: PacketReader, *, is_sized: bool, limit: int = MAX_COUNT) -> tuple[int, int | None]:
@@ -273,7 +309,8 @@ def _body(reader: PacketReader, version: Version) -> BodySample:
     reader.skip(4)
     is_tracked = True
     if version >= (2, 6):
-        is_tracked = bool(struct.unpack_from("<H", reader.data, reader.at)[0] & 1)
+        (flags,) = struct.unpack_from("<H", reader.data, reader.at)
+        is_tracked = bool(flags & 1)
         reader.skip(2)
     return body_sample(number, values[:3], values[3:], error_m, is_tracked=is_tracked)
 
@@ -309,25 +346,30 @@ def _body_model(reader: PacketReader, version: Version) -> tuple[str, int]:
     name = reader.text()
     (number,) = struct.unpack_from("<i", reader.data, reader.at)
     reader.skip(20)
-    if version >= (3, 0) and version < SIZED:
+    is_listed = version >= (3, 0) and version < SIZED
+    if is_listed:
         count = reader.count(16)
         reader.skip(16 * count)
-        for _ in range(count if version >= (4, 0) else 0):
-            reader.text()
+        if version >= (4, 0):
+            for _ in range(count):
+                reader.text()
     return name, number
 
 
 def _skip_model(reader: PacketReader, kind: int, version: Version) -> None:
     """Skip a model that is no body. Before 4.1 the layout of each kind must be known."""
+    # Sets of markers, by name
     if kind == _MARKER_SET:
         reader.text()
         for _ in range(reader.count()):
             reader.text()
+    # Skeletons: the bones are like bodies
     elif kind == _SKELETON:
         reader.text()
         reader.skip(4)
         for _ in range(reader.count(20)):
             _body_model(reader, version)
+    # Analog devices, which have channels
     elif kind in (_PLATE, _DEVICE):
         reader.skip(4)
         reader.text()

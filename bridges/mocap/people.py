@@ -38,7 +38,11 @@ class WornBodies:
 
     def __init__(self, config: MocapConfig) -> None:
         self._is_truth = config.truth
-        self._parts = {name: (each.person, each.part) for name, each in config.bodies.items() if each.person}
+        self._parts: dict[str, tuple[str, str]] = {}
+        """Person and part of each body that is worn."""
+        for name, body in config.bodies.items():
+            if body.person:
+                self._parts[name] = (body.person, body.part)
         arms = {person for person, part in self._parts.values() if part == "forearm"}
         self._people = {person: _Worn(person in arms) for person, _ in self._parts.values()}
         self._last_poses: dict[str, UserPose] = {}
@@ -53,11 +57,12 @@ class WornBodies:
         person, part = self._parts.get(pose.name, ("", ""))
         if not person:
             return
+        worn = self._people[person]
         if part == "head":
-            self._people[person].head_pose = pose
+            worn.head_pose = pose
         else:
-            self._people[person].forearm_ns = pose.stamp_ns
-            self._people[person].yaw.add_body(pose.stamp_ns, pose.orientation_xyzw)
+            worn.forearm_ns = pose.stamp_ns
+            worn.yaw.add_body(pose.stamp_ns, pose.orientation_xyzw)
 
     def on_imu(self, person: str, sample: ImuSample) -> None:
         """Update a person by the orientation of the arm."""
@@ -77,12 +82,18 @@ class WornBodies:
 
         The list is empty in truth mode.
         """
+        if self._is_truth:
+            return []
         poses: list[tuple[str, UserPose]] = []
         for person, worn in self._people.items():
-            head = None if self._is_truth else self._fresh_head(worn, now_ns)
-            yaw = None if head is None else worn.yaw.stated(now_ns)
-            if head is None or yaw is None:
+            head = self._fresh_head(worn, now_ns)
+            if head is None:
                 continue
+            yaw = worn.yaw.stated(now_ns)
+            if yaw is None:
+                continue
+
+            # The person stands below the head; their position is as uncertain in each direction
             variance = head.sigma_m**2 + HEAD_SIGMA_M**2
             covariance = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, yaw.sigma_rad**2)
             x, y, _ = head.position_m
@@ -107,20 +118,30 @@ class WornBodies:
         for person, worn in self._people.items():
             head = self._fresh_head(worn, now_ns)
             yaw = worn.yaw.known(now_ns)
-            if head is None or (yaw is not None and not self._is_truth):
+            if head is None:
                 continue
-            if self._is_truth and frame_ns - head.stamp_ns > TRUE_HEAD_NS:
+            if self._is_truth:
+                is_missing = frame_ns - head.stamp_ns > TRUE_HEAD_NS
+            else:
+                is_missing = yaw is not None  # then they have a pose
+            if is_missing:
                 continue
-            objects.append(
-                TrackedObject(
-                    id=person,
-                    kind=PERSON if yaw is None else PERSON_FRAME,
-                    position_m=head.position_m,
-                    length_m=PERSON_LENGTH_M,
-                    yaw_rad=None if yaw is None else yaw.yaw_rad,
-                    position_sigma_m=head.sigma_m,
-                )
+
+            # Their yaw is that of {H} only where it is published as the truth
+            kind = PERSON
+            yaw_rad = None
+            if yaw is not None:
+                kind = PERSON_FRAME
+                yaw_rad = yaw.yaw_rad
+            person_object = TrackedObject(
+                id=person,
+                kind=kind,
+                position_m=head.position_m,
+                length_m=PERSON_LENGTH_M,
+                yaw_rad=yaw_rad,
+                position_sigma_m=head.sigma_m,
             )
+            objects.append(person_object)
         return objects
 
     def figures(self, now_ns: int) -> dict[str, tuple[float | None, str]]:
@@ -128,12 +149,19 @@ class WornBodies:
         figures: dict[str, tuple[float | None, str]] = {}
         for person, worn in self._people.items():
             yaw = worn.yaw.estimate(now_ns)
-            figures[f"yaw sigma of {person}"] = None if yaw is None else math.degrees(yaw.sigma_rad), "°"
-            if self._is_truth:
-                error = self._error(person, worn, now_ns)
-                yaw_rad = None if error is None else error.yaw_rad
-                figures[f"position error of {person}"] = None if error is None else error.position_m, "m"
-                figures[f"yaw error of {person}"] = None if yaw_rad is None else math.degrees(yaw_rad), "°"
+            sigma_deg = None if yaw is None else math.degrees(yaw.sigma_rad)
+            figures[f"yaw sigma of {person}"] = sigma_deg, "°"
+            if not self._is_truth:
+                continue
+            error = self._error(person, worn, now_ns)
+            error_m = None
+            error_deg = None
+            if error is not None:
+                error_m = error.position_m
+            if error is not None and error.yaw_rad is not None:
+                error_deg = math.degrees(error.yaw_rad)
+            figures[f"position error of {person}"] = error_m, "m"
+            figures[f"yaw error of {person}"] = error_deg, "°"
         return {name[:MAX_METRIC]: figure for name, figure in figures.items()}
 
     def problem(self, now_ns: int) -> str:
@@ -158,4 +186,6 @@ class WornBodies:
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
         head = worn.head_pose
-        return head if head is not None and abs(now_ns - head.stamp_ns) <= MAX_HEAD_AGE_NS else None
+        if head is None or abs(now_ns - head.stamp_ns) > MAX_HEAD_AGE_NS:
+            return None
+        return head

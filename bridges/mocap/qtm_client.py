@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sample, decode_name
+from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, BodySample, TimedFrame, body_sample, decode_name
 from pointit.bridges.mocap.config import MAX_BODIES
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import wait_up_to
@@ -88,8 +88,12 @@ class QtmSession:
         self._on_frame = on_frame
         self._names: tuple[str, ...] = ()
         self._up = ""
-        self._is_connected = self._is_playback = False
-        self._since_ns = self._arrived_ns = self._used_ns = self._damage_ns = 0
+        self._is_connected = False
+        self._is_playback = False
+        self._since_ns = 0
+        self._arrived_ns = 0
+        self._used_ns = 0
+        self._damage_ns = 0
         self._last_us = -1
         self._delays: deque[tuple[int, int]] = deque()
         """Arrivals of frames, and their times of arrival less those of exposure, rising."""
@@ -100,7 +104,8 @@ class QtmSession:
         self._is_connected = is_connected
         self._is_playback = False
         self._since_ns = now_ns
-        self._arrived_ns = self._used_ns = 0
+        self._arrived_ns = 0
+        self._used_ns = 0
         self._last_us = -1
         self.are_settings_stale = True
         self._delays.clear()
@@ -113,18 +118,25 @@ class QtmSession:
         """
         if b"<!DOCTYPE" in text:
             raise ValueError("its settings have a document type")
+        xml = decode_name(text.rstrip(b"\0"))
         try:
-            root = ET.fromstring(decode_name(text.rstrip(b"\0")))  # noqa: S314 - entities need a document type
+            root = ET.fromstring(xml)  # noqa: S314 - entities need a document type
         except ET.ParseError as error:
             raise ValueError(f"its settings are no XML ({error})") from error
-        names = [(each.findtext("Name") or "").strip() for each in root.iterfind("The_6D/Body")]
-        self._names = tuple(name or f"body {number}" for number, name in enumerate(names, start=1))
+        names: list[str] = []
+        for number, body in enumerate(root.iterfind("The_6D/Body"), start=1):
+            name = (body.findtext("Name") or "").strip()
+            names.append(name or f"body {number}")
+        self._names = tuple(names)
         self._up = (root.findtext("The_3D/AxisUpwards") or "+Z").strip().lower()
         self.are_settings_stale = False
 
     def set_event(self, event: int) -> None:
         """Follow the state of QTM."""
-        self._is_playback = event == PLAYBACK or (self._is_playback and event not in LIVE)
+        if event == PLAYBACK:
+            self._is_playback = True
+        elif event in LIVE:
+            self._is_playback = False
         self.are_settings_stale = self.are_settings_stale or event in SETTINGS_CHANGED
 
     def note_damage(self, now_ns: int) -> None:
@@ -141,7 +153,8 @@ class QtmSession:
                 f"{self.server} answers, but no frames come: start a measurement in QTM (File, New) and "
                 "switch on `Calculate 6DOF` under its real-time actions"
             )
-        if self._frame_fault and now_ns - max(self._used_ns, self._since_ns) > NS_PER_S:
+        unused_ns = now_ns - max(self._used_ns, self._since_ns)
+        if self._frame_fault and unused_ns > NS_PER_S:
             return f"{self.server}: {self._frame_fault}"
         if self._damage_ns and now_ns - self._damage_ns < REPORT_NS:
             return f"{self.server} sent {self.damaged} packets that cannot be read: update PointIt or QTM"
@@ -159,6 +172,8 @@ class QtmSession:
         self._last_us = time_us
         if is_restarted:
             self._delays.clear()
+
+        # Delays are followed even while frames are not used
         fault = self._fault(len(bodies), is_repeated=is_repeated)
         stamp_ns, late_ns = self._stamp(time_us, now_ns)
         if not fault and late_ns > MAX_LATE_NS:
@@ -166,15 +181,15 @@ class QtmSession:
         self._frame_fault = fault
         if fault:
             return
+
         self._used_ns = now_ns
-        samples = (
-            body_sample(
-                number, (x / 1000.0, y / 1000.0, z / 1000.0), _quaternion(matrix), max(0.0, mm / 1000.0)
-            )
-            for number, ((x, y, z), matrix, mm) in enumerate(bodies, start=1)
-        )
-        named = tuple(zip(self._names, samples, strict=True))
-        self._on_frame(TimedFrame(stamp_ns, ARRIVAL_SIGMA_S, named, self._up[-1:]))
+        named: list[tuple[str, BodySample]] = []
+        for number, ((x, y, z), matrix, residual_mm) in enumerate(bodies, start=1):
+            position_m = (x / 1000.0, y / 1000.0, z / 1000.0)
+            residual_m = max(0.0, residual_mm / 1000.0)
+            sample = body_sample(number, position_m, _quaternion(matrix), residual_m)
+            named.append((self._names[number - 1], sample))
+        self._on_frame(TimedFrame(stamp_ns, ARRIVAL_SIGMA_S, tuple(named), self._up[-1:]))
 
     def _fault(self, count: int, *, is_repeated: bool) -> str:
         if self._is_playback:
@@ -264,6 +279,8 @@ class QtmClient(asyncio.Protocol):
         self._warn = warn
         self._port = port
         self._interface = interface
+
+        # The connection, which is made in `run`
         self._packets = bytearray()
         self._is_waiting = False
         """True if packets have come that the next turn of the loop uses."""
@@ -273,7 +290,8 @@ class QtmClient(asyncio.Protocol):
         self._end = asyncio.Event()
         self._is_starting = False
         """True while frames, or that there are none yet, are the answer to `StreamFrames`."""
-        self._end_reason = self._refusal = ""
+        self._end_reason = ""
+        self._refusal = ""
         self._has_packets = False
         """True if a packet came since the last probe."""
 
@@ -308,22 +326,25 @@ class QtmClient(asyncio.Protocol):
 
     def _use_round(self) -> None:
         self._is_waiting = False
-        at = 0
+        offset = 0
         is_cut = False
         for count in range(MAX_ROUND_PACKETS):
-            if is_cut or len(self._packets) - at < _HEADER.size:
+            if is_cut or len(self._packets) - offset < _HEADER.size:
                 break
-            size, kind = _HEADER.unpack_from(self._packets, at)
+            size, kind = _HEADER.unpack_from(self._packets, offset)
             if not _HEADER.size <= size <= MAX_PACKET or kind > _LAST_TYPE:
                 self._end_reason = "sends no packets of QTM"
                 self._transport.abort()
                 return
-            if len(self._packets) - at < size:
+            if len(self._packets) - offset < size:
                 break
-            at += size
-            self._use(kind, bytes(self._packets[at - size : at]))
+            packet = bytes(self._packets[offset : offset + size])
+            offset += size
+            self._use(kind, packet)
             is_cut = kind == _DATA or count == MAX_ROUND_PACKETS - 1
-        del self._packets[:at]
+        del self._packets[:offset]
+
+        # Others get their turn before the next frame; meanwhile nothing more is read
         self._is_waiting = is_cut and len(self._packets) >= _HEADER.size
         if self._is_waiting:
             self._transport.pause_reading()
@@ -333,9 +354,9 @@ class QtmClient(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End the commands that wait."""
-        self._end_reason = (
-            self._end_reason or f"has ended the connection ({exc or self._refusal or 'no reason'})"
-        )
+        if not self._end_reason:
+            reason = exc or self._refusal
+            self._end_reason = f"has ended the connection ({reason or 'no reason'})"
         self._protocol.connection_lost(exc)
         while self._protocol.request_queue:
             answer: asyncio.Future[object] = self._protocol.request_queue.popleft()
@@ -364,30 +385,41 @@ class QtmClient(asyncio.Protocol):
             raise ValueError(f"{components} components")
         frame = self._qtm.QRTPacket(data)
         position = frame.components.get(self._qtm.packet.QRTComponentType.Component6dRes)
-        if position is not None:
-            (count,) = struct.unpack_from("<I", data, position)
-            end = position + _BODIES_AT + count * _BODY.size
-            (size,) = struct.unpack_from("<I", data, position - _HEADER.size)
-            if count > MAX_BODIES or end > min(len(data), position - _HEADER.size + size):
-                raise ValueError(f"{count} bodies in a component of {size} bytes")
-            rows = _BODY.iter_unpack(data[position + _BODIES_AT : end])
-            bodies = [(row[:3], row[3:12], row[12]) for row in rows]
-            self._session.receive(frame.timestamp, bodies, self._now_ns())
+        if position is None:
+            return
+
+        # The bodies must be within their component and the packet
+        (count,) = struct.unpack_from("<I", data, position)
+        begin = position + _BODIES_AT
+        end = begin + count * _BODY.size
+        (size,) = struct.unpack_from("<I", data, position - _HEADER.size)
+        component_end = position - _HEADER.size + size
+        if count > MAX_BODIES or end > min(len(data), component_end):
+            raise ValueError(f"{count} bodies in a component of {size} bytes")
+        bodies: list[Body6D] = []
+        for row in _BODY.iter_unpack(data[begin:end]):
+            bodies.append((row[:3], row[3:12], row[12]))
+        self._session.receive(frame.timestamp, bodies, self._now_ns())
 
     async def _receive(self) -> None:
         self._transport = None
         self._end_reason = ""
         self._refusal = ""
+
+        # Connect, and agree on the version
         loop = asyncio.get_running_loop()
         addresses = await look_up(self._session.server, self._port)
         local = (self._interface, 0) if self._interface else None
         async with asyncio.timeout(QTM_TIMEOUT_S):
-            host = str(addresses[0][1][0])
+            _, address = addresses[0]
+            host = str(address[0])
             await loop.create_connection(lambda: self, host, self._port, local_addr=local)
             await self._protocol.set_version(VERSION)
         connection: Any = self._qtm.QRTConnection(self._protocol, timeout=QTM_TIMEOUT_S)
         self._session.restart(self._now_ns(), is_connected=True)
         self._warn("")
+
+        # State and names before the first frame, which cannot be used without
         await self._protocol.send_command("getstate", callback=False)
         await self._update_settings(connection)
         self._is_starting = True
@@ -397,6 +429,8 @@ class QtmClient(asyncio.Protocol):
             self._protocol.request_queue.clear()  # else `StreamFrames` would get the next command's answer
         finally:
             self._is_starting = False
+
+        # Frames come by `data_received`; a silent server is asked, since TCP tells of no pulled cable
         idle_s = 0.0
         while not self._end.is_set():
             await wait_up_to(self._end, POLL_S)
@@ -421,9 +455,11 @@ class QtmClient(asyncio.Protocol):
             return f"{server} {self._end_reason}: start QTM there, or end other clients of it"
         if self._transport is not None:
             silence = f"does not answer by QTM's protocol within {QTM_TIMEOUT_S:g} s"
-            return f"{server} {self._end_reason or str(error) or silence}: {remedies}"
+            reason = self._end_reason or str(error)
+            return f"{server} {reason or silence}: {remedies}"
+        reason = str(error) or "no answer"
         return (
-            f"{server} cannot be reached ({str(error) or 'no answer'}): start QTM there, allow it in the "
+            f"{server} cannot be reached ({reason}): start QTM there, allow it in the "
             "firewalls, and correct `server`, `port` or `interface`; `pointit devices` lists servers"
         )
 
@@ -441,17 +477,24 @@ async def find_servers(
 
 def discovery_packet(port: int) -> bytes:
     """Return the request of which the answer comes to `port`."""
-    return _HEADER.pack(_HEADER.size + 2, _DISCOVERY) + port.to_bytes(2, "big")
+    request = _HEADER.pack(_HEADER.size + 2, _DISCOVERY)
+    return request + port.to_bytes(2, "big")
 
 
 def _read_answer(data: bytes, address: str) -> FoundDevice | None:
     """Return the server of an answer: name, version and cameras as a text, and its port if it is unusual."""
-    if len(data) < _HEADER.size + 3 or _HEADER.unpack_from(data)[0] != len(data):
+    if len(data) < _HEADER.size + 3:
+        return None
+    size, _ = _HEADER.unpack_from(data)
+    if size != len(data):
         return None
     base_port = int.from_bytes(data[-2:], "big")
     label = _text(data[_HEADER.size : -2])
-    details = {} if base_port + 1 == PORT else {"port": base_port + 1}
-    return FoundDevice(address, label, details) if label and base_port else None
+    if not label or not base_port:
+        return None
+    port = base_port + 1  # the little-endian one
+    details = {} if port == PORT else {"port": port}
+    return FoundDevice(address, label, details)
 
 
 def _ignore(_frame: object) -> None:

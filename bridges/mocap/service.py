@@ -8,10 +8,11 @@ from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import check_system, open_system
 from pointit.bridges.mocap.people import MAX_METRIC, WornBodies
 from pointit.maps.frames import frame_or_problem
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import NS_PER_S, Environment, TrackedObjects
+from pointit.schemas import NS_PER_S, Environment, ImuSample, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.environment import Frame
 from pointit.schemas.system import BODY
 from pointit.schemas.topics import IMU, MAP, OBJECTS, POSE
@@ -47,6 +48,8 @@ class Mocap(Service[MocapConfig]):
             on_frame=self._on_frame,
             warn=lambda problem: self.bus.warn("network", problem),
         )
+
+        # The newest frame, and what was published of it
         self._frame: Frame | None = None
         self._stamp_ns = 0
         """Time of the newest frame."""
@@ -54,18 +57,21 @@ class Mocap(Service[MocapConfig]):
         self._used_ns = 0
         """Arrival of the newest frame."""
         self._used_frames = 0
-        self._objects = self.bus.publisher(OBJECTS, config.tracker)
-        self._poses = {} if config.truth else {
-            name: self.bus.publisher(POSE, name) for name in self._worn_bodies.names
-        }  # fmt: skip
         self._had_objects = False
         self._shown_bodies = set[str]()
         """Names of the metrics of bodies."""
+
+        # As the truth they are objects, and no poses are published
+        self._objects = self.bus.publisher(OBJECTS, config.tracker)
+        self._poses: dict[str, Publisher[UserPose]] = {}
+        if not config.truth:
+            for name in self._worn_bodies.names:
+                self._poses[name] = self.bus.publisher(POSE, name)
         self.bus.subscribe(MAP, self._on_map)
         for name in self._worn_bodies.names:
-            self.bus.subscribe(IMU, lambda sample, person: self._worn_bodies.on_imu(person, sample), name)
+            self.bus.subscribe(IMU, self._on_imu, name)
             if config.truth:
-                self.bus.subscribe(POSE, lambda pose, person: self._worn_bodies.on_pose(person, pose), name)
+                self.bus.subscribe(POSE, self._on_pose, name)
 
     @classmethod
     def validate_config(cls, config: MocapConfig) -> None:
@@ -93,12 +99,13 @@ class Mocap(Service[MocapConfig]):
     def _publish(self, now_ns: int) -> None:
         is_fresh = now_ns - self._used_ns < MAX_FRAME_AGE_NS
         people = self._worn_bodies.objects(now_ns, self._stamp_ns)
-        objects = (*self._bodies.objects(self._stamp_ns), *people) if is_fresh else ()
+        objects: tuple[TrackedObject, ...] = ()
+        if is_fresh:
+            objects = (*self._bodies.objects(self._stamp_ns), *people)
         if objects or self._had_objects:
             stamp_ns = self._stamp_ns if objects else now_ns
-            self._objects.put(
-                TrackedObjects(stamp_ns=stamp_ns, objects=objects, latency_sigma_s=self._sigma_s)
-            )
+            message = TrackedObjects(stamp_ns=stamp_ns, objects=objects, latency_sigma_s=self._sigma_s)
+            self._objects.put(message)
         self._had_objects = bool(objects)
 
     def _publish_poses(self, now_ns: int) -> None:
@@ -111,7 +118,8 @@ class Mocap(Service[MocapConfig]):
         self.bus.warn("bodies", self._bodies.problem(self._stamp_ns))
         self.bus.warn("yaw", self._worn_bodies.problem(now_ns))
         sigma_s = self._session.clock_sigma_s(now_ns)
-        self.bus.set_metric("clock sigma", None if sigma_s is None else 1e3 * sigma_s, "ms")
+        sigma_ms = None if sigma_s is None else 1e3 * sigma_s
+        self.bus.set_metric("clock sigma", sigma_ms, "ms")
         self.bus.set_metric("frame rate", self._used_frames, "Hz")
         self.bus.set_metric("damaged packets", self._session.damaged or None)
         self._report_bodies()
@@ -120,8 +128,12 @@ class Mocap(Service[MocapConfig]):
         self._used_frames = 0
 
     def _report_bodies(self) -> None:
-        states = {f"{BODY}{name}"[:MAX_METRIC]: value for name, value in self._bodies.states().items()}
-        self.bus.set_metric("unused bodies", sum(not value for value in states.values()) or None)
+        states: dict[str, bool] = {}
+        for name, is_used in self._bodies.states().items():
+            metric = f"{BODY}{name}"[:MAX_METRIC]
+            states[metric] = is_used
+        unused = sum(not is_used for is_used in states.values())
+        self.bus.set_metric("unused bodies", unused or None)
         for name in self._shown_bodies - states.keys():
             self.bus.set_metric(name, None)
         for name, value in states.items():
@@ -137,6 +149,12 @@ class Mocap(Service[MocapConfig]):
         self._used_frames += 1
         for pose in self._bodies.update(timed, self._frame):
             self._worn_bodies.on_body(pose)
+
+    def _on_imu(self, sample: ImuSample, person: str) -> None:
+        self._worn_bodies.on_imu(person, sample)
+
+    def _on_pose(self, pose: UserPose, person: str) -> None:
+        self._worn_bodies.on_pose(person, pose)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         if self.config.frame:

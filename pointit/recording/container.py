@@ -91,22 +91,30 @@ def records(file: IO[bytes]) -> Iterator[RecordLocation]:
     Raises:
         DamagedError: The data end before `DATA_END`, or are damaged from some place on.
     """
-    size = os.fstat(file.fileno()).st_size if hasattr(file, "fileno") else file.seek(0, os.SEEK_END)
+    if hasattr(file, "fileno"):
+        size = os.fstat(file.fileno()).st_size
+    else:
+        size = file.seek(0, os.SEEK_END)
     offset = len(MCAP0_MAGIC)
     is_data = True
     while is_data or offset < size:
         file.seek(offset)
         head = file.read(_HEAD.size)
-        opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (Opcode.DATA_END, size)
+        opcode: int = Opcode.DATA_END
+        length = size
+        if len(head) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
         place = RecordLocation(opcode, offset + _HEAD.size, length)
+
+        # Damaged, or cut off: data go on at the next chunk; behind them nothing is searched
         is_damaged = opcode == DAMAGED or opcode > Opcode.DATA_END
         if is_damaged or place.offset + length > size:
             if not is_data:
                 return
-            found = next_chunk(file, offset + 1)
-            if found is None:
+            chunk_offset = next_chunk(file, offset + 1)
+            if chunk_offset is None:
                 raise DamagedError(f"it {'is damaged' if is_damaged else 'ends'} in the middle")
-            place = RecordLocation(DAMAGED, offset, found - offset)
+            place = RecordLocation(DAMAGED, offset, chunk_offset - offset)
         yield place
         offset = place.offset + place.length
         is_data = is_data and opcode != Opcode.DATA_END
@@ -131,6 +139,8 @@ def data_blocks(places: Iterator[RecordLocation]) -> Iterator[RecordLocation]:
                     block = None
                 yield place
                 continue
+
+            # Join it to the block, with its head, unless the block gets too long
             begin = place.offset - _HEAD.size
             end = place.offset + place.length
             if block is None:
@@ -155,10 +165,12 @@ def next_chunk(file: IO[bytes], offset: int) -> int | None:
         file.seek(offset)
         data = file.read(BLOCK_BYTES + _MAX_CHUNK_START)
         for match in _CHUNK_START.finditer(data, 0, BLOCK_BYTES + _MAX_CHUNK_START):
-            length, packed = (int.from_bytes(match[each], "little") for each in (1, 3))
-            is_whole = offset + match.start() + _HEAD.size + length <= size
+            length = int.from_bytes(match[1], "little")
+            packed = int.from_bytes(match[3], "little")
+            start = offset + match.start()
+            is_whole = start + _HEAD.size + length <= size
             if is_whole and length == _CHUNK_BYTES + len(match[2]) + packed:
-                return offset + match.start()
+                return start
         offset += BLOCK_BYTES
     return None
 
@@ -190,11 +202,12 @@ def parse(content: bytes, kind: type[Record]) -> Record:
     Raises:
         DamagedError: There is none.
     """
+    stream = ReadDataStream(io.BytesIO(content))
     try:
-        found: Record = kind.read(ReadDataStream(io.BytesIO(content)))  # pyrefly: ignore[bad-assignment]
+        record: Record = kind.read(stream)  # pyrefly: ignore[bad-assignment]
     except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise DamagedError(f"a record of it is damaged ({type(error).__name__})") from error
-    return found
+    return record
 
 
 def unpack(chunk: Chunk, packings: Collection[str] = ("zstd",)) -> bytes:
@@ -207,15 +220,16 @@ def unpack(chunk: Chunk, packings: Collection[str] = ("zstd",)) -> bytes:
     if chunk.compression:
         if chunk.compression not in packings:
             known = " or ".join(packings)
-            raise DamagedError(
-                f"a chunk of it is packed with {chunk.compression[:16]!r}, and only {known} is read"
-            )
+            packing = repr(chunk.compression[:16])
+            raise DamagedError(f"a chunk of it is packed with {packing}, and only {known} is read")
         try:
             data = UNPACKERS[chunk.compression](chunk.data, MAX_RECORD_BYTES)
         except TooLargeError as error:
             raise DamagedError(f"a chunk of it {error}") from error
         except UnpackError as error:
             raise DamagedError("a chunk of it cannot be unpacked") from error
+
+    # What the chunk says about itself must hold: a writer may have been killed, or be hostile
     if len(data) > MAX_RECORD_BYTES:
         raise DamagedError(f"a chunk of it has more than {MAX_RECORD_BYTES} bytes")
     if len(data) != chunk.uncompressed_size:
@@ -231,7 +245,8 @@ def inner_records(chunk: Chunk, data: bytes) -> Iterator[RecordLocation]:
     Raises:
         DamagedError: There are none from some place on, too many, or some that no chunk holds.
     """
-    return _records_in(data, min(MAX_RECORDS, FREE_RECORDS + len(chunk.data)))
+    max_records = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
+    return _records_in(data, max_records)
 
 
 def unchunked_records(data: bytes) -> Iterator[RecordLocation]:
@@ -243,17 +258,19 @@ def unchunked_records(data: bytes) -> Iterator[RecordLocation]:
     return _records_in(data, MAX_RECORDS)
 
 
-def _records_in(data: bytes, left: int) -> Iterator[RecordLocation]:
+def _records_in(data: bytes, max_records: int) -> Iterator[RecordLocation]:
     offset = 0
+    count = 0
     while offset < len(data):
-        if not left:
+        if count >= max_records:
             raise DamagedError("a chunk of it is damaged: it holds too many records for its size")
-        left -= 1
+        count += 1
         if offset + _HEAD.size > len(data):
             raise DamagedError("a chunk of it is damaged: a record is cut off")
         opcode, length = _HEAD.unpack_from(data, offset)
         offset += _HEAD.size
-        if offset + length > len(data) or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
+        is_short = opcode == Opcode.MESSAGE and length < _MESSAGE.size
+        if is_short or offset + length > len(data):
             raise DamagedError("a chunk of it is damaged: a record is cut off")
         if opcode not in _INNER:
             raise DamagedError(f"a chunk of it is damaged: it holds a record of the kind {opcode}")
@@ -269,4 +286,5 @@ def message_times(data: bytes, place: RecordLocation) -> tuple[int, int]:
 
 def message_content(data: bytes, place: RecordLocation) -> bytes:
     """Return the content of the message at `place`."""
-    return data[place.offset + _MESSAGE.size : place.offset + place.length]
+    begin = place.offset + _MESSAGE.size
+    return data[begin : place.offset + place.length]

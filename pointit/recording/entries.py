@@ -76,11 +76,13 @@ def find_row(kind: str, key: str) -> tuple[AnyRow, str] | None:
     for row in tables.get(kind, ()):
         if row.key == key and not row.placeholder:
             return row, ""
-        if name := row.name_in(key):
-            try:
-                return row, check_name(name)
-            except ValueError:
-                continue
+        name = row.name_in(key)
+        if not name:
+            continue
+        try:
+            return row, check_name(name)
+        except ValueError:
+            continue
     return None
 
 
@@ -112,16 +114,18 @@ def entry_of(served: ServedRequest, instance: str, now_ns: int) -> Entry | None:
     It is not if its row is unknown here, or if other services answer requests of this kind, or the service of
     another person.
     """
-    found = find_row("request", served.request)
-    if found is None:
+    match = find_row("request", served.request)
+    if match is None:
         return None
-    row, name = found
+    row, name = match
     if not isinstance(row, Request) or not _may_answer(instance, row, name):
         return None
     kind: Any = body_kind(row)
     try:
         query = from_json(row.query, served.query.encode(), newer=True)
-        reply = from_json(row.reply, served.reply.encode(), newer=True) if served.reply else None
+        reply: Reply | None = None
+        if served.reply:
+            reply = from_json(row.reply, served.reply.encode(), newer=True)
     except SchemaError:
         return None
     body = kind(stamp_ns=served.stamp_ns, query=query, reply=reply, refusal=served.refusal)
@@ -129,6 +133,8 @@ def entry_of(served: ServedRequest, instance: str, now_ns: int) -> Entry | None:
 
 
 def _may_answer(instance: str, row: Request[Any, Any], name: str) -> bool:
-    service, which = split_instance(instance)
-    is_own = row.placeholder not in ("user", service) or which in ("", name)
-    return service == row.server and is_own
+    service, owner = split_instance(instance)
+    is_of_owner = row.placeholder in ("user", service)  # then it answers only what is about its owner
+    if is_of_owner and owner not in ("", name):
+        return False
+    return service == row.server

@@ -1,6 +1,7 @@
 """Reading a recording, whole or cut off, own or hostile, in bounded memory."""
 
 import functools
+import operator
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -84,7 +85,8 @@ class Channels:
         if text is not None:
             raise DamagedError("it gives one number to two channels or schemas")
         self._bytes += len(content)
-        if len(self._texts) >= MAX_CHANNELS + MAX_SCHEMAS or self._bytes > MAX_DESCRIBED_BYTES:
+        is_full = len(self._texts) >= MAX_CHANNELS + MAX_SCHEMAS
+        if is_full or self._bytes > MAX_DESCRIBED_BYTES:
             raise DamagedError(
                 f"it has more than {MAX_CHANNELS} channels, or {MAX_DESCRIBED_BYTES} bytes about them"
             )
@@ -100,7 +102,7 @@ class Channels:
 
     def counts(self, *, known: bool) -> dict[str, int]:
         """Return the numbers of messages by key, or by the names of channels that are not known."""
-        found: dict[str, int] = {}
+        totals: dict[str, int] = {}
         for number, count in self._counts.items():
             if (number in self._known) is not known:
                 continue
@@ -108,20 +110,23 @@ class Channels:
                 name = self._known[number].key
             else:
                 name = self._names.get(number, f"channel {number}")
-            found[name] = found.get(name, 0) + count
-        return dict(sorted(found.items()))
+            totals[name] = totals.get(name, 0) + count
+        return dict(sorted(totals.items()))
 
     def wanted(self, keys: Callable[[str], bool] | None) -> set[int]:
         """Return the numbers of the known channels whose key `keys` wants."""
-        return {number for number, each in self._known.items() if keys is None or keys(each.key)}
+        if keys is None:
+            return set(self._known)
+        return {number for number, channel in self._known.items() if keys(channel.key)}
 
     def _add_channel(self, number: int, channel: McapChannel) -> None:
         self._names[number] = channel.topic[:200]
         key = channel.metadata.get("key", "")
-        found = find_row(channel.metadata.get("row", ""), key)
-        if found is not None and channel.message_encoding == "json":
+        match = find_row(channel.metadata.get("row", ""), key)
+        if match is not None and channel.message_encoding == "json":
+            row, name = match
             written = self._schemas.get(channel.schema_id, "")
-            self._known[number] = Channel(key, *found, written)
+            self._known[number] = Channel(key, row, name, written)
 
 
 def _is_newer(written: str, known: str) -> bool:
@@ -131,7 +136,9 @@ def _is_newer(written: str, known: str) -> bool:
         name, _, version = part.rpartition(".v")
         # nine digits at most: int() refuses thousands of them, and the writer may be anybody
         is_number = version.isdecimal() and len(version) < 10
-        if name in ours and is_number and int(version) > int(ours[name]):
+        if name not in ours or not is_number:
+            continue
+        if int(version) > int(ours[name]):
             return True
     return False
 
@@ -156,6 +163,7 @@ class Recording:
         """Number of entries that the last call of `entries` left out so far, as they are not valid."""
         self.first_error = ""
         """Error message about the first of them, or `""`."""
+        # All chunks, with damaged ones between them. A head has to come first, as its format says how to read
         head: Head | None = None
         damaged: list[DamagedError] = []
         try:
@@ -173,11 +181,13 @@ class Recording:
         except DamagedError as error:
             damaged.append(error)
         if head is None:
-            why = f" ({damaged[0]})" if damaged else ""
+            reason = f" ({damaged[0]})" if damaged else ""
             raise RecordingError(
-                f"{path} is no recording of PointIt{why}: give a file of `pointit record`; of a ROS 2 bag, "
-                "`pointit import` makes one"
+                f"{path} is no recording of PointIt{reason}: give a file of `pointit record`; of a ROS 2 "
+                "bag, `pointit import` makes one"
             )
+
+        # Its time, by the chunks: the head says when it was begun, not what is left of it
         self.head = head
         self.began_ns = min((chunk.began_ns for chunk in self._chunks), default=head.began_ns)
         """Site time of the first entry, ns."""
@@ -189,9 +199,8 @@ class Recording:
             length_s = (self.ended_ns - self.began_ns) / NS_PER_S
             lost = f"; messages that have lost their description: {self.lost}" if self.lost else ""
             damage = first_problem([str(error) for error in damaged])
-            self.problem = (
-                f"{path} is not whole: {damage}. What is intact of its {length_s:.1f} s can be used{lost}"
-            )
+            rest = f"What is intact of its {length_s:.1f} s can be used{lost}"
+            self.problem = f"{path} is not whole: {damage}. {rest}"
 
     @classmethod
     def open(cls, path: Path) -> "Recording":
@@ -213,7 +222,8 @@ class Recording:
                 file.close()
                 raise
         except OSError as error:
-            raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+            problem = error.strerror or error
+            raise RecordingError(f"{path} cannot be read: {problem}") from error
 
     def close(self) -> None:
         """Close the file."""
@@ -238,7 +248,7 @@ class Recording:
     def gap(self, longer_ns: int) -> tuple[int, int] | None:
         """Return begin and end of the first time without entries longer than `longer_ns`; site time, ns."""
         last_ns = self.began_ns
-        for chunk in sorted(self._chunks, key=lambda each: each.began_ns):
+        for chunk in sorted(self._chunks, key=lambda chunk: chunk.began_ns):
             for time_ns in (chunk.began_ns, chunk.ended_ns):  # a recorder's chunk spans half a second
                 if time_ns - last_ns > longer_ns:
                     return last_ns, time_ns
@@ -268,6 +278,8 @@ class Recording:
         for chunk in self._chunks:
             if chunk.ended_ns < since_ns or chunk.began_ns >= until_ns:
                 continue
+
+            # Times first: contents are decoded only of entries that are wanted
             try:
                 data, records = self._unpack(chunk.place)
                 times: list[tuple[int, RecordLocation, int]] = []
@@ -279,11 +291,14 @@ class Recording:
             except DamagedError as error:  # it was changed since it was opened
                 self._reject(str(error))
                 continue
-            times.sort(key=lambda each: each[0])
+
+            # The sort is stable: entries of one time stay in order
+            times.sort(key=operator.itemgetter(0))
             for time_ns, place, channel in times:
                 content = container.message_content(data, place)
-                if (found := self._entry(channel, time_ns, content)) is not None:
-                    yield found
+                entry = self._entry(channel, time_ns, content)
+                if entry is not None:
+                    yield entry
 
     def _entry(self, number: int, time_ns: int, content: bytes) -> Entry | None:
         channel = self._channels[number]
@@ -308,12 +323,14 @@ class Recording:
         if metadata.name != METADATA:
             return None
         try:
-            head = from_json(Head, metadata.metadata.get("head", "").encode(), newer=True)
+            text = metadata.metadata.get("head", "")
+            head = from_json(Head, text.encode(), newer=True)
         except DecodeError as error:
             raise RecordingError(f"{self._path} is no recording of PointIt: {error}") from error
         if head.format > FORMAT:
+            version = head.version[:32]
             raise RecordingError(
-                f"{self._path} was written by a newer PointIt ({head.version[:32]}): update yours to read it"
+                f"{self._path} was written by a newer PointIt ({version}): update yours to read it"
             )
         return head
 

@@ -33,7 +33,8 @@ class RecordingWriter:
         self._output = output
         self._writer = Writer(output, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"pointit {head.version}".strip())
-        self._writer.add_metadata(METADATA, {"site": head.site, "head": head.model_dump_json()})
+        metadata = {"site": head.site, "head": head.model_dump_json()}
+        self._writer.add_metadata(METADATA, metadata)
         self._formats: dict[str, tuple[JsonChannel, int]] = {}
         """By name of the schema: its messages' format and its number in the file."""
         self._channels: dict[tuple[int, str], tuple[JsonChannel, int]] = {}
@@ -67,12 +68,17 @@ class RecordingWriter:
                 return
             channel = self._open(row, key)
         json_channel, number = channel
-        time_ns = self._last_ns = max(time_ns, self._last_ns)
+        time_ns = max(time_ns, self._last_ns)
+        self._last_ns = time_ns
+
+        # A chunk is closed by time: a message after a long silence must not wait in memory
         if self._chunk_ns is None:
             self._chunk_ns = time_ns
         elif time_ns - self._chunk_ns >= CHUNK_NS:
             self.flush()
             self._chunk_ns = time_ns
+
+        # A presence has no stamp of its own; the field of the sequence has 32 bits
         if isinstance(body, bool):
             published_ns = time_ns
             content = json_channel.to_json(PresenceChange(present=body))
@@ -100,10 +106,10 @@ class RecordingWriter:
         if name not in self._formats:
             json_channel = JsonChannel(body_kind(row), name)
             text = json.dumps(json_channel.schema).encode()
-            self._formats[name] = json_channel, self._writer.register_schema(name, "jsonschema", text)
+            schema = self._writer.register_schema(name, "jsonschema", text)
+            self._formats[name] = json_channel, schema
         json_channel, schema = self._formats[name]
-        number = self._writer.register_channel(
-            channel_name(key), "json", schema, {"key": key, "row": row_kind(row)}
-        )
+        metadata = {"key": key, "row": row_kind(row)}
+        number = self._writer.register_channel(channel_name(key), "json", schema, metadata)
         self._channels[id(row), key] = json_channel, number
         return json_channel, number

@@ -49,7 +49,8 @@ def sample_of(entry: Entry) -> Sample | None:
     body = entry.body
     if not isinstance(body, (Message, Exchange)):
         return None
-    content = {name: value for name, value in body.model_dump().items() if name not in IGNORED}
+    fields = body.model_dump()
+    content = {name: value for name, value in fields.items() if name not in IGNORED}
     return Sample(entry.key, entry.time_ns, body.stamp_ns, content)
 
 
@@ -72,27 +73,41 @@ def differences(one: object, other: object, field: str = "") -> list[Leaf]:
     other_number = _number(other)
     if a_number is not None and other_number is not None:
         size = abs(a_number - other_number)
-        return [Leaf(field, size / 1e9 if field.endswith("_ns") else float(size))]
+        if field.endswith("_ns"):
+            return [Leaf(field, size / 1e9)]
+        return [Leaf(field, float(size))]
+
+    # Mappings, by field
     if isinstance(one, dict) and isinstance(other, dict):
         a = cast("dict[str, Any]", one)
         b = cast("dict[str, Any]", other)
         path = f"{field}." if field else ""
-        return [leaf for name in a | b for leaf in differences(a.get(name), b.get(name), f"{path}{name}")]
+        leaves: list[Leaf] = []
+        for name in a | b:
+            leaves += differences(a.get(name), b.get(name), f"{path}{name}")
+        return leaves
+
+    # Sequences: bytes by the largest difference, lists by item
     if isinstance(one, bytes) and isinstance(other, bytes):
-        is_comparable = len(one) == len(other)
         worst = max((abs(x - y) for x, y in zip(one, other, strict=False)), default=0)
-        return [Leaf(field, float(worst) if is_comparable else None, is_exact=True)]
+        difference = float(worst) if len(one) == len(other) else None
+        return [Leaf(field, difference, is_exact=True)]
     if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
         c = cast("list[Any]", one)
         d = cast("list[Any]", other)
         if len(c) != len(d):
             return [Leaf(field, None)]
-        return [leaf for x, y in zip(c, d, strict=True) for leaf in differences(x, y, field)]
+        leaves = []
+        for x, y in zip(c, d, strict=True):
+            leaves += differences(x, y, field)
+        return leaves
     return [Leaf(field, None)]
 
 
 def _number(value: object) -> float | None:
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+    if isinstance(value, bool):
+        return None
+    return value if isinstance(value, int | float) else None
 
 
 class FieldReport(SchemaModel):
@@ -129,7 +144,9 @@ class TopicReport(SchemaModel):
     @property
     def is_same(self) -> bool:
         """Return True if no message differs or is missing."""
-        return not (self.differ or self.only_recorded or self.only_replayed)
+        if self.differ:
+            return False
+        return not (self.only_recorded or self.only_replayed)
 
 
 class ComparisonReport(SchemaModel):
@@ -145,8 +162,8 @@ class ComparisonReport(SchemaModel):
     @property
     def first(self) -> Divergence | None:
         """Return the earliest divergence, or None."""
-        found = [topic.first for topic in self.topics if topic.first is not None]
-        return min(found, key=lambda each: each.time_ns, default=None)
+        divergences = [topic.first for topic in self.topics if topic.first is not None]
+        return min(divergences, key=lambda divergence: divergence.time_ns, default=None)
 
 
 @dataclass
@@ -181,7 +198,9 @@ class _Waiting:
     def take_before(self, time_ns: int) -> Sample | None:
         """Remove the first message and return it, or None if none is older than `time_ns`."""
         number = next(iter(self._samples), None)
-        return None if number is None or self._samples[number].time_ns >= time_ns else self._remove(number)
+        if number is None or self._samples[number].time_ns >= time_ns:
+            return None
+        return self._remove(number)
 
     def take_near(self, time_ns: int) -> Sample | None:
         """Remove the message whose time is nearest and return it, or None if none is within `NEAR_NS`."""
@@ -223,16 +242,19 @@ class _Topic:
         self, recorded: Sample | None, replayed: Sample | None, fields: tuple[str, ...] = ()
     ) -> None:
         """Keep a pair that differs, or a message without a partner, if it is the first."""
-        there = [each for each in (recorded, replayed) if each is not None]
-        time_ns = min(each.time_ns for each in there)
-        if self.first is None or time_ns < self.first.time_ns:
-            self.first = Divergence(
-                time_ns=time_ns,
-                key=there[0].key,
-                fields=fields,
-                recorded=None if recorded is None else recorded.content,
-                replayed=None if replayed is None else replayed.content,
-            )
+        samples = [sample for sample in (recorded, replayed) if sample is not None]
+        time_ns = min(sample.time_ns for sample in samples)
+        if self.first is not None and time_ns >= self.first.time_ns:
+            return
+        recorded_content = None if recorded is None else recorded.content
+        replayed_content = None if replayed is None else replayed.content
+        self.first = Divergence(
+            time_ns=time_ns,
+            key=samples[0].key,
+            fields=fields,
+            recorded=recorded_content,
+            replayed=replayed_content,
+        )
 
 
 class Comparison:
@@ -252,15 +274,17 @@ class Comparison:
         if topic is None:
             row = topic_of(sample.key)
             tolerance = TOLERANCES.get(row.key, TOLERANCE) if row else TOLERANCE
-            topic = self._topics[sample.key] = _Topic(tolerance)
+            topic = _Topic(tolerance)
+            self._topics[sample.key] = topic
         topic.counts[side] += 1
         others = topic.waiting["replayed" if side == "recorded" else "recorded"]
         partner = others.take(sample.stamp_ns)
         if partner is None:
             topic.waiting[side].add(sample)
+        elif side == "recorded":
+            self._compare(topic, sample, partner)
         else:
-            pair = (sample, partner) if side == "recorded" else (partner, sample)
-            self._compare(topic, *pair)
+            self._compare(topic, partner, sample)
         if sample.time_ns - self._looked_ns > PAIRING_TIMEOUT_NS // 4:
             self._looked_ns = sample.time_ns
             self._give_up(sample.time_ns - PAIRING_TIMEOUT_NS)
@@ -268,9 +292,8 @@ class Comparison:
     def finish(self) -> ComparisonReport:
         """Return the result; no message comes any more."""
         self._give_up(2**63)
-        return ComparisonReport(
-            topics=tuple(_report(key, topic) for key, topic in sorted(self._topics.items()))
-        )
+        topics = [_report(key, topic) for key, topic in sorted(self._topics.items())]
+        return ComparisonReport(topics=tuple(topics))
 
     def _give_up(self, before_ns: int) -> None:
         """Pair what waits since `before_ns` by time, or count it as missing."""
@@ -278,6 +301,7 @@ class Comparison:
             recorded = topic.waiting["recorded"]
             replayed = topic.waiting["replayed"]
             while (sample := recorded.take_before(before_ns)) is not None:
+                # Those of the replay that are too old to be its partner are none of the next one either
                 while (stale := replayed.take_before(sample.time_ns - NEAR_NS)) is not None:
                     self._miss(topic, "replayed", stale)
                 partner = replayed.take_near(sample.time_ns)
@@ -291,13 +315,17 @@ class Comparison:
     def _compare(self, topic: _Topic, recorded: Sample, replayed: Sample) -> None:
         if recorded.content == replayed.content:
             return
-        topic.shift_ns = max(topic.shift_ns, abs(recorded.stamp_ns - replayed.stamp_ns))
+        shift_ns = abs(recorded.stamp_ns - replayed.stamp_ns)
+        topic.shift_ns = max(topic.shift_ns, shift_ns)
+
+        # The largest difference of each field, of all items of a list
         leaves: dict[str, Leaf] = {}
         for leaf in differences(recorded.content, replayed.content):
-            if self._matters(leaf, topic.tolerance):
-                known = leaves.get(leaf.field)
-                if known is None or (leaf.difference or 0.0) > (known.difference or 0.0):
-                    leaves[leaf.field] = leaf
+            if not self._matters(leaf, topic.tolerance):
+                continue
+            known = leaves.get(leaf.field)
+            if known is None or _size(leaf) > _size(known):
+                leaves[leaf.field] = leaf
         if not leaves:
             return
         topic.differ += 1
@@ -324,8 +352,14 @@ class Comparison:
             topic.remember(None, sample)
 
 
+def _size(leaf: Leaf) -> float:
+    return leaf.difference or 0.0
+
+
 def _report(key: str, topic: _Topic) -> TopicReport:
-    fields = sorted(topic.fields.items(), key=lambda each: (-each[1].differ, each[0]))
+    fields: list[FieldReport] = []
+    for name, counted in sorted(topic.fields.items(), key=lambda item: (-item[1].differ, item[0])):
+        fields.append(FieldReport(field=name, differ=counted.differ, largest=counted.largest))
     return TopicReport(
         key=key,
         recorded=topic.counts["recorded"],
@@ -334,8 +368,6 @@ def _report(key: str, topic: _Topic) -> TopicReport:
         only_recorded=topic.missing["recorded"],
         only_replayed=topic.missing["replayed"],
         shift_s=topic.shift_ns / NS_PER_S,
-        fields=tuple(
-            FieldReport(field=name, differ=each.differ, largest=each.largest) for name, each in fields
-        ),
+        fields=tuple(fields),
         first=topic.first,
     )

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import functools
 import json
 import logging
 from collections.abc import Callable, Iterator
@@ -10,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from pointit.recording.entries import AnyRow, Entry, Exchange, entry_of
+from pointit.recording.entries import AnyRow, Entry, entry_of
+from pointit.replay.edge import Edge, RecordedRequests, RecordedResults
 from pointit.replay.replayed_services import (
-    CALLED_BY_SERVICES,
     GATHERING_NS,
     OBSERVERS,
     Beginning,
@@ -26,7 +25,7 @@ from pointit.replay.replayed_services import (
     read_beginning,
     scratch_folder,
 )
-from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, list_present
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, Subscription, list_present
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock
@@ -36,19 +35,15 @@ from pointit.runtime.service.instance_takeover import LISTEN_S
 from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import (
     NS_PER_S,
-    ActResult,
     Configuration,
     Health,
     Message,
-    Query,
-    SelectionEvent,
     ServedRequest,
 )
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import (
     ACT_RESULTS,
-    CLOCK,
     CONFIGURATION,
     HEALTH,
     PRESENCES,
@@ -65,12 +60,6 @@ from pointit.schemas.topics import (
 
 log = logging.getLogger(__name__)
 
-GRACE_NS = NS_PER_S // 20
-"""Time after a recorded request in which a replayed service may send it itself, ns."""
-
-NEAR_NS = NS_PER_S
-"""Largest difference of the times at which a service sent a request then and now, ns."""
-
 SETTLE_NS = NS_PER_S // 1000
 """Time after the last entry in which the services answer it, ns."""
 
@@ -85,141 +74,20 @@ LIVE_STARTING_S = 3.0
 """The same on a site from any beginning, s: services take their time to start there."""
 
 
-class Edge:
-    """Writes messages and announces presences on a bus."""
-
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
-        self._publisher = functools.cache(bus.publisher)
-        self._tokens: dict[str, Closable] = {}
-        """By key: who is present."""
-
-    def put(self, topic: AnyTopic, name: str, message: Message) -> None:
-        """Write `message`."""
-        self._publisher(topic, name).put(message)
-
-    def repeat(self, entry: Entry) -> None:
-        """Write the message of `entry`, or announce or end the presence that it says.
-
-        Nothing is done for a request, and for the clock: the replay has a time of its own.
-        """
-        row = entry.row
-        body = entry.body
-        if isinstance(row, Topic) and isinstance(body, Message) and row is not CLOCK:
-            self.put(row, entry.name, body)
-        elif isinstance(row, Presence):
-            token = self._tokens.pop(entry.key, None)
-            if body is True:
-                self._tokens[entry.key] = token or self._bus.announce(row, entry.name)
-            elif token is not None:
-                token.close()
-
-
-class RecordedRequests:
-    """Asks what was asked by pages, commands and other systems.
-
-    A recording does not tell who asked. What the supervisor asks by itself it asks now, too: such a request
-    is asked again only if the replayed supervisor has not sent the same one about that time.
-    """
-
-    def __init__(self, bus: Bus, clock: RecordingClock, group: asyncio.TaskGroup) -> None:
-        self._bus = bus
-        self._clock = clock
-        self._group = group
-        self._mine: list[tuple[str, Query]] = []
-        """Keys and queries of this object's requests that are not answered yet."""
-        self._seen: list[tuple[int, str, Query]] = []
-        """Times, keys and queries of requests of services that stand for no recorded one yet."""
-
-    def on_answered(self, entry: Entry) -> None:
-        """Note a request that a replayed service has answered."""
-        if entry.row not in CALLED_BY_SERVICES or not isinstance(entry.body, Exchange):
-            return
-        mine = (entry.key, entry.body.query)
-        if mine in self._mine:
-            self._mine.remove(mine)
-        else:
-            self._seen.append((entry.time_ns, *mine))
-
-    def repeat(self, entry: Entry) -> None:
-        """Ask the recorded request of `entry`, unless a service does."""
-        row = entry.row
-        body = entry.body
-        if isinstance(row, Request) and isinstance(body, Exchange):
-            self._group.create_task(self._repeat(entry, row, body.query), name=f"replayed {entry.key}")
-
-    async def _repeat(self, entry: Entry, row: Request[Any, Any], query: Query) -> None:
-        if row in CALLED_BY_SERVICES:
-            await self._clock.wait_until(entry.time_ns + GRACE_NS)
-            for seen in self._seen:
-                if seen[1:] == (entry.key, query) and abs(seen[0] - entry.time_ns) <= NEAR_NS:
-                    self._seen.remove(seen)
-                    return
-            self._mine.append((entry.key, query))
-        with contextlib.suppress(RequestError):  # a refusal is published like a reply
-            await self._bus.call(row, query, entry.name)
-
-
-class RecordedResults:
-    """Tells the results of acts, each after the event that now stands for the recorded one.
-
-    Two events stand for each other if they are the first, second, … with carriers on their object.
-    """
-
-    def __init__(self, edge: Edge) -> None:
-        self._edge = edge
-        self._recorded: dict[str, list[int]] = {}
-        """By object, stamps of the recorded events that services publish again, ns."""
-        self._again: dict[str, list[int]] = {}
-        """The same of the events that they publish now."""
-        self._waiting: list[Entry] = []
-
-    def on_recorded(self, entry: Entry) -> None:
-        """Note an event of the recording."""
-        _note_act(self._recorded, entry.body)
-
-    def on_again(self, entry: Entry) -> None:
-        """Note an event of the replay, and tell what waited for it."""
-        _note_act(self._again, entry.body)
-        waiting = self._waiting
-        self._waiting = []
-        for each in waiting:
-            self.repeat(each)
-
-    def repeat(self, entry: Entry) -> None:
-        """Tell the result of `entry`, or keep it until its event is published again."""
-        body = entry.body
-        if not isinstance(body, ActResult):
-            return
-        recorded, again = (each.get(body.object_id, []) for each in (self._recorded, self._again))
-        if body.event_ns not in recorded:  # of an event before the beginning, or of the edge
-            self._edge.repeat(entry)
-        elif (number := recorded.index(body.event_ns)) < len(again):
-            self._edge.repeat(entry._replace(body=body.model_copy(update={"event_ns": again[number]})))
-        else:
-            self._waiting.append(entry)
-
-
-def _note_act(events: dict[str, list[int]], body: object) -> None:
-    if isinstance(body, SelectionEvent) and body.carriers:
-        stamps = events.setdefault(body.object_id, [])
-        if body.stamp_ns not in stamps:  # an event may be told again
-            stamps.append(body.stamp_ns)
-
-
 class Collector:
     """Hands all messages, answered requests and changes of presence on a bus to a function, each of them."""
 
     def __init__(self, bus: Bus, clock: Clock, take: Callable[[Entry], None]) -> None:
         self._clock = clock
         self._take = take
-        self._declared = [
-            bus.subscribe(topic, self._reader(topic), queue_all=True)
-            for topic in TOPICS
-            if topic is not SERVED
-        ]
+        self._declared: list[Subscription] = []
+        for topic in TOPICS:
+            if topic is not SERVED:
+                self._declared.append(bus.subscribe(topic, self._reader(topic), queue_all=True))
         self._declared.append(bus.subscribe(SERVED, self._on_served))
-        self._watched = [bus.watch(presence, self._watcher(presence)) for presence in PRESENCES]
+        self._watched: list[Closable] = []
+        for presence in PRESENCES:
+            self._watched.append(bus.watch(presence, self._watcher(presence)))
 
     @property
     def dropped(self) -> int:
@@ -233,18 +101,20 @@ class Collector:
 
     def _reader(self, topic: AnyTopic) -> Callable[[Any, str], None]:
         def on_message(message: Message, name: str) -> None:
-            self._take(Entry(self._clock.now_ns(), topic.at(name), topic, name, message))
+            now_ns = self._clock.now_ns()
+            self._take(Entry(now_ns, topic.at(name), topic, name, message))
 
         return on_message
 
     def _on_served(self, served: ServedRequest, instance: str) -> None:
-        found = entry_of(served, instance, self._clock.now_ns())
-        if found is not None:
-            self._take(found)
+        exchange = entry_of(served, instance, self._clock.now_ns())
+        if exchange is not None:
+            self._take(exchange)
 
     def _watcher(self, presence: Presence) -> PresenceHandler:
         def on_change(name: str, *, present: bool) -> None:
-            self._take(Entry(self._clock.now_ns(), presence.at(name), presence, name, present))
+            now_ns = self._clock.now_ns()
+            self._take(Entry(now_ns, presence.at(name), presence, name, present))
 
         return on_change
 
@@ -264,14 +134,19 @@ class Skipped:
 
     def log(self) -> None:
         """Log a warning if there are any."""
-        if total := sum(self._counts.values()):
-            keys = ", ".join(sorted({key for (_, key), count in self._counts.items() if count}))
-            log.warning(
-                "services skipped %d messages (%s), as this machine is too slow: replay at a lower --speed, "
-                "or without --live",
-                total,
-                keys,
-            )
+        total = sum(self._counts.values())
+        if not total:
+            return
+        keys: set[str] = set()
+        for (_instance, key), count in self._counts.items():
+            if count:
+                keys.add(key)
+        log.warning(
+            "services skipped %d messages (%s), as this machine is too slow: replay at a lower --speed, "
+            "or without --live",
+            total,
+            ", ".join(sorted(keys)),
+        )
 
 
 class ReplaySource(Protocol):
@@ -336,11 +211,14 @@ def plan_replay(source: ReplaySource, level: Level) -> ReplayPlan:
     Raises:
         ReplayError: None of the services of `level` is in it, or its time jumps.
     """
-    if (gap := source.gap(MAX_GAP_NS)) is not None:
-        after_s = (gap[0] - source.began_ns) / NS_PER_S
-        length_s = (gap[1] - gap[0]) / NS_PER_S
+    gap = source.gap(MAX_GAP_NS)
+    if gap is not None:
+        begin_ns, end_ns = gap
+        after_s = (begin_ns - source.began_ns) / NS_PER_S
+        length_s = (end_ns - begin_ns) / NS_PER_S
+        place = f"{length_s:.0f} s from {after_s:.1f} s after its beginning"
         raise ReplayError(
-            f"the recording has nothing for {length_s:.0f} s from {after_s:.1f} s after its beginning: the "
+            f"the recording has nothing for {place}: the "
             "clock of its site jumped or its machine slept, and it cannot be replayed: record it again"
         )
     beginning = read_beginning(source.entries(_is_state), source.began_ns)
@@ -366,7 +244,8 @@ async def replay_by_loop_time(plan: ReplayPlan, listener: ReplayListener, speed:
     buses = Buses(MemoryBus(broker), MemoryBus(broker), MemoryBus(broker))
     async with scratch_folder() as folder:
         try:
-            await play(plan, buses, RecordingClock(plan.source.began_ns, speed), folder, listener)
+            clock = RecordingClock(plan.source.began_ns, speed)
+            await play(plan, buses, clock, folder, listener)
         finally:
             for bus in (buses.services, buses.edge, buses.observer):
                 await bus.close()
@@ -414,8 +293,11 @@ class _Player:
         """First error of the listener, which a bus would log and forget."""
 
     async def play(self, folder: Path, group: asyncio.TaskGroup) -> None:
+        # What services read when they start, and their edge
         room = self._beginning.restore(self._buses.services.site, folder)
-        changed: dict[str, dict[str, object]] = {} if self._lights else {"led-driver": {"outputs": []}}
+        changed: dict[str, dict[str, object]] = {}
+        if not self._lights:
+            changed["led-driver"] = {"outputs": []}
         if room is not None:
             changed["pui"] = {"map": str(room)}
         service_bus = ReplayedServices(self._buses.services, self._clock, group, changed)
@@ -423,8 +305,11 @@ class _Player:
         self._results = RecordedResults(self._edge)
         collector = Collector(self._buses.observer, self._clock, self._on_result)
         await self._put_retained(service_bus)
+
+        # Each entry at its time. Retained ones are there already
         for entry in self._source.entries():
-            if self._beginning.retained.get(entry.key) == entry or self._is_left_out(entry.row, entry.name):
+            is_retained = self._beginning.retained.get(entry.key) == entry
+            if is_retained or self._is_left_out(entry.row, entry.name):
                 continue
             await self._wait_until(entry.time_ns)
             if self._split.is_recomputed(entry):
@@ -435,6 +320,8 @@ class _Player:
                 self._results.repeat(entry)
             else:
                 self._edge.repeat(entry)
+
+        # Nothing is collected of the end of the services themselves
         await self._wait_until(self._source.ended_ns + SETTLE_NS)
         collector.close()
         await service_bus.end_all()
@@ -455,19 +342,31 @@ class _Player:
             raise self._failure
 
     async def _put_retained(self, service_bus: ReplayedServices) -> None:
+        # The edge, and the values of services, which these get until all have started
         for topic, name, message in self._beginning.states(self._split, recomputed=False):
             if not self._is_left_out(topic, name):
                 self._edge.put(topic, name, message)
         retained = list(self._beginning.states(self._split, recomputed=True))
         topics = list({topic.key: topic for topic, _, _ in retained}.values())
-        answers = self._buses.edge.serve_retained(
-            topics, lambda wanted: [(name, message) for topic, name, message in retained if topic is wanted]
-        )
-        asyncio.get_running_loop().call_later(GATHERING_NS / NS_PER_S / self._clock.speed, answers.close)
-        configurations = [entry for entry in self._beginning.retained.values() if entry.row is CONFIGURATION]
-        for entry in sorted(configurations, key=lambda each: self._split.rank(each.name)):
+
+        def values_of(wanted: AnyTopic) -> list[tuple[str, Message]]:
+            return [(name, message) for topic, name, message in retained if topic is wanted]
+
+        answers = self._buses.edge.serve_retained(topics, values_of)
+        gathering_s = GATHERING_NS / NS_PER_S / self._clock.speed
+        asyncio.get_running_loop().call_later(gathering_s, answers.close)
+
+        await self._start_services(service_bus)
+
+    async def _start_services(self, service_bus: ReplayedServices) -> None:
+        """Start the services of the beginning, in the order of a site, and give localizers their poses."""
+        configurations: list[Entry] = []
+        for entry in self._beginning.retained.values():
+            if entry.row is CONFIGURATION:
+                configurations.append(entry)
+        for entry in sorted(configurations, key=lambda entry: self._split.rank(entry.name)):
             service, user = split_instance(entry.name)
-            if service == "supervisor":
+            if service == "supervisor":  # it goes on from its interaction
                 self._beginning.restore_interaction(user, self._clock.now_ns())
             if self._split.is_recomputed(entry):
                 await self._configure(entry, service_bus)
@@ -480,8 +379,9 @@ class _Player:
         """Start the service of `entry` if that is a configuration; it stands in the result as it was."""
         if entry.row is CONFIGURATION and isinstance(entry.body, Configuration):
             body = entry.body
-            service, which = split_instance(entry.name)
-            if (body.service, body.instance) != (service, entry.name) or body.user not in ("", which):
+            service, owner = split_instance(entry.name)
+            is_named = (body.service, body.instance) == (service, entry.name)
+            if not is_named or body.user not in ("", owner):
                 raise ReplayError(f"{entry.key} names another service: the file was changed, record it again")
             self._listener.replayed(entry, is_recomputed=False)
             await service_bus.start(entry.body)
@@ -519,21 +419,25 @@ class _Player:
             self._requests.on_answered(entry)
         if is_recomputed:
             self._results.on_again(entry)
-        is_start = (self._live or bool(self._beginning.retained)) and self._is_start(entry)
-        is_compared = is_recomputed and not is_start and not isinstance(entry.row, Presence)
+        can_be_start = self._live or bool(self._beginning.retained)
+        is_start = can_be_start and self._is_start(entry)
+        is_compared = is_recomputed and not is_start
+        if isinstance(entry.row, Presence):
+            is_compared = False
         self._listener.replayed(entry, is_recomputed=is_compared)
 
 
 def recorded_outputs(source: ReplaySource) -> list[str]:
     """Return the outputs that led-driver has in `source`, now or later, each as JSON."""
-    found: dict[str, None] = {}
+    outputs_as_json: dict[str, None] = {}
     for entry in source.entries(lambda key: key == CONFIGURATION.at("led-driver")):
         if isinstance(entry.body, Configuration):
             with contextlib.suppress(ValueError):  # the replay tells of it
                 outputs: object = parameters_of(entry.body).get("outputs")
                 if isinstance(outputs, list):
-                    found |= dict.fromkeys(json.dumps(each) for each in cast("list[object]", outputs))
-    return list(found)
+                    for output in cast("list[object]", outputs):
+                        outputs_as_json[json.dumps(output)] = None
+    return list(outputs_as_json)
 
 
 async def play_live(
@@ -545,16 +449,23 @@ async def play_live(
         ReplayError: Services of the recording run on the site already, or cannot be replayed.
     """
     present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
-    own = {each for each in present if split_instance(each)[0] in OBSERVERS}
-    if twice := sorted((present - own) & plan.beginning.instances):
+    observers: set[str] = set()
+    for instance in present:
+        service, _ = split_instance(instance)
+        if service in OBSERVERS:
+            observers.add(instance)
+    running_twice = sorted((present - observers) & plan.beginning.instances)
+    if running_twice:
+        services = ", ".join(running_twice)
         raise ReplayError(
-            f"site {bus.site} runs {', '.join(twice)}, as the recording does: end them, or name another site"
+            f"site {bus.site} runs {services}, as the recording does: end them, or name another site"
         )
     clock = RecordingClock(plan.source.began_ns, speed)
     async with scratch_folder() as folder:
         time = asyncio.create_task(publish_time(clock, bus), name="time of the replay")
         try:
-            await play(replace(plan, live=True, lights=lights), Buses(bus, bus, bus), clock, folder, listener)
+            live_plan = replace(plan, live=True, lights=lights)
+            await play(live_plan, Buses(bus, bus, bus), clock, folder, listener)
         finally:
             time.cancel()
             await asyncio.gather(time, return_exceptions=True)

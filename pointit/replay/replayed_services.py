@@ -28,21 +28,29 @@ from pointit.runtime.host.state_file import StateFile, site_folder
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import (
     NS_PER_S,
+    Belt,
+    BeltLink,
+    Box,
     ClockTick,
     Configuration,
+    Cylinder,
     Environment,
     Feedback,
     Interaction,
     Message,
+    Plane,
     PointingOffset,
     Selection,
     SelectionEvent,
     SetPose,
+    Sphere,
+    Strip,
     Thing,
     UserPose,
     UserProfile,
     topics,
 )
+from pointit.schemas.environment import Fence, Frame
 from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.topics import CONFIGURATION, INTERACTION, MAP, Delivery, Topic
 from pointit.services import registry
@@ -106,7 +114,8 @@ class RecordingClock:
 
     def now_ns(self) -> int:
         """Return the time in the recording, Unix ns."""
-        return self._start_ns + round((self._loop.time() - self._began_s) * self.speed * NS_PER_S)
+        passed_s = self._loop.time() - self._began_s
+        return self._start_ns + round(passed_s * self.speed * NS_PER_S)
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes follow."""
@@ -117,10 +126,13 @@ class RecordingClock:
 
         Return at once if it has passed, but let others run after `MAX_BURST` such calls.
         """
-        left_s = (time_ns - self.now_ns()) / NS_PER_S / self.speed
-        self._burst = 0 if left_s > 0.0 or self._burst >= MAX_BURST else self._burst + 1
+        wait_s = (time_ns - self.now_ns()) / NS_PER_S / self.speed
+        if wait_s > 0.0 or self._burst >= MAX_BURST:
+            self._burst = 0
+        else:
+            self._burst += 1
         if self._burst == 0:
-            await asyncio.sleep(max(left_s, 0.0))
+            await asyncio.sleep(max(wait_s, 0.0))
 
 
 class ReplayError(PointItError):
@@ -130,7 +142,8 @@ class ReplayError(PointItError):
 def is_about_site(row: AnyRow, name: str) -> bool:
     """Return True if `row` tells of `name` who runs or watches a site, not what happens there."""
     if row in (topics.SERVICE_ALIVE, *topics.ACCOUNTS):
-        return split_instance(name)[0] in OBSERVERS
+        service, _ = split_instance(name)
+        return service in OBSERVERS
     return row is topics.DEPLOYMENT
 
 
@@ -143,20 +156,26 @@ class Split:
         Raises:
             ReplayError: None of the services of `level` is among them.
         """
-        self._names = names = SERVICES[level]
-        self.instances = frozenset(each for each in recorded if split_instance(each)[0] in names)
+        names = SERVICES[level]
+        self._names = names
+        instances: list[str] = []
+        for instance in recorded:
+            service, _ = split_instance(instance)
+            if service in names:
+                instances.append(instance)
+        self.instances = frozenset(instances)
         """Instances that run again."""
         if not self.instances:
+            services = ", ".join(names)
             raise ReplayError(
                 f"the recording has no configuration of any service that --from {level} replays "
-                f"({', '.join(names)}): none ran, it was imported, or its beginning is damaged; "
+                f"({services}): none ran, it was imported, or its beginning is damaged; "
                 "`pointit export` and `pointit page` read it all the same"
             )
 
     def is_recomputed(self, entry: Entry) -> bool:
         """Return True if a service that runs again writes what `entry` says."""
         row = entry.row
-        body = entry.body
         match row:
             case topics.Presence():
                 if row is topics.SHARD_ALIVE:
@@ -165,25 +184,34 @@ class Split:
             case topics.Request():
                 return self.runs(row.server, entry.name)
             case topics.Topic():
-                pass
+                return self._is_message_recomputed(entry, row)
             case _:
                 assert_never(row)
+
+    def _is_message_recomputed(self, entry: Entry, row: topics.Topic[Any]) -> bool:
+        body = entry.body
         if row in (topics.CONFIGURATION, topics.HEALTH, topics.SERVED):
             return entry.name in self.instances
-        if row is topics.SELECTION_EVENTS and isinstance(body, SelectionEvent) and body.event in OF_TRACKERS:
-            return False
-        if row is topics.POSE and isinstance(body, UserPose) and body.method == "external":
-            return False
-        if row is topics.FEEDBACK and isinstance(body, Feedback) and body.cue in OF_SELECTOR:
-            return self.runs("selector", "")
-        if row is topics.FEEDBACK:
+
+        # Topics that several write: the message tells which one has
+        if row is topics.SELECTION_EVENTS:
+            if isinstance(body, SelectionEvent) and body.event in OF_TRACKERS:
+                return False
+        elif row is topics.POSE:
+            if isinstance(body, UserPose) and body.method == "external":
+                return False
+        elif row is topics.FEEDBACK:
+            if isinstance(body, Feedback) and body.cue in OF_SELECTOR:
+                return self.runs("selector", "")
             return self.runs("supervisor", entry.name)
         return any(self.runs(writer, entry.name) for writer in _writers(row, entry.name))
 
     def rank(self, instance: str) -> int:
         """Return the place of a service in the order of starts."""
-        service = split_instance(instance)[0]
-        return self._names.index(service) if service in self._names else len(self._names)
+        service, _ = split_instance(instance)
+        if service not in self._names:
+            return len(self._names)
+        return self._names.index(service)
 
     def runs(self, service: str, name: str) -> bool:
         """Return True if `service` runs again, for the person `name` if it is one of a person."""
@@ -194,7 +222,9 @@ def _writers(row: topics.Topic[Any], name: str) -> Iterable[str]:
     """Return the services that write `name` of a topic: `pui` lists the things of the map alone."""
     if row is not topics.OBJECTS:
         return row.writers
-    return ("pui",) if name == TRACKER else (writer for writer in row.writers if writer != "pui")
+    if name == TRACKER:
+        return ("pui",)
+    return (writer for writer in row.writers if writer != "pui")
 
 
 def write_room(room: Environment, folder: Path) -> Path | None:
@@ -205,7 +235,8 @@ def write_room(room: Environment, folder: Path) -> Path | None:
     """
     if room.clouds:
         return None
-    path = folder / f"{_UNSAFE.sub('_', room.name)[:MAX_NAME] or 'map'}.yaml"
+    safe_name = _UNSAFE.sub("_", room.name)[:MAX_NAME]
+    path = folder / f"{safe_name or 'map'}.yaml"
     path.write_text(dump_yaml(_sections(room)), encoding="utf-8")
     return path
 
@@ -233,59 +264,77 @@ def _is_file_here(name: str) -> bool:
 
 
 def _sections(room: Environment) -> dict[str, Any]:
-    sections: dict[str, Any] = {
-        "lamps": {lamp.id: {"position": list(lamp.position_m)} for lamp in room.lamps},
-        "strips": {
-            each.id: {"line": _line(each.line_m), "pixels": each.pixels, "direction": each.direction}
-            for each in room.strips
-        },
-        "belts": {each.id: {"centerline": _line(each.line_m), "width": each.width_m} for each in room.belts},
-        "links": [
-            {
-                "from": link.source,
-                "to": link.target,
-                "from_position": link.source_position_m,
-                "to_position": link.target_position_m,
-            }
-            for link in room.links
-        ],
-        "bays": {bay.id: bay.belt for bay in room.bays},
-        "frames": {
-            each.id: {"position": list(each.position_m), "orientation": list(each.orientation_xyzw)}
-            for each in room.frames
-        },
-        "boxes": {
-            each.id: {
-                "center": list(each.center_m),
-                "size": list(each.size_m),
-                "yaw_deg": math.degrees(each.yaw_rad),
-            }
-            for each in room.boxes
-        },
-        "planes": {
-            each.id: {"center": list(each.center_m), "normal": list(each.normal)}
-            | ({} if each.size_m is None else {"size": list(each.size_m)})
-            for each in room.planes
-        },
-        "cylinders": {
-            each.id: {"center": list(each.center_m), "radius": each.radius_m, "height": each.height_m}
-            for each in room.cylinders
-        },
-        "spheres": {
-            each.id: {"center": list(each.center_m), "radius": each.radius_m} for each in room.spheres
-        },
-        "fences": {
-            each.id: {"kind": each.kind, "outline": [list(corner) for corner in each.outline_m]}
-            | ({} if each.low_m is None else {"low": each.low_m})
-            | ({} if each.high_m is None else {"high": each.high_m})
-            for each in room.fences
-        },
-        "things": {each.id: _thing(each) for each in room.things},
-    }
-    for link in sections["links"]:
-        if link["from_position"] is None:
-            del link["from_position"]
+    """Return the sections of a map's file, without empty ones; docs/reference/maps.md describes them."""
+    sections: dict[str, Any] = {}
+    sections["lamps"] = {lamp.id: {"position": list(lamp.position_m)} for lamp in room.lamps}
+    sections["strips"] = {strip.id: _strip(strip) for strip in room.strips}
+
+    # Conveyors
+    sections["belts"] = {belt.id: _belt(belt) for belt in room.belts}
+    sections["links"] = [_link(link) for link in room.links]
+    sections["bays"] = {bay.id: bay.belt for bay in room.bays}
+
+    # Frames, solids and fences
+    sections["frames"] = {frame.id: _frame(frame) for frame in room.frames}
+    sections["boxes"] = {box.id: _box(box) for box in room.boxes}
+    sections["planes"] = {plane.id: _plane(plane) for plane in room.planes}
+    sections["cylinders"] = {cylinder.id: _cylinder(cylinder) for cylinder in room.cylinders}
+    sections["spheres"] = {sphere.id: _sphere(sphere) for sphere in room.spheres}
+    sections["fences"] = {fence.id: _fence(fence) for fence in room.fences}
+
+    sections["things"] = {thing.id: _thing(thing) for thing in room.things}
     return {name: entries for name, entries in sections.items() if entries}
+
+
+def _strip(strip: Strip) -> dict[str, object]:
+    return {"line": _line(strip.line_m), "pixels": strip.pixels, "direction": strip.direction}
+
+
+def _belt(belt: Belt) -> dict[str, object]:
+    return {"centerline": _line(belt.line_m), "width": belt.width_m}
+
+
+def _link(link: BeltLink) -> dict[str, object]:
+    entry: dict[str, object] = {"from": link.source, "to": link.target}
+    if link.source_position_m is not None:
+        entry["from_position"] = link.source_position_m
+    entry["to_position"] = link.target_position_m
+    return entry
+
+
+def _frame(frame: Frame) -> dict[str, object]:
+    return {"position": list(frame.position_m), "orientation": list(frame.orientation_xyzw)}
+
+
+def _box(box: Box) -> dict[str, object]:
+    yaw_deg = math.degrees(box.yaw_rad)
+    return {"center": list(box.center_m), "size": list(box.size_m), "yaw_deg": yaw_deg}
+
+
+def _plane(plane: Plane) -> dict[str, object]:
+    entry: dict[str, object] = {"center": list(plane.center_m), "normal": list(plane.normal)}
+    if plane.size_m is not None:
+        entry["size"] = list(plane.size_m)
+    return entry
+
+
+def _cylinder(cylinder: Cylinder) -> dict[str, object]:
+    center = list(cylinder.center_m)
+    return {"center": center, "radius": cylinder.radius_m, "height": cylinder.height_m}
+
+
+def _sphere(sphere: Sphere) -> dict[str, object]:
+    return {"center": list(sphere.center_m), "radius": sphere.radius_m}
+
+
+def _fence(fence: Fence) -> dict[str, object]:
+    outline = [list(corner) for corner in fence.outline_m]
+    entry: dict[str, object] = {"kind": fence.kind, "outline": outline}
+    if fence.low_m is not None:
+        entry["low"] = fence.low_m
+    if fence.high_m is not None:
+        entry["high"] = fence.high_m
+    return entry
 
 
 def _thing(thing: Thing) -> dict[str, object]:
@@ -296,12 +345,15 @@ def _thing(thing: Thing) -> dict[str, object]:
         entry |= {"center": list(thing.center_m), "size": list(thing.size_m)}
         entry["yaw_deg"] = math.degrees(thing.yaw_rad)
     if thing.strip:
-        entry["light"] = {"strip": thing.strip, "from": thing.part_m[0], "to": thing.part_m[1]}
+        begin_m, end_m = thing.part_m
+        entry["light"] = {"strip": thing.strip, "from": begin_m, "to": end_m}
     elif thing.lamp:
         entry["light"] = thing.lamp
     if thing.dwell_s is not None:
         entry["dwell_s"] = thing.dwell_s
-    return entry | ({"label": thing.label} if thing.label else {})
+    if thing.label:
+        entry["label"] = thing.label
+    return entry
 
 
 def _line(line: tuple[tuple[float, float, float], ...]) -> list[list[float]]:
@@ -323,9 +375,9 @@ class Beginning:
         for entry in self.retained.values():
             row = entry.row
             body = entry.body
-            if not isinstance(row, Topic) or not isinstance(body, Message) or row is CONFIGURATION:
+            if not isinstance(row, Topic) or not isinstance(body, Message):
                 continue
-            if split.is_recomputed(entry) == recomputed:
+            if row is not CONFIGURATION and split.is_recomputed(entry) == recomputed:
                 yield row, entry.name, body
 
     def restore(self, site: str, folder: Path) -> Path | None:
@@ -347,14 +399,16 @@ class Beginning:
         """
         entry = self.retained.get(INTERACTION.at(user))
         if entry is not None and isinstance(entry.body, Interaction):
-            before = entry.body.model_copy(update={"stamp_ns": now_ns})
-            StateFile(Interaction, user, LAST_WORD_PURPOSE).write(before)
+            interaction = entry.body.model_copy(update={"stamp_ns": now_ns})
+            StateFile(Interaction, user, LAST_WORD_PURPOSE).write(interaction)
 
     def measured_poses(self) -> Iterator[tuple[str, SetPose]]:
         """Yield the people whose localizers had found a pose, and the request that sets it."""
         for entry in self.retained.values():
             pose = entry.body
-            if isinstance(pose, UserPose) and pose.method != "external" and any(pose.covariance):
+            if not isinstance(pose, UserPose) or pose.method == "external":
+                continue
+            if any(pose.covariance):
                 yield entry.name, SetPose.model_validate(pose, from_attributes=True)
 
 
@@ -367,34 +421,38 @@ def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
         body = entry.body
         if row is CONFIGURATION:
             beginning.instances.add(entry.name)
-        if entry.key in seen or not isinstance(row, Topic) or row.delivery is not Delivery.STATE:
+        if entry.key in seen:
             continue
+        if not isinstance(row, Topic) or row.delivery is not Delivery.STATE:
+            continue
+
+        # Only the first entry of a state may be of the beginning: if it was put before, and came at once
         seen.add(entry.key)
         if row is MAP and isinstance(body, Environment):
             beginning.room = body
         is_early = entry.time_ns < began_ns + GATHERING_NS
-        if is_early and isinstance(body, Message) and body.stamp_ns < began_ns:
-            beginning.retained[entry.key] = entry
+        if is_early and isinstance(body, Message):
+            if body.stamp_ns < began_ns:
+                beginning.retained[entry.key] = entry
     return beginning
 
 
 def _restore_selection(selection: Selection, site: str, now_ns: int) -> None:
     journal = Journal(site_folder(site, "selector"))
     journal.begin(now_ns)
-    for number, each in enumerate(selection.objects, 1):
-        journal.add(
-            Record(
-                each.since_ns,
-                "selected",
-                each.id,
-                each.kind,
-                user=each.user,
-                owner=each.user,
-                since_ns=each.since_ns,
-                confidence=each.confidence,
-                seq=number,
-            )
+    for number, selected in enumerate(selection.objects, 1):
+        record = Record(
+            selected.since_ns,
+            "selected",
+            selected.id,
+            selected.kind,
+            user=selected.user,
+            owner=selected.user,
+            since_ns=selected.since_ns,
+            confidence=selected.confidence,
+            seq=number,
         )
+        journal.add(record)
         journal.mark_published(number)
     journal.maintain(now_ns, is_selected=bool(selection.objects))
     journal.close()
@@ -422,11 +480,14 @@ class ReplayedServices:
             ReplayError: The service is not installed, or cannot use the configuration.
         """
         running = self._running.get(configuration.instance)
-        if running is not None and running[0] == configuration:
-            return
+        if running is not None:
+            running_configuration, _ = running
+            if running_configuration == configuration:
+                return
         await self.end(configuration.instance)
         launch = self._launch(configuration)
-        task = self._group.create_task(run_service(launch, self._bus, self._clock), name=launch.instance)
+        work = run_service(launch, self._bus, self._clock)
+        task = self._group.create_task(work, name=launch.instance)
         self._running[launch.instance] = configuration, task
         await asyncio.sleep(0)  # its constructor declares what it reads before the next entry is put
 
@@ -434,8 +495,9 @@ class ReplayedServices:
         """End the service called `instance`, if it runs."""
         running = self._running.pop(instance, None)
         if running is not None:
-            running[1].cancel()
-            await asyncio.wait([running[1]])
+            _, task = running
+            task.cancel()
+            await asyncio.wait([task])
 
     async def end_all(self) -> None:
         """End all, the first started last."""
@@ -445,45 +507,50 @@ class ReplayedServices:
     def _launch(self, configuration: Configuration) -> Launch:
         name = configuration.service
         instance = configuration.instance
+        changed = self._changed.get(name, {})
         try:
             row = registry.process(name)
             service = row.load()
             recorded = parameters_of(configuration)
-            if gone := remove_unknown(recorded, service.CONFIG):
-                log.warning(
-                    "%s runs without %s: this version has no such parameters", instance, ", ".join(gone)
-                )
+            removed = remove_unknown(recorded, service.CONFIG)
+            if removed:
+                names = ", ".join(removed)
+                log.warning("%s runs without %s: this version has no such parameters", instance, names)
             layers = Layers()
-            layers.add({**recorded, **self._changed.get(name, {})}, f"recorded configuration of {instance}")
+            layers.add({**recorded, **changed}, f"recorded configuration of {instance}")
             config = layers.build(service.CONFIG)
         except KeyError as error:
             raise ReplayError(f"{instance} cannot be replayed: {error.args[0]}") from error
         except (ConfigError, ValueError) as error:
             raise ReplayError(f"{instance} cannot be replayed with this version: {error}") from error
-        if isinstance(config, PuiConfig) and config.map_to_read and "map" not in self._changed.get(name, {}):
-            check_map(config.map_to_read)
-        which = "" if configuration.user else split_instance(instance)[1]
-        return Launch(service=service, config=config, user=configuration.user, name=which, plugin=row.label)
+
+        # A file that the recording names is not opened unseen
+        if isinstance(config, PuiConfig) and "map" not in changed:
+            if config.map_to_read:
+                check_map(config.map_to_read)
+        owner = "" if configuration.user else split_instance(instance)[1]
+        return Launch(service=service, config=config, user=configuration.user, name=owner, plugin=row.label)
 
 
 def remove_unknown(parameters: dict[str, Any], kind: type[Config]) -> list[str]:
     """Remove the parameters that this version has no longer, at any depth. Return their dotted names."""
-    gone: list[str] = []
+    removed: list[str] = []
     while True:  # a service with plug-ins tells its own ones after those of its sections, one at a time
         try:
             validate(kind, parameters)
         except ValidationError as error:
-            paths = [each["loc"] for each in error.errors() if each["type"] == "extra_forbidden"]
+            paths = [detail["loc"] for detail in error.errors() if detail["type"] == "extra_forbidden"]
         else:
-            return gone
+            return removed
         if not paths:
-            return gone
+            return removed
         for path in paths:
             values: Any = parameters
             for part in path[:-1]:  # a path also names the kind of a value where there are several
-                values = values[part] if isinstance(values, list) or part in values else values
+                if isinstance(values, list) or part in values:
+                    values = values[part]
             del values[path[-1]]
-        gone += [".".join(str(part) for part in path) for path in paths]
+            removed.append(".".join(map(str, path)))
 
 
 def parameters_of(configuration: Configuration) -> dict[str, Any]:

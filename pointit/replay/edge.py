@@ -1,0 +1,150 @@
+"""The edge of a replay: recorded messages, presences, requests and results of acts, at their times."""
+
+import asyncio
+import contextlib
+import functools
+from typing import Any
+
+from pointit.recording.entries import Entry, Exchange
+from pointit.replay.replayed_services import CALLED_BY_SERVICES, RecordingClock
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
+from pointit.runtime.errors import RequestError
+from pointit.schemas import NS_PER_S, ActResult, Message, Query, SelectionEvent
+from pointit.schemas.topics import CLOCK, Presence, Request, Topic
+
+GRACE_NS = NS_PER_S // 20
+"""Time after a recorded request in which a replayed service may send it itself, ns."""
+
+NEAR_NS = NS_PER_S
+"""Largest difference of the times at which a service sent a request then and now, ns."""
+
+
+class Edge:
+    """Writes messages and announces presences on a bus."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._publisher = functools.cache(bus.publisher)
+        self._tokens: dict[str, Closable] = {}
+        """By key: who is present."""
+
+    def put(self, topic: AnyTopic, name: str, message: Message) -> None:
+        """Write `message`."""
+        self._publisher(topic, name).put(message)
+
+    def repeat(self, entry: Entry) -> None:
+        """Write the message of `entry`, or announce or end the presence that it says.
+
+        Nothing is done for a request, and for the clock: the replay has a time of its own.
+        """
+        row = entry.row
+        body = entry.body
+        if isinstance(row, Topic) and isinstance(body, Message):
+            if row is not CLOCK:
+                self.put(row, entry.name, body)
+        elif isinstance(row, Presence):
+            token = self._tokens.pop(entry.key, None)
+            if body is True:
+                self._tokens[entry.key] = token or self._bus.announce(row, entry.name)
+            elif token is not None:
+                token.close()
+
+
+class RecordedRequests:
+    """Asks what was asked by pages, commands and other systems.
+
+    A recording does not tell who asked. What the supervisor asks by itself it asks now, too: such a request
+    is asked again only if the replayed supervisor has not sent the same one about that time.
+    """
+
+    def __init__(self, bus: Bus, clock: RecordingClock, group: asyncio.TaskGroup) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._group = group
+        self._mine: list[tuple[str, Query]] = []
+        """Keys and queries of this object's requests that are not answered yet."""
+        self._seen: list[tuple[int, str, Query]] = []
+        """Times, keys and queries of requests of services that stand for no recorded one yet."""
+
+    def on_answered(self, entry: Entry) -> None:
+        """Note a request that a replayed service has answered."""
+        if entry.row not in CALLED_BY_SERVICES or not isinstance(entry.body, Exchange):
+            return
+        request = (entry.key, entry.body.query)
+        if request in self._mine:
+            self._mine.remove(request)
+        else:
+            self._seen.append((entry.time_ns, *request))
+
+    def repeat(self, entry: Entry) -> None:
+        """Ask the recorded request of `entry`, unless a service does."""
+        row = entry.row
+        body = entry.body
+        if isinstance(row, Request) and isinstance(body, Exchange):
+            work = self._repeat(entry, row, body.query)
+            self._group.create_task(work, name=f"replayed {entry.key}")
+
+    async def _repeat(self, entry: Entry, row: Request[Any, Any], query: Query) -> None:
+        # A service that sends it again may be a little later than it was
+        if row in CALLED_BY_SERVICES:
+            await self._clock.wait_until(entry.time_ns + GRACE_NS)
+            for seen in self._seen:
+                seen_ns, seen_key, seen_query = seen
+                is_same = (seen_key, seen_query) == (entry.key, query)
+                if is_same and abs(seen_ns - entry.time_ns) <= NEAR_NS:
+                    self._seen.remove(seen)
+                    return
+            self._mine.append((entry.key, query))
+        with contextlib.suppress(RequestError):  # a refusal is published like a reply
+            await self._bus.call(row, query, entry.name)
+
+
+class RecordedResults:
+    """Tells the results of acts, each after the event that now stands for the recorded one.
+
+    Two events stand for each other if they are the first, second, … with carriers on their object.
+    """
+
+    def __init__(self, edge: Edge) -> None:
+        self._edge = edge
+        self._recorded: dict[str, list[int]] = {}
+        """By object, stamps of the recorded events that services publish again, ns."""
+        self._again: dict[str, list[int]] = {}
+        """The same of the events that they publish now."""
+        self._waiting: list[Entry] = []
+
+    def on_recorded(self, entry: Entry) -> None:
+        """Note an event of the recording."""
+        _note_act(self._recorded, entry.body)
+
+    def on_again(self, entry: Entry) -> None:
+        """Note an event of the replay, and tell what waited for it."""
+        _note_act(self._again, entry.body)
+        waiting = self._waiting
+        self._waiting = []
+        for result in waiting:
+            self.repeat(result)
+
+    def repeat(self, entry: Entry) -> None:
+        """Tell the result of `entry`, or keep it until its event is published again."""
+        body = entry.body
+        if not isinstance(body, ActResult):
+            return
+        recorded = self._recorded.get(body.object_id, [])
+        again = self._again.get(body.object_id, [])
+        if body.event_ns not in recorded:  # of an event before the beginning, or of the edge
+            self._edge.repeat(entry)
+            return
+        number = recorded.index(body.event_ns)
+        if number < len(again):
+            result = body.model_copy(update={"event_ns": again[number]})
+            self._edge.repeat(entry._replace(body=result))
+        else:
+            self._waiting.append(entry)
+
+
+def _note_act(events: dict[str, list[int]], body: object) -> None:
+    if isinstance(body, SelectionEvent) and body.carriers:
+        stamps = events.setdefault(body.object_id, [])
+        if body.stamp_ns not in stamps:  # an event may be told again
+            stamps.append(body.stamp_ns)

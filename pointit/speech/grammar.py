@@ -169,7 +169,7 @@ def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
 
 @dataclass(kw_only=True)
 class _Mentions:
-    """What an utterance refers to, in order."""
+    """Things and places that an utterance refers to, in order."""
 
     objects: list[Mention] = field(default_factory=list[Mention])
     places: list[Mention] = field(default_factory=list[Mention])

@@ -353,7 +353,7 @@ class Interpreter:
         return decision
 
     async def _find_referents(self, command: Command, mention: Mention) -> Referents:
-        """Return what the person may have meant by a deictic word."""
+        """Return the candidates for a deictic word: all that the person may have meant."""
         others_ns: list[int] = []
         for other in command.mentions:
             if not other.name and other.at_ns != mention.at_ns:

@@ -1,6 +1,6 @@
 """Ready tasks: the target of each trial and its position, also with a robot that follows."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin
 from typing import Annotated, Literal, TypeVar
@@ -110,44 +110,63 @@ class TargetReach(TaskConfig):
 
         Raises: ConfigError: If the map has no such strip, or the target does not fit.
         """
+        # The target is on the strip of the last one, or on any in the first trial of a block.
         rng = np.random.default_rng(trial.seed)
         lines = _lines(room, self.strips)
+        last_m: float | None = None
+        if before is not None and before.along:
+            strip, last_m = before.along
+        else:
+            strip = pick(list(lines), rng)
+        line = lines[strip]
         half_m = self.width_m / 2.0
-        strip, last_m = (
-            before.along if before is not None and before.along else (pick(list(lines), rng), None)
-        )
-        ends = (half_m, lines[strip].length_m - half_m)
-        if ends[1] - ends[0] < self.distance_m:
+        first_m = half_m
+        end_m = line.length_m - half_m
+        if end_m - first_m < self.distance_m:
             raise ConfigError(
-                f"strip {strip} is {lines[strip].length_m:g} m long: no two targets {self.width_m:g} m wide "
+                f"strip {strip} is {line.length_m:g} m long: no two targets {self.width_m:g} m wide "
                 f"are {self.distance_m:g} m apart on it; make task.distance_m smaller"
             )
-        if last_m is None:
-            at_m = float(rng.uniform(*ends))
-        else:
-            fits = [
-                p for p in (last_m - self.distance_m, last_m + self.distance_m) if ends[0] <= p <= ends[1]
-            ]
-            at_m = pick(fits, rng) if fits else max(ends, key=lambda end: abs(end - last_m))
-        free = [
-            p for p in np.arange(ends[0], ends[1], 2.0 * self.width_m) if abs(p - at_m) >= 2.0 * self.width_m
-        ]
+        at_m = self._next_place(last_m, first_m, end_m, rng)
+
+        # Others are beside it, at places of a grid that leave a gap to the target and to each other.
+        pitch_m = 2.0 * self.width_m
+        free = [place_m for place_m in np.arange(first_m, end_m, pitch_m) if abs(place_m - at_m) >= pitch_m]
         others = sorted(rng.permutation(len(free))[: self.others].tolist())
-        places = [at_m, *(float(free[each]) for each in others)]
-        objects = tuple(
-            _on_strip(
-                f"t{trial.number}-{n}", OTHER if n else TARGET, (strip, place), lines[strip], self.width_m
-            )
-            for n, place in enumerate(places)
-        )
+        places = [at_m, *(float(free[index]) for index in others)]
+        objects: list[TrackedObject] = []
+        for number, place_m in enumerate(places):
+            name = f"t{trial.number}-{number}"
+            kind = OTHER if number else TARGET
+            objects.append(_on_strip(name, kind, (strip, place_m), line, self.width_m))
+        target = objects[0]
         return StudyScene(
-            target=objects[0].id,
+            target=target.id,
             name=f"strip {strip} at {at_m:.2f} m",
             width_m=self.width_m,
-            target_m=objects[0].position_m,
-            objects=objects,
+            target_m=target.position_m,
+            objects=tuple(objects),
             along=(strip, at_m),
         )
+
+    def _next_place(
+        self, last_m: float | None, first_m: float, end_m: float, rng: np.random.Generator
+    ) -> float:
+        """Return the place of a target on its strip, m.
+
+        Args:
+            last_m: the last place. None: any place will do.
+            first_m: least place at which a target fits.
+            end_m: largest such place.
+            rng: chooses.
+        """
+        if last_m is None:
+            return float(rng.uniform(first_m, end_m))
+        both_sides = (last_m - self.distance_m, last_m + self.distance_m)
+        fits = [place_m for place_m in both_sides if first_m <= place_m <= end_m]
+        if fits:
+            return pick(fits, rng)
+        return max((first_m, end_m), key=lambda place_m: abs(place_m - last_m))
 
 
 class Tapping(TaskConfig):
@@ -171,46 +190,56 @@ class Tapping(TaskConfig):
         """
         del before
         if self.strip:
-            line = _lines(room, (self.strip,))[self.strip]
-            sides = [line.length_m / 2.0 + sign * self.distance_m / 2.0 for sign in (-1.0, 1.0)]
-            if sides[0] < self.width_m / 2.0:
-                raise ConfigError(f"strip {self.strip} is too short for task.distance_m {self.distance_m:g}")
-            now = trial.place % 2
-            objects = [
-                _on_strip(
-                    f"t{trial.number}-{n}",
-                    TARGET if n == now else OTHER,
-                    (self.strip, at_m),
-                    line,
-                    self.width_m,
-                )
-                for n, at_m in enumerate(sides)
-            ]
+            place, objects = self._on_line(trial, room)
         else:
-            count = self.targets - 1 + self.targets % 2
-            step = (count + 1) // 2
-            now, last = (place * step % count for place in (trial.place, trial.place - 1))
-            objects = [
-                TrackedObject(
-                    id=f"t{trial.number}-{n}",
-                    kind=TARGET if n == now else OTHER,
-                    position_m=self._on_circle(2.0 * pi * n / count),
-                    length_m=self.width_m,
-                )
-                for n in range(count)
-                if n != last  # where the ray rests, which would be selected first
-            ]
-        target = next(each for each in objects if each.kind == TARGET)
+            place, objects = self._on_circle(trial)
+        target = next(item for item in objects if item.kind == TARGET)
         return StudyScene(
             target=target.id,
-            name=f"place {now + 1}",
+            name=f"place {place + 1}",
             width_m=self.width_m,
             target_m=target.position_m,
             objects=tuple(objects),
         )
 
-    def _on_circle(self, angle_rad: float) -> Vec3:
-        radius_m, (x, y, z) = self.distance_m / 2.0, self.center_m
+    def _on_line(self, trial: StudyTrial, room: Environment) -> tuple[int, list[TrackedObject]]:
+        """Return the number of the target's place, 0 or 1, and both objects on the strip."""
+        line = _lines(room, (self.strip,))[self.strip]
+        middle_m = line.length_m / 2.0
+        places_m = [middle_m + sign * self.distance_m / 2.0 for sign in (-1.0, 1.0)]
+        if places_m[0] < self.width_m / 2.0:
+            raise ConfigError(f"strip {self.strip} is too short for task.distance_m {self.distance_m:g}")
+        target_place = trial.place % 2
+        objects: list[TrackedObject] = []
+        for place, place_m in enumerate(places_m):
+            name = f"t{trial.number}-{place}"
+            kind = TARGET if place == target_place else OTHER
+            objects.append(_on_strip(name, kind, (self.strip, place_m), line, self.width_m))
+        return target_place, objects
+
+    def _on_circle(self, trial: StudyTrial) -> tuple[int, list[TrackedObject]]:
+        """Return the number of the target's place on the circle, and the objects on it."""
+        count = self.targets - 1 + self.targets % 2  # an odd number
+        step = (count + 1) // 2
+        target_place = trial.place * step % count
+        last_place = (trial.place - 1) * step % count
+        objects: list[TrackedObject] = []
+        for place in range(count):
+            if place == last_place:  # where the ray rests, which would be selected first
+                continue
+            objects.append(
+                TrackedObject(
+                    id=f"t{trial.number}-{place}",
+                    kind=TARGET if place == target_place else OTHER,
+                    position_m=self._point_at(2.0 * pi * place / count),
+                    length_m=self.width_m,
+                )
+            )
+        return target_place, objects
+
+    def _point_at(self, angle_rad: float) -> Vec3:
+        radius_m = self.distance_m / 2.0
+        x, y, z = self.center_m
         return (x, y + radius_m * cos(angle_rad), z + radius_m * sin(angle_rad))
 
 
@@ -237,17 +266,15 @@ class TargetPackages(TaskConfig):
             raise ConfigError(
                 f"{self.others + 1} packages do not fit on belt {lane}; make task.others smaller"
             )
-        now = int(np.random.default_rng(trial.seed).integers(self.others + 1))
-        queue = [
-            ScenePackage(
-                kind=TARGET if n == now else OTHER,
-                lane=lane,
-                length_m=self.width_m,
-                position=START + n * step,
-            )
-            for n in range(self.others + 1)
-        ]
-        queue.insert(0, queue.pop(now))
+
+        # The target is at any place of the queue, and first in the list.
+        target_place = int(np.random.default_rng(trial.seed).integers(self.others + 1))
+        queue: list[ScenePackage] = []
+        for place in range(self.others + 1):
+            kind = TARGET if place == target_place else OTHER
+            position = START + place * step
+            queue.append(ScenePackage(kind=kind, lane=lane, length_m=self.width_m, position=position))
+        queue.insert(0, queue.pop(target_place))
         return StudyScene(target="", name="red package", width_m=self.width_m, packages=tuple(queue))
 
 
@@ -266,37 +293,57 @@ class TargetPlaces(TaskConfig):
         Raises: ConfigError: If there is no place, or the map has no such lamp or button.
         """
         lamps = {lamp.id: lamp.position_m for lamp in room.lamps}
-        things = {thing.id: thing for thing in room.fixed_things if thing.mode == "button"}
-        for kind, wanted, known in (("lamp", self.lamps, lamps), ("button", self.things, things)):
-            if unknown := set(wanted) - known.keys():
-                raise ConfigError(
-                    f"the map has no {kind} {min(unknown)}; it has {', '.join(known) or 'none'}"
-                )
+        buttons = {thing.id: thing for thing in room.fixed_things if thing.mode == "button"}
+        _check_known("lamp", self.lamps, lamps)
+        _check_known("button", self.things, buttons)
         places = {**self.places, **{lamp: lamps[lamp] for lamp in self.lamps}}
-        places |= {name: things[name].center_m for name in self.things}
-        names = [name for name in places if before is None or name != before.name] or list(places)
-        if not names:
+        places |= {name: buttons[name].center_m for name in self.things}
+        if not places:
             raise ConfigError("task places needs places, lamps or things")
-        name = pick(names, np.random.default_rng(trial.seed))
-        thing = things[name] if name in self.things else None
+        name = _next_name(trial, places, before)
+
+        if name in self.things:
+            thing = buttons[name]
+            # The map's own tracker lists things: the scene adds no object.
+            return StudyScene(
+                target=thing.id,
+                name=name,
+                width_m=max(thing.size_m[:2]),
+                target_m=places[name],
+                lamp=name if name in self.lamps else "",
+                say=f"Point at {thing.label or thing.id}.",
+            )
         target = TrackedObject(
             id=f"t{trial.number}-0", kind=TARGET, position_m=places[name], length_m=self.width_m
         )
         return StudyScene(
-            target=thing.id if thing else target.id,
+            target=target.id,
             name=name,
-            width_m=max(thing.size_m[:2]) if thing else self.width_m,
+            width_m=self.width_m,
             target_m=places[name],
-            objects=() if thing else (target,),  # the map's own tracker lists things
+            objects=(target,),
             lamp=name if name in self.lamps else "",
-            say=f"Point at {thing.label or thing.id}." if thing else "",
         )
+
+
+def _next_name(trial: StudyTrial, names: Iterable[str], before: StudyScene | None) -> str:
+    """Return the name of any place but the last one, or of this if there is no other."""
+    all_names = list(names)
+    last_name = None if before is None else before.name
+    others = [name for name in all_names if name != last_name]
+    return pick(others or all_names, np.random.default_rng(trial.seed))
+
+
+def _check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Check that the map has what is wanted. Raises: ConfigError: If not."""
+    unknown = set(names).difference(known)
+    if unknown:
+        raise ConfigError(f"the map has no {kind} {min(unknown)}; it has {', '.join(known) or 'none'}")
 
 
 def _lines(room: Environment, wanted: Sequence[str]) -> dict[str, Polyline]:
     lines = {strip.id: Polyline(strip.line_m) for strip in room.strips}
-    if unknown := set(wanted) - lines.keys():
-        raise ConfigError(f"the map has no strip {min(unknown)}; it has {', '.join(lines) or 'none'}")
+    _check_known("strip", wanted, lines)
     if not lines:
         raise ConfigError("the map has no strips for this task")
     return {name: lines[name] for name in wanted or lines}
@@ -337,17 +384,20 @@ class Steer(TaskConfig):
     def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`: any place but the last one."""
         del room
-        names = [name for name in self.places if before is None or name != before.name] or list(self.places)
-        name = pick(names, np.random.default_rng(trial.seed))
-        does = "Land" if self.kind == "land" else "Keep"
+        name = _next_name(trial, self.places, before)
+        say = f"Keep {self.robot} over {name}."
+        stay_s: float | None = self.stay_s
+        if self.kind == "land":
+            say = f"Land {self.robot} at {name}."
+            stay_s = None
         return StudyScene(
             target=name,
             name=name,
             width_m=self.width_m,
             target_m=self.places[name],
             robot=self.robot,
-            stay_s=None if self.kind == "land" else self.stay_s,
-            say=f"{does} {self.robot} {'at' if self.kind == 'land' else 'over'} {name}.",
+            stay_s=stay_s,
+            say=say,
         )
 
     def simulated(self, scenes: Sequence[StudyScene]) -> dict[str, object]:

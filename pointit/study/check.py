@@ -2,7 +2,7 @@
 
 import datetime as dt
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -40,99 +40,126 @@ def check_folder(folder: Path) -> list[Finding]:
     Raises: ConfigError: If the folder holds no study, or its copy of the file is damaged.
     """
     study = study_in(folder)
-    findings: list[Finding] = []
-    of_site = [check_services] if study.scenario in SHIPPED else []  # another one may be elsewhere
-    for check in (check_names, *of_site, check_sequences):
-        try:
-            check(study)
-        except ConfigError as error:
-            findings.append(Finding("error", "", str(error)))
+    findings = _of_study(study)
     begun: dict[str, list[Row]] = {}
-    for path in sorted(each for each in folder.iterdir() if each.is_dir()):
-        name = path.name
-        try:
-            about = read_about(path)
-            check_begun(path)
-            if not (path / TRIALS).exists():
-                continue
-            notes: list[str] = []
-            begun[name] = read_any_trials(study, path, notes.append)
-            if name in study.people:
-                read_answers(study, path, notes.append)
-            check_record(path, about, begun[name])
-        except ConfigError as error:
-            findings.append(Finding("error", name, str(error)))
-            continue
-        findings += [Finding("note", name, note) for note in notes]
-        if name not in study.people:
-            findings.append(Finding("error", name, "does not take part in the study; remove the folder"))
-        else:
-            findings += _of_one(study, name, about, begun[name])
+    for path in sorted(path for path in folder.iterdir() if path.is_dir()):
+        findings += _of_folder(study, path, begun)
     findings += [Finding("error", "", text) for text in _twice(begun, folder)]
+
+    # All participants together: a damaged one is not missing.
     damaged = {finding.participant for finding in findings}
     missing = [name for name in study.people if name not in begun.keys() | damaged]
     if missing:
         findings.append(Finding("note", "", f"not begun: {', '.join(missing)}"))
     orders = [plan_of(study, name).order for name in study.people if name not in missing]
-    if broken := imbalance(orders, study.order):
-        findings.append(
-            Finding(
-                "note" if missing else "error",
-                "",
-                f"orders are not balanced{' so far' if missing else ''}: {broken}",
-            )
-        )
+    problem = imbalance(orders, study.order)
+    if problem and missing:
+        findings.append(Finding("note", "", f"orders are not balanced so far: {problem}"))
+    elif problem:
+        findings.append(Finding("error", "", f"orders are not balanced: {problem}"))
     return sorted(findings, key=lambda finding: finding.severity != "error")
 
 
-def _of_one(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) -> Iterator[Finding]:
+def _of_study(study: Study) -> list[Finding]:
+    """Return the findings on the study's file."""
+    checks: list[Callable[[Study], None]] = [check_names]
+    if study.scenario in SHIPPED:  # another one may be elsewhere
+        checks.append(check_services)
+    checks.append(check_sequences)
+    findings: list[Finding] = []
+    for check in checks:
+        try:
+            check(study)
+        except ConfigError as error:
+            findings.append(Finding("error", "", str(error)))
+    return findings
+
+
+def _of_folder(study: Study, path: Path, begun: dict[str, list[Row]]) -> Iterator[Finding]:
+    """Yield the findings on the folder of one participant, and put their rows into `begun`.
+
+    What is damaged is reported, and not looked at further.
+    """
+    name = path.name
+    notes: list[str] = []
+    try:
+        about = read_about(path)
+        check_begun(path)
+        if not (path / TRIALS).exists():
+            return
+        begun[name] = read_any_trials(study, path, notes.append)
+        if name in study.people:
+            read_answers(study, path, notes.append)
+        check_record(path, about, begun[name])
+    except ConfigError as error:
+        yield Finding("error", name, str(error))
+        return
+    for note in notes:
+        yield Finding("note", name, note)
+    if name in study.people:
+        yield from _of_participant(study, name, about, begun[name])
+    else:
+        yield Finding("error", name, "does not take part in the study; remove the folder")
+
+
+def _of_participant(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) -> Iterator[Finding]:
+    """Yield the findings on one participant's data."""
     plan = plan_of(study, name)
     missing = sorted({trial.number for trial in plan.trials} - done_trials(rows))
     if missing:
-        some = first_of(map(str, missing), 5)
-        ended = bool(about.get("ended"))
-        text = f"{len(missing)} of {len(plan.trials)} trials are missing: {some}"
-        yield Finding(
-            "error" if ended else "note", name, text + ("" if ended else "; the same command goes on")
-        )
+        numbers = first_of(map(str, missing), 5)
+        text = f"{len(missing)} of {len(plan.trials)} trials are missing: {numbers}"
+        if about.get("ended"):
+            yield Finding("error", name, text)
+        else:
+            yield Finding("note", name, f"{text}; the same command goes on")
+
+    # The record of the sessions, as far as it is there.
     if about.get("order", list(plan.order)) != list(plan.order):
         yield Finding("error", name, f"had the order {about['order']}, the plan has {list(plan.order)}")
-    if (pseudonym := str(about.get("pseudonym", name))) != name:
+    pseudonym = str(about.get("pseudonym", name))
+    if pseudonym != name:
         yield Finding("error", name, f"{name} has the participant.yaml of {pseudonym}")
+
+    # The rows.
     for text in row_errors(plan, rows):
         yield Finding("error", name, text)
-    if any(int(one["trial"]) > int(two["trial"]) for one, two in itertools.pairwise(rows)):
+    numbers_in_order = [int(row["trial"]) for row in rows]
+    if numbers_in_order != sorted(numbers_in_order):
         yield Finding("note", name, "trials are not in the order of their plan: they were sorted otherwise")
-    if skipped := [row["trial"] for row in rows if counts(row) and row["outcome"] == "skipped"]:
+    skipped = [row["trial"] for row in rows if _is_skipped(row)]
+    if skipped:
         yield Finding("note", name, f"skipped: trial {', '.join(skipped)}")
     if not about.get("simulated"):  # of earlier versions, virtual time began again after a crash
         yield from _clocks(name, rows, float(about.get("clock_apart_s", 0.0)))
 
 
+def _is_skipped(row: Row) -> bool:
+    return row["outcome"] == "skipped" and counts(row)
+
+
 def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:
+    """Yield errors of clocks: `apart_s` is the largest difference between those of wrist and site."""
     if apart_s > CLOCK_APART_S:
         yield Finding("error", name, f"the wrist's clock is {apart_s:g} s apart from the site's")
-    before: Row | None = None
-    for row in filter(_began, rows):
-        if before is not None:
-            min_s = float(before["selection_s"] or 0.0)
-            passed_s = (_time(row) - _time(before)).total_seconds()
-            if passed_s < min_s:
-                text = (
-                    f"trial {row['trial']} begins before trial {before['trial']} ends: a clock was set back"
-                )
-                yield Finding("error", name, text)
-        before = row
+    for previous, row in itertools.pairwise(filter(_began, rows)):
+        min_s = float(previous["selection_s"] or 0.0)
+        passed_s = (_time(row) - _time(previous)).total_seconds()
+        if passed_s < min_s:
+            trials = f"trial {row['trial']} begins before trial {previous['trial']} ends"
+            yield Finding("error", name, f"{trials}: a clock was set back")
 
 
 def _twice(begun: dict[str, list[Row]], folder: Path) -> Iterator[str]:
     """Yield a sentence on each participant whose data stand in two folders."""
     owners: dict[str, str] = {}
     for name, rows in begun.items():
-        names = {row["participant"] for row in rows} | {str(read_about(folder / name).get("pseudonym", name))}
-        for other in sorted(names):
-            if (first := owners.setdefault(other, name)) != name:
-                yield f"{other} is there twice, in {first} and {name}"
+        participants = {row["participant"] for row in rows}
+        participants.add(str(read_about(folder / name).get("pseudonym", name)))
+        for participant in sorted(participants):
+            owner = owners.setdefault(participant, name)
+            if owner != name:
+                yield f"{participant} is there twice, in {owner} and {name}"
 
 
 def _began(row: Row) -> str:

@@ -72,7 +72,7 @@ class Attempt:
     _first_m: Vec3 | None = None
     """Centre of the target at that time."""
     _received_ns: int = 0
-    _turned: Vec3 | None = None
+    _step_start: Vec3 | None = None
     _pressed_ns: int | None = None
     _over_ns: int | None = None
     """Time since which the robot is over the target."""
@@ -90,13 +90,20 @@ class Attempt:
             self._first = cursor
             self._first_m = self.target_m
         self.cursor = cursor
-        if self._turned is None:
-            self._turned = cursor.direction
-        if (turned_rad := vector.angle_between(self._turned, cursor.direction)) >= STEP_RAD:
-            self.path_rad += turned_rad
-            self._turned = cursor.direction
+
+        # The path is summed in steps, so that noise adds nothing.
+        if self._step_start is None:
+            self._step_start = cursor.direction
+        step_rad = vector.angle_between(self._step_start, cursor.direction)
+        if step_rad >= STEP_RAD:
+            self.path_rad += step_rad
+            self._step_start = cursor.direction
+
         self.passed_s = self._passed_s(now_ns)
-        if self.end_rule is not None and (verdict := self._verdict(self.end_rule)) is not None:
+        if self.end_rule is None:
+            return
+        verdict = self._verdict(self.end_rule)
+        if verdict is not None:
             self._finish(verdict, "", now_ns)
 
     def _verdict(self, end: "Callable[[Attempt], str | None]") -> Literal["hit", "wrong"] | None:
@@ -132,10 +139,10 @@ class Attempt:
         if event.event in ("selected", "deselected") and event.cause == "button":
             self._count("confirmed")
         if event.event == "selected" and self.end in ("selection", "press"):
-            is_hit = event.object_id == self.target
-            self._finish(
-                "hit" if is_hit else "wrong", "" if is_hit else f"selected {event.object_id}", now_ns
-            )
+            if event.object_id == self.target:
+                self._finish("hit", "", now_ns)
+            else:
+                self._finish("wrong", f"selected {event.object_id}", now_ns)
         elif event.event in ("left", "dispatched") and event.object_id == self.target:
             self._finish("timeout", "the target has left", None)
 
@@ -168,11 +175,20 @@ class Attempt:
         self.reached_m = (*robot.position_m[:2], self.target_m[2])  # below it
         is_over = self._is_near(self.reached_m)
         self.on_hover(Hover(stamp_ns=now_ns, object_id=self.target if is_over else ""), now_ns)
-        self._over_ns = (self._over_ns or now_ns) if is_over else None
-        if self.stay_s is None and robot.phase == "landed" and self._has_flown:
-            self._finish("hit" if is_over else "wrong", "" if is_over else "landed beside", now_ns)
-        elif self.stay_s is not None and self._over_ns and now_ns - self._over_ns >= self.stay_s * NS_PER_S:
-            self._finish("hit", "", now_ns)
+        if not is_over:
+            self._over_ns = None
+        elif not self._over_ns:
+            self._over_ns = now_ns
+
+        has_landed = robot.phase == "landed" and self._has_flown
+        if self.stay_s is None and has_landed:
+            if is_over:
+                self._finish("hit", "", now_ns)
+            else:
+                self._finish("wrong", "landed beside", now_ns)
+        elif self.stay_s is not None and self._over_ns:
+            if now_ns - self._over_ns >= self.stay_s * NS_PER_S:
+                self._finish("hit", "", now_ns)
         self._has_flown |= robot.phase not in ("landed", "lost")
 
     def on_localization(self, state: Localization, position_m: Vec3 | None, now_ns: int) -> None:
@@ -181,8 +197,11 @@ class Attempt:
         if self.outcome is not None or state.since_ns < self.began_ns:
             return
         if state.phase == "solved" and position_m is not None:
-            self.reached_m, is_near = position_m, self._is_near(position_m)
-            self._finish("hit" if is_near else "wrong", "" if is_near else "too far off", now_ns)
+            self.reached_m = position_m
+            if self._is_near(position_m):
+                self._finish("hit", "", now_ns)
+            else:
+                self._finish("wrong", "too far off", now_ns)
         elif state.phase in ("refused", "cancelled"):
             self._finish("wrong", state.reason or state.phase, None)
 
@@ -211,13 +230,24 @@ class Attempt:
         """Return outcome and measures by their columns."""
         first = self._first
         last = self.cursor
-        eyes_m = None if last is None else last.origin_m
-        far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
+
+        # The selected point: what a robot or localization reached, else the cursor.
         point_m = self.reached_m
         if point_m is None and last is not None:
             point_m = last.point_m or _nearest(last, self.target_m)
-        first_m = self._first_m or self.target_m
-        at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
+
+        # The start: the target before, else the first cursor.
+        first_target_m = self._first_m or self.target_m
+        start_m = self.before_m
+        if start_m is None and first is not None:
+            start_m = first.point_m
+
+        width_deg: float | None = None
+        if last is not None and last.origin_m is not None:
+            eyes_to_target_m = math.dist(last.origin_m, self.target_m)
+            if eyes_to_target_m:
+                width_deg = math.degrees(2.0 * math.atan2(self.width_m / 2.0, eyes_to_target_m))
+
         columns: dict[str, str | float | int | None] = {
             "outcome": self.outcome,
             "reason": self.reason,
@@ -228,12 +258,13 @@ class Attempt:
             "path_length_deg": math.degrees(self.path_rad),
             "error_m": None if point_m is None else math.dist(point_m, self.target_m),
             "error_deg": _angle_deg(last, self.target_m),
-            "target_distance_m": None if at_start_m is None else math.dist(at_start_m, first_m),
+            "target_distance_m": None if start_m is None else math.dist(start_m, first_target_m),
             "target_width_m": self.width_m,
-            "target_distance_deg": _angle_deg(first, first_m, self.before_m),
-            "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
+            "target_distance_deg": _angle_deg(first, first_target_m, self.before_m),
+            "target_width_deg": width_deg,
         }
-        columns |= {name: None if self.names is None else self.names[name] for name in SPOKEN}
+        for name in SPOKEN:
+            columns[name] = None if self.names is None else self.names[name]
         for index, axis in enumerate("xyz"):
             columns[f"target_{axis}_m"] = self.target_m[index]
             columns[f"selected_{axis}_m"] = None if point_m is None else point_m[index]
@@ -253,16 +284,19 @@ def _nearest(cursor: Cursor, target_m: Vec3) -> Vec3 | None:
     if cursor.direction is None or cursor.origin_m is None:
         return None
     along_m = vector.dot(vector.subtract(target_m, cursor.origin_m), cursor.direction)
-    return vector.add(cursor.origin_m, vector.scale(cursor.direction, along_m)) if along_m > 0 else None
+    if along_m <= 0:  # behind the person
+        return None
+    return vector.add(cursor.origin_m, vector.scale(cursor.direction, along_m))
 
 
 def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None) -> float | None:
     """Return the angle at the eyes from the ray, or from the point `from_m`, to `target_m`, deg."""
     if cursor is None or cursor.direction is None or cursor.origin_m is None:
         return None
-    way = vector.subtract(target_m, cursor.origin_m)
+    to_target = vector.subtract(target_m, cursor.origin_m)
     start = cursor.direction if from_m is None else vector.subtract(from_m, cursor.origin_m)
-    return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None
+    has_directions = vector.norm(to_target) * vector.norm(start) != 0.0
+    return math.degrees(vector.angle_between(start, to_target)) if has_directions else None
 
 
 def load_end_rule(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:

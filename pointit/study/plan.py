@@ -59,29 +59,35 @@ def plan_of(study: Study, participant: str) -> StudyPlan:
         raise ConfigError(
             f"{participant} does not take part in {study.name}; participants are {known[0]} to {known[-1]}"
         )
+    # Participants take turns in groups, and within a group in the rows of the square.
     index = study.people.index(participant)
     groups = study.cells("between")
+    group = groups[index % len(groups)]
     rows = square(study.order, len(study.cells("block")))
     row = rows[index // len(groups) % len(rows)]
     if study.order == "blocked_random":
         row = tuple(np.random.default_rng([study.seed, index]).permutation(len(row)).tolist())
-    blocks = [study.cells("block")[each] for each in row]
-    group = groups[index % len(groups)]
+    blocks = [study.cells("block")[place] for place in row]
+
+    # Each block has random numbers of its own, and each trial a seed: a session can go on anywhere.
     trials: list[StudyTrial] = []
     for number, block in enumerate(blocks, 1):
         rng = np.random.default_rng([study.seed, index, number])
         practice = _shuffled(study, rng, study.practice)
-        data = [cell for _ in range(study.repetitions) for cell in _shuffled(study, rng)]
-        for place, inner in enumerate(practice + data):
-            seed = int(np.random.SeedSequence([study.seed, index, number, place]).generate_state(1)[0])
+        cells = list(practice)
+        for _ in range(study.repetitions):
+            cells += _shuffled(study, rng)
+        for place, cell in enumerate(cells):
+            seeds = np.random.SeedSequence([study.seed, index, number, place])
+            levels = {**group, **block, **cell}
             trials.append(
                 StudyTrial(
                     number=len(trials) + 1,
                     block=number,
                     place=place,
                     practice=place < len(practice),
-                    cell={name: {**group, **block, **inner}[name] for name in study.factors},
-                    seed=seed,
+                    cell={name: levels[name] for name in study.factors},
+                    seed=int(seeds.generate_state(1)[0]),
                 )
             )
     return StudyPlan(
@@ -96,8 +102,10 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     """Return all cells of a block in random order, or `count` of them, repeated if there are fewer."""
     cells = study.cells("trial")
     count = len(cells) if count is None else count
-    rounds = -(-count // len(cells))
-    return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]
+    shuffled: list[dict[str, str]] = []
+    while len(shuffled) < count:
+        shuffled += [cells[int(index)] for index in rng.permutation(len(cells))]
+    return shuffled[:count]
 
 
 def check_levels(study: Study, path: Path, rows: Iterable[Row]) -> None:
@@ -133,33 +141,41 @@ def check_answers(study: Study, path: Path, rows: Iterable[Row]) -> None:
         row["condition"] = _level(row["condition"], plan.order)
         if row["participant"] != plan.participant:
             raise ConfigError(f"{path}: {plan.participant} has answers of {row['participant']}; {MIXED}")
-        conditions = plan.order[int(row["block"]) - 1 : int(row["block"])]
-        if row["condition"] in plan.order and row["condition"] not in conditions:
+        block = int(row["block"])
+        planned = plan.order[block - 1 : block]
+        if row["condition"] in plan.order and row["condition"] not in planned:
+            in_plan = repr(planned[0]) if planned else "there is no such block"
             raise ConfigError(
-                f"{path}: block {row['block']} has condition {row['condition']!r}, in the plan "
-                f"{''.join(map(repr, conditions)) or 'there is no such block'}; {MIXED}"
+                f"{path}: block {block} has condition {row['condition']!r}, in the plan {in_plan}; {MIXED}"
             )
 
 
 def row_errors(plan: StudyPlan, rows: Iterable[Row]) -> Iterator[str]:
     """Yield a sentence on each row that is not of `plan`, or is there twice."""
-    by_number = {trial.number: trial for trial in plan.trials}
     rows = list(rows)
+    by_number = {trial.number: trial for trial in plan.trials}
     for row in rows:
         trial = by_number.get(int(row["trial"]))
-        levels = {} if trial is None else trial.cell
-        differing = [name for name, level in levels.items() if row.get(name) != level]
         if trial is None:
             yield f"trial {row['trial']} is not that of the plan, which has {len(plan.trials)}; {MIXED}"
-        for name in differing[:1]:
-            yield (
-                f"trial {row['trial']} is not that of the plan: {name} is {row.get(name)!r}, in the plan "
-                f"{levels[name]!r}; {MIXED}"
-            )
-    if twice := [key for key, n in Counter((row["trial"], row["attempt"]) for row in rows).items() if n > 1]:
-        yield f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice"
-    if others := sorted({row["participant"] for row in rows} - {plan.participant}):
-        yield f"{plan.participant} has data of {others[0]}"
+            continue
+        # One sentence a row: of the first level that differs.
+        for name, level in trial.cell.items():
+            if row.get(name) != level:
+                yield (
+                    f"trial {row['trial']} is not that of the plan: {name} is {row.get(name)!r}, in the plan "
+                    f"{level!r}; {MIXED}"
+                )
+                break
+
+    attempts = Counter((row["trial"], row["attempt"]) for row in rows)
+    for (trial_number, attempt), count in attempts.items():
+        if count > 1:
+            yield f"attempt {attempt} at trial {trial_number} is there twice"
+            break
+    others = {row["participant"] for row in rows} - {plan.participant}
+    if others:
+        yield f"{plan.participant} has data of {min(others)}"
 
 
 def _level(text: str, levels: Iterable[str]) -> str:
@@ -172,17 +188,19 @@ def check_names(study: Study) -> None:
 
     Raises: ConfigError: If they take a participant, level, questionnaire or item for a missing value.
     """
-    scales = [scale_of(each) for each in study.questionnaires]
-    named = [("participants", name) for name in study.people]
-    named += [
-        (f"factors.{factor}", level) for factor in study.factors for level in study.factors[factor].levels
-    ]
-    named += [("questionnaires", name) for scale in scales for name in (scale.name, *scale.items)]
-    for key, name in named:
-        if name.strip() in NOT_KNOWN:
-            raise ConfigError(
-                f"{key}: {name!r} is read as a missing value by programs for statistics: give it another name"
-            )
+    names: dict[str, Iterable[str]] = {"participants": study.people}
+    for name, factor in study.factors.items():
+        names[f"factors.{name}"] = factor.levels
+    names["questionnaires"] = itertools.chain.from_iterable(
+        (scale.name, *scale.items) for scale in map(scale_of, study.questionnaires)
+    )
+    for key, own_names in names.items():
+        for name in own_names:
+            if name.strip() in NOT_KNOWN:
+                raise ConfigError(
+                    f"{key}: {name!r} is read as a missing value by programs for statistics: give it another "
+                    "name"
+                )
 
 
 def check_sequences(study: Study) -> None:
@@ -191,16 +209,24 @@ def check_sequences(study: Study) -> None:
     Raises: ConfigError: If a condition has fewer movements of one distance and width than
         `MIN_SEQUENCE_TRIALS` in a block, even if all trials are hits.
     """
-    if not isinstance(study.task, Tapping) or (short := _shortest_sequence(study))[0] >= MIN_SEQUENCE_TRIALS:
+    if not isinstance(study.task, Tapping):
         return
-    movements, condition = short
-    more = range(study.repetitions + 1, MAX_ADVISED_REPETITIONS)
-    copies = (study.model_copy(update={"repetitions": each}) for each in more)
-    enough = (copy.repetitions for copy in copies if _shortest_sequence(copy)[0] >= MIN_SEQUENCE_TRIALS)
+    movements, condition = _shortest_sequence(study)
+    if movements >= MIN_SEQUENCE_TRIALS:
+        return
+
+    # The least number of repetitions that suffices is found by trying.
+    advised = study.repetitions + 1
+    while advised < MAX_ADVISED_REPETITIONS:
+        more = study.model_copy(update={"repetitions": advised})
+        if _shortest_sequence(more)[0] >= MIN_SEQUENCE_TRIALS:
+            break
+        advised += 1
+    of_condition = f"{condition}: " if condition else ""
     raise ConfigError(
-        f"repetitions: {study.repetitions}: {f'{condition}: ' if condition else ''}a block has {movements} "
+        f"repetitions: {study.repetitions}: {of_condition}a block has {movements} "
         f"movements with one distance and width, of which the first trial is none, and throughput needs "
-        f"{MIN_SEQUENCE_TRIALS}; use repetitions: {next(enough, MAX_ADVISED_REPETITIONS)} or more"
+        f"{MIN_SEQUENCE_TRIALS}; use repetitions: {min(advised, MAX_ADVISED_REPETITIONS)} or more"
     )
 
 
@@ -213,17 +239,22 @@ def _shortest_sequence(study: Study) -> tuple[int, str]:
         for number in range(1, len(plan.order) + 1):
             trials = [trial for trial in plan.block(number) if not trial.practice]
             cells = [tuple(trial.cell.items()) for trial in trials]
-            moved = Counter((cell, distances[before]) for before, cell in itertools.pairwise(cells))
-            for cell in set(cells):
-                max_count = max((count for (to, _), count in moved.items() if to == cell), default=0)
-                shortest.append((max_count, condition_of(dict(cell))))
+            # A movement has the distance of the trial before, at whose target it begins.
+            counts: dict[tuple[tuple[str, str], ...], Counter[float]] = {cell: Counter() for cell in cells}
+            for previous, cell in itertools.pairwise(cells):
+                counts[cell][distances[previous]] += 1
+            for cell, by_distance in counts.items():
+                most = max(by_distance.values(), default=0)
+                shortest.append((most, condition_of(dict(cell))))
     return min(shortest)
 
 
 def _cells(study: Study) -> Iterator[tuple[tuple[str, str], ...]]:
     """Yield all combinations of levels, in the order of `Trial.cell`."""
     for parts in itertools.product(*(study.cells(vary) for vary in ("between", "block", "trial"))):
-        levels = {name: level for part in parts for name, level in part.items()}
+        levels: dict[str, str] = {}
+        for part in parts:
+            levels |= part
         yield tuple((name, levels[name]) for name in study.factors)
 
 

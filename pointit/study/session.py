@@ -91,17 +91,25 @@ class Session:
                 self._lsl = LslOutlets(self._study.name, self._participant)
             await self._begin()
             block = None
+            # The site of a block ends before another one starts, and with the session.
             sites = await stack.enter_async_context(contextlib.AsyncExitStack())
-            while (trial := self._progress.current) is not None:
+            while True:
+                trial = self._progress.current
+                if trial is None:
+                    break
                 if trial.block != block:
                     await self._ask_after(trial.block - 1)
                     await self._enter(trial, sites, is_first=block is None)
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            joined = self._site
-            rows = self._table.rows
-            self._store_about(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
+
+            # Without a site all trials were done before, and only the end was not stored.
+            if self._site is not None:
+                ended = utc(self._site.site.now_ns())
+            else:
+                ended = self._table.rows[-1]["began_utc"]
+            self._store_about(ended=ended)
 
     @property
     def stop_sentence(self) -> str:
@@ -138,6 +146,7 @@ class Session:
 
     async def _enter(self, trial: StudyTrial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
+        # A running site takes the settings if they can be changed live; otherwise another one starts.
         settings: dict[str, Any] = {**self._study.services(trial.cell), **self._setup.person}
         self._scenes = scenes_of(self._study, self._plan, trial.block, settings)
         if not self._setup.imu:
@@ -145,31 +154,40 @@ class Session:
         if self._site is not None and self._site.is_live(settings):
             await self._site.use(settings)
         else:
-            await sites.aclose()
-            options = self._setup
-            people = [self._participant]
-            file = self._folder.recording(self._participant) if options.record else None
-            run = pointit.run(
-                scenario_file(self._study, file),
-                users=people,
-                seed=trial.seed % 2**31,
-                localize=options.localize,
-                imu=options.imu or (),
-                output=options.output,
-                settings=settings,
-                listen=options.listen,
-            )
-            joining = StudySite.at(run, self._participant, settings)
-            self._site = await sites.enter_async_context(joining)
-            self._site.truth_tracker = self._study.truth if self._setup.imu else ""
-        if self._lsl is not None:
+            await self._start_site(trial, settings, sites)
+        if self._lsl is not None and self._site is not None:
             self._site.on_message = self._lsl.send
-        known = self._study.instructions
-        steps = [known[level] for level in trial.cell.values() if level in known]
+
+        # People rest between blocks, and read what is new.
         if not is_first and self._study.break_s and not self._setup.person:
             await self._wait(trial, self._study.break_s, is_break=True)
-        if steps or not is_first:
-            await self._view.tell(*(steps or [StudyStep(text="The next block begins.")]), go="begin")
+        instructions = self._study.instructions
+        steps = [instructions[level] for level in trial.cell.values() if level in instructions]
+        if not steps and not is_first:
+            steps = [StudyStep(text="The next block begins.")]
+        if steps:
+            await self._view.tell(*steps, go="begin")
+
+    async def _start_site(
+        self, trial: StudyTrial, settings: Mapping[str, Any], sites: contextlib.AsyncExitStack
+    ) -> None:
+        """End the site of the block before, if there is one, and start another with `settings`."""
+        await sites.aclose()
+        options = self._setup
+        file = self._folder.recording(self._participant) if options.record else None
+        run = pointit.run(
+            scenario_file(self._study, file),
+            users=[self._participant],
+            seed=trial.seed % 2**31,
+            localize=options.localize,
+            imu=options.imu or (),
+            output=options.output,
+            settings=settings,
+            listen=options.listen,
+        )
+        joining = StudySite.at(run, self._participant, settings)
+        self._site = await sites.enter_async_context(joining)
+        self._site.truth_tracker = self._study.truth if self._setup.imu else ""
 
     async def _do(self, trial: StudyTrial) -> None:
         """Run one attempt at `trial`, and write its row."""
@@ -179,27 +197,34 @@ class Session:
         if "begun" not in self._about:
             self._store_about(begun=utc(self._here.site.now_ns()))
         scene = self._scenes[trial.place]
-        before_m = self._scenes[trial.place - 1].target_m if trial.place else None
+        previous_m = self._scenes[trial.place - 1].target_m if trial.place else None
         if self._study.end == "press":
-            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
-            scene = replace(scene, objects=pressed)
+            objects = tuple(item.model_copy(update={"press": True}) for item in scene.objects)
+            scene = replace(scene, objects=objects)
+
+        # The row is written before anything else, so that no crash loses it.
         row = {**self._row(trial), "target": scene.name}
-        attempt, stop = await self._attempt(trial, row, scene, before_m)
+        attempt, stop = await self._attempt(trial, row, scene, previous_m)
         row |= attempt.columns()
         self._table.append(row)
         self._mark("trial_end", row, "outcome", "reason")
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
-        if stop is not None and (following := self._progress.current) is not None:
-            await self._run_command(stop, following)
+        next_trial = self._progress.current
+        if stop is not None and next_trial is not None:
+            await self._run_command(stop, next_trial)
 
     async def _attempt(
         self, trial: StudyTrial, row: Mapping[str, object], scene: StudyScene, before_m: Vec3 | None
     ) -> tuple[Attempt, StudyCommand | None]:
+        """Run an attempt. Return it, and the command after it that ended it, or None.
+
+        `before_m`: position of the target before, {W}, m.
+        """
         room = self._here
         study = self._study
         target, target_m = await room.show(scene)
-        attempt = room.attempt = Attempt(
+        attempt = Attempt(
             began_ns=room.site.now_ns(),
             target=target,
             target_m=target_m,
@@ -211,7 +236,9 @@ class Session:
             stay_s=scene.stay_s,
             names=Counter() if room.has_names else None,
         )
+        room.attempt = attempt  # from now on it gets the messages
         self._mark("trial_start", row, *trial.cell, "practice", "target")
+
         later: StudyCommand | None = None
         try:
             while attempt.outcome is None:
@@ -221,12 +248,14 @@ class Session:
                     attempt.target_m = room.position(target) or attempt.target_m
                 room.problem  # noqa: B018 - raises what has failed in the background
                 attempt.tick(room.site.now_ns())
-                if (command := self._view.command()) is not None:
-                    if command.name == "skip":
-                        attempt.abandon(f"skipped: {command.reason or 'by the experimenter'}")
-                    else:
-                        attempt.abandon(f"{REPEATED}: {command.name} by the experimenter")
-                        later = command if command.name in ("pause", "stop") else None
+                command = self._view.command()
+                if command is None:
+                    continue
+                if command.name == "skip":
+                    attempt.abandon(f"skipped: {command.reason or 'by the experimenter'}")
+                    continue
+                attempt.abandon(f"{REPEATED}: {command.name} by the experimenter")
+                later = command if command.name in ("pause", "stop") else None
         except asyncio.CancelledError:  # Ctrl-C; simulated people repeat all that they did
             if not self._setup.person and attempt.outcome is None:
                 attempt.abandon(f"{REPEATED}: interrupted")
@@ -243,14 +272,23 @@ class Session:
         """
         site = self._here.site
         end_ns = site.now_ns() + round(seconds * 1e9)
-        while (left_ns := end_ns - site.now_ns()) > 0 or (self._here.problem and not is_break):
-            rest = f"{BREAK}{math.ceil(left_ns / 1e9)} s left"
-            self._show_status(trial, rest if is_break else self._here.problem or "pause")
+        while True:
+            remaining_ns = end_ns - site.now_ns()
+            is_over = remaining_ns <= 0
+            if is_over and (is_break or not self._here.problem):
+                return
+            if is_break:
+                state = f"{BREAK}{math.ceil(remaining_ns / 1e9)} s left"
+            else:
+                state = self._here.problem or "pause"
+            self._show_status(trial, state)
             await site.sleep(TICK_S)
-            if (command := self._view.command()) is not None:
-                await self._run_command(command, trial)
-                if self._progress.current is not trial and not is_break:
-                    return
+            command = self._view.command()
+            if command is None:
+                continue
+            await self._run_command(command, trial)
+            if self._progress.current is not trial and not is_break:
+                return
 
     async def _run_command(self, command: StudyCommand, trial: StudyTrial) -> None:
         """Obey a command between two attempts. Raises: StoppedError: If it is `stop`."""
@@ -265,10 +303,12 @@ class Session:
             self._progress.end(is_done=True)
         elif command.name == "pause":
             self._show_status(trial, "paused")
-            while (following := self._view.command()) is None:
+            next_command = self._view.command()
+            while next_command is None:
                 await self._here.site.sleep(TICK_S)
-            if following.name != "pause":
-                await self._run_command(following, trial)
+                next_command = self._view.command()
+            if next_command.name != "pause":  # a second one goes on
+                await self._run_command(next_command, trial)
 
     def _row(self, trial: StudyTrial) -> dict[str, object]:
         """Return the columns of an attempt at `trial` that are known before it."""
@@ -288,10 +328,10 @@ class Session:
         """Store the services' configuration after their start, and warnings about clock skew."""
         configurations: list[dict[str, Any]] = self._about.get("configuration", [])
         services = {name: json.loads(text) for name, text in sorted(self._here.configuration.items())}
-        if services and (not configurations or configurations[-1]["services"] != services):
-            self._store_about(
-                configuration=[*configurations, {"from_trial": trial.number, "services": services}]
-            )
+        last_services = configurations[-1]["services"] if configurations else {}
+        if services and services != last_services:
+            configuration = {"from_trial": trial.number, "services": services}
+            self._store_about(configuration=[*configurations, configuration])
         if attempt.clock_apart_s > max(CLOCK_APART_S, self._about.get("clock_apart_s", 0.0)):
             self._store_about(clock_apart_s=round(attempt.clock_apart_s, 3))
 
@@ -306,35 +346,40 @@ class Session:
             for scale in map(scale_of, self._study.questionnaires):
                 if answered[scale.name, str(block)] >= len(scale.items):
                     continue
-                about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
-                about |= {"condition": self._plan.order[block - 1]}
-                answers = enumerate(await self._view.ask(scale, name), 1)
-                table.append(*({**about, "item": item, "value": value} for item, value in answers))
+                common = {
+                    "participant": self._participant,
+                    "questionnaire": scale.name,
+                    "block": block,
+                    "condition": self._plan.order[block - 1],
+                }
+                values = await self._view.ask(scale, name)
+                rows = [{**common, "item": item, "value": value} for item, value in enumerate(values, 1)]
+                table.append(*rows)  # all at once: no crash stores half a questionnaire
 
     def _show_status(self, trial: StudyTrial, state: str, scene: StudyScene | None = None) -> None:
-        self._view.status(
-            StudyStatus(
-                participant=self._participant,
-                trial=trial.number,
-                block=trial.block,
-                condition=condition_of(trial.cell),
-                left=self._progress.left,
-                target=scene.name if scene else "",
-                say=scene.say if scene else "",
-                state=state,
-                trials=len(self._plan.trials),
-                outcomes=tuple(
-                    f"{row['trial']}: {row['reason'] or row['outcome']}" for row in self._table.rows[:-6:-1]
-                ),
-                quality=self._here.quality,
-                live=None if self._setup.person else self._here.live,
-            )
+        last_rows = self._table.rows[:-6:-1]  # the newest first
+        outcomes = tuple(f"{row['trial']}: {row['reason'] or row['outcome']}" for row in last_rows)
+        status = StudyStatus(
+            participant=self._participant,
+            trial=trial.number,
+            block=trial.block,
+            condition=condition_of(trial.cell),
+            left=self._progress.left,
+            target="" if scene is None else scene.name,
+            say="" if scene is None else scene.say,
+            state=state,
+            trials=len(self._plan.trials),
+            outcomes=outcomes,
+            quality=self._here.quality,
+            live=None if self._setup.person else self._here.live,
         )
+        self._view.status(status)
 
     def _mark(self, event: str, row: Mapping[str, object], *columns: str) -> None:
         """Send a marker with columns of the row of an attempt."""
         if self._lsl is not None:
-            self._lsl.mark(event=event, **{name: row[name] for name in ("trial", "attempt", *columns)})
+            fields = {name: row[name] for name in ("trial", "attempt", *columns)}
+            self._lsl.mark(event=event, **fields)
 
     def _store_about(self, **about: object) -> None:
         self._about |= about

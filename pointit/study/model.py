@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -161,12 +162,20 @@ class Study(Config):
 
     def parameters(self, cell: dict[str, str]) -> dict[str, Value]:
         """Return the parameters that the levels of `cell` set."""
-        return {k: v for factor, level in cell.items() for k, v in self.factors[factor].levels[level].items()}
+        parameters: dict[str, Value] = {}
+        for factor, level in cell.items():
+            parameters |= self.factors[factor].levels[level]
+        return parameters
 
     def services(self, cell: dict[str, str]) -> dict[str, Value]:
         """Return the parameters of services in the condition `cell`."""
-        ours = {name: value for name, value in self.parameters(cell).items() if not name.startswith(TASK)}
-        return {**self.settings, **(PRESS if self.end == "press" else {}), **ours}
+        settings: dict[str, Value] = dict(self.settings)
+        if self.end == "press":
+            settings |= PRESS
+        for name, value in self.parameters(cell).items():
+            if not name.startswith(TASK):
+                settings[name] = value
+        return settings
 
     def task_in(self, cell: dict[str, str]) -> Task:
         """Return the task with the parameters of the condition `cell`.
@@ -174,8 +183,9 @@ class Study(Config):
         Raises: ConfigError: If a value is wrong.
         """
         values: dict[str, Any] = self.task.model_dump()
-        given = self.parameters(cell)
-        values |= {k.removeprefix(TASK): value for k, value in given.items() if k.startswith(TASK)}
+        for name, value in self.parameters(cell).items():
+            if name.startswith(TASK):
+                values[name.removeprefix(TASK)] = value
         layers = Layers()
         layers.add(values, f"task in {', '.join(cell.values()) or 'the study'}")
         return layers.build(type(self.task))
@@ -223,16 +233,22 @@ class Study(Config):
     @field_validator("questionnaires")
     @classmethod
     def _known_questions(cls, given: tuple[Questionnaire, ...]) -> tuple[Questionnaire, ...]:
-        for each in given:
-            check_questionnaire(each)
-        names = [scale_of(each).name for each in given]
-        if twice := {name for name in names if names.count(name) > 1}:
-            raise ValueError(f"{min(twice)} is there twice: their answers could not be told apart")
+        for questionnaire in given:
+            check_questionnaire(questionnaire)
+        names = Counter(scale_of(questionnaire).name for questionnaire in given)
+        repeated = [name for name, count in names.items() if count > 1]
+        if repeated:
+            raise ValueError(f"{min(repeated)} is there twice: their answers could not be told apart")
         return given
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        levels = [level for factor in self.factors.values() for level in factor.levels]
+        self._check_factors()
+        self._check_balance()
+        return self
+
+    def _check_factors(self) -> None:
+        """Check names and levels of factors, and that each parameter is set by one of them."""
         cells = math.prod(len(factor.levels) for factor in self.factors.values())
         if cells > MAX_CELLS:
             raise described_error(f"the factors have {cells} combinations of levels; {MAX_CELLS} at most")
@@ -241,24 +257,35 @@ class Study(Config):
                 raise described_error(
                     f"factor {name}: use another name; it is a column of trials.csv or not a word"
                 )
-        if unknown := self.instructions.keys() - set(levels):
+        levels = set[str]().union(*(factor.levels for factor in self.factors.values()))
+        unknown = self.instructions.keys() - levels
+        if unknown:
             raise described_error(f"instructions: there is no level {min(unknown)}")
+
+        # All levels of a factor set the same parameters: its first one names them.
         set_by: dict[str, str] = {}
         for name, factor in self.factors.items():
             for parameter in next(iter(factor.levels.values())):
                 if set_by.setdefault(parameter, name) != name:
                     raise described_error(f"{parameter} is set by the factors {set_by[parameter]} and {name}")
+
+    def _check_balance(self) -> None:
+        """Check that the number of participants fits the order of conditions and the groups."""
+        people = len(self.people)
         blocks = len(self.cells("block"))
-        needed = len(square(self.order, blocks)) * len(self.cells("between"))
-        if len(self.people) % needed:
-            min_people = math.ceil(len(self.people) / needed) * needed
-            raise described_error(
-                f"{len(self.people)} participants cannot balance {blocks} conditions in order {self.order}"
-                + (f" and {len(self.cells('between'))} groups" if self.factors_of("between") else "")
-                + f"; use a multiple of {needed}, such as {min_people}"
-                + (", or order: blocked_random" if blocks > 1 and self.order != "blocked_random" else "")
-            )
-        return self
+        groups = len(self.cells("between"))
+        needed = len(square(self.order, blocks)) * groups
+        if people % needed == 0:
+            return
+        with_groups = f" and {groups} groups" if self.factors_of("between") else ""
+        way_out = ""
+        if blocks > 1 and self.order != "blocked_random":
+            way_out = ", or order: blocked_random"
+        min_people = math.ceil(people / needed) * needed
+        raise described_error(
+            f"{people} participants cannot balance {blocks} conditions in order {self.order}{with_groups}"
+            f"; use a multiple of {needed}, such as {min_people}{way_out}"
+        )
 
 
 def read_study(path: Path) -> Study:

@@ -5,7 +5,7 @@ import contextlib
 import functools
 import math
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import pointit
@@ -88,9 +88,13 @@ class StudySite:
 
     def is_live(self, settings: Mapping[str, Value]) -> bool:
         """Return True if `settings` can be used without a new start."""
-        changed = {n for n in self._settings | dict(settings) if self._settings.get(n) != settings.get(n)}
-        dwell = DWELL.get(str(settings.get("selector.method")), "")  # that of another method is not sent
-        return changed <= LIVE & settings.keys() and changed & set(DWELL.values()) <= {dwell}
+        names = self._settings.keys() | settings.keys()
+        changed = {name for name in names if self._settings.get(name) != settings.get(name)}
+        if not changed <= LIVE & settings.keys():
+            return False
+        # The dwell of another method is not sent.
+        dwell = DWELL.get(str(settings.get("selector.method")), "")
+        return changed & set(DWELL.values()) <= {dwell}
 
     async def use(self, settings: Mapping[str, Value]) -> None:
         """Change the live parameters to those of `settings`."""
@@ -99,7 +103,8 @@ class StudySite:
         if method is not None or dwell_s is not None:
             seconds = None if dwell_s is None else float(dwell_s)
             await self.site.select.method(None if method is None else str(method), dwell_s=seconds)
-        if (speed := settings.get("conveyor-sim.speed_mps")) is not None:
+        speed = settings.get("conveyor-sim.speed_mps")
+        if speed is not None:
             await self.site.conveyor.set_speed(float(speed))
         self._settings = dict(settings)
 
@@ -120,9 +125,11 @@ class StudySite:
     @property
     def truth_problem(self) -> str:
         """Sentence if the true pose, which the study declares, does not come, else `""`."""
+        if not self.truth_tracker:
+            return ""
         pose = self._true_pose
         oldest_ns = self.site.now_ns() - SILENT_S * NS_PER_S
-        if not self.truth_tracker or (pose is not None and pose.stamp_ns > oldest_ns):
+        if pose is not None and pose.stamp_ns > oldest_ns:
             return ""
         return (
             f"the tracker {self.truth_tracker} sees no {self._user}: start it with `truth: true`, and check "
@@ -135,13 +142,17 @@ class StudySite:
         pose = self.site.latest.pose.get(self._user)
         if pose is None or not any(pose.covariance):
             return ""
-        text = f"position ±{position_sigma_m(pose.covariance) * 100:.0f} cm, "
-        text += f"yaw ±{math.degrees(yaw_sigma_rad(pose.covariance)):.1f}°"
-        true_pose = None if self.truth_problem else self._true_pose
-        error = None if true_pose is None else true_pose.error_of(pose)
-        if error is not None:
-            text += f"; true error {error.position_m * 100:.0f} cm"
-            text += "" if error.yaw_rad is None else f", {math.degrees(error.yaw_rad):+.1f}°"
+        sigma_cm = position_sigma_m(pose.covariance) * 100
+        sigma_deg = math.degrees(yaw_sigma_rad(pose.covariance))
+        text = f"position ±{sigma_cm:.0f} cm, yaw ±{sigma_deg:.1f}°"
+        if self.truth_problem or self._true_pose is None:
+            return text
+        error = self._true_pose.error_of(pose)
+        if error is None:
+            return text
+        text += f"; true error {error.position_m * 100:.0f} cm"
+        if error.yaw_rad is not None:
+            text += f", {math.degrees(error.yaw_rad):+.1f}°"
         return text
 
     @property
@@ -149,15 +160,23 @@ class StudySite:
         """The room from above, as it is now."""
         pose = self.site.latest.pose.get(self._user)
         attempt = self.attempt
-        is_silent = self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S
-        ray = None if is_silent else self._cursor
-        return TopView(
+        view = TopView(
             lines=self._lines,
             person=None if pose is None else flat(pose.position_m),
-            eyes=None if ray is None else flat(ray.origin_m),
-            direction=None if ray is None else flat(ray.direction),
-            cursor=None if ray is None else flat(ray.point_m),
+            eyes=None,
+            direction=None,
+            cursor=None,
             target=None if attempt is None else flat(attempt.target_m),
+        )
+        is_silent = self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S
+        cursor = self._cursor
+        if cursor is None or is_silent:
+            return view
+        return replace(
+            view,
+            eyes=flat(cursor.origin_m),
+            direction=flat(cursor.direction),
+            cursor=flat(cursor.point_m),
         )
 
     @functools.cached_property
@@ -175,6 +194,8 @@ class StudySite:
         """
         if scene.say:
             await self.site.feedback.say(self._user, scene.say)
+
+        # A target at a place that is known is there at once.
         if scene.target_m is not None:
             self._scene = scene
             self._tracker.update(scene.objects)
@@ -183,29 +204,37 @@ class StudySite:
             if scene.localize:
                 await self.site.localizer.start(self._user, scene.localize)
             return scene.target, scene.target_m
-        await self.site.conveyor.reset()
-        await self.site.conveyor.set_feeding(False)
-        added = [
-            await self.site.conveyor.add_package(
-                p.kind, lane=p.lane, length_m=p.length_m, position=p.position
+
+        # Packages appear when the conveyor reports them. The target is the first one.
+        conveyor = self.site.conveyor
+        await conveyor.reset()
+        await conveyor.set_feeding(False)
+        ids: list[str] = []
+        for package in scene.packages:
+            reply = await conveyor.add_package(
+                package.kind, lane=package.lane, length_m=package.length_m, position=package.position
             )
-            for p in scene.packages
-        ]
-        target = added[0].object_id
+            ids.append(reply.object_id)
+        target = ids[0]
         end_ns = self.site.now_ns() + TIMEOUT_S * NS_PER_S
-        while (place_m := self.position(target)) is None:
+        place_m = self.position(target)
+        while place_m is None:
             if self.site.now_ns() > end_ns:
                 raise PointItError(
                     f"package {target} does not appear within {TIMEOUT_S:g} s; see `pointit doctor`"
                 )
             await self.site.sleep(SHOW_S / 2)
+            place_m = self.position(target)
         self._scene = scene
         return target, place_m
 
     def position(self, object_id: str) -> Vec3 | None:
         """Return the last reported position of an object, {W}, or None."""
-        listed = (each for message in self.site.latest.objects.values() for each in message.objects)
-        return next((each.position_m for each in listed if each.id == object_id), None)
+        for message in self.site.latest.objects.values():
+            for tracked in message.objects:
+                if tracked.id == object_id:
+                    return tracked.position_m
+        return None
 
     async def hide(self) -> None:
         """Hide the target."""
@@ -241,7 +270,7 @@ class StudySite:
         work = [self._pump(*feed) for feed in feeds]
         work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
         work += [self._follow_truth()]
-        self._tasks = [asyncio.create_task(each) for each in work]
+        self._tasks = [asyncio.create_task(coroutine) for coroutine in work]
 
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
         """Pass messages to the attempt that goes on."""
@@ -257,15 +286,19 @@ class StudySite:
 
     async def _follow_robots(self) -> None:
         async for name, state in self.site.messages(topics.ROBOT_STATE).items():
-            if self.attempt is not None and self._scene is not None and self._scene.robot == name:
+            if self.attempt is None or self._scene is None:
+                continue
+            if self._scene.robot == name:
                 self.attempt.on_robot(state, self.site.now_ns())
 
     async def _follow_localization(self) -> None:
         async for state in self.site.messages(topics.LOCALIZATION, self._user):
-            if self.attempt is not None and self._scene is not None and self._scene.localize:
+            if self.attempt is None or self._scene is None:
+                continue
+            if self._scene.localize:
                 pose = self.site.latest.pose.get(self._user)
-                found_m = None if pose is None else pose.position_m
-                self.attempt.on_localization(state, found_m, self.site.now_ns())
+                position_m = None if pose is None else pose.position_m
+                self.attempt.on_localization(state, position_m, self.site.now_ns())
 
     async def _follow_truth(self) -> None:
         async for tracker, message in self.site.messages(topics.OBJECTS).items():

@@ -146,7 +146,8 @@ def decide(
     if chances[0] < ASKED or sum(chances[:2]) < EITHER:
         return Decision("refuse", ())
     count = 1
-    if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0:
+    min_second = (1.0 - SURE) / 2.0
+    if len(chances) > 1 and chances[1] >= min_second:
         count = 2
     return Decision("ask", rescaled[:count])
 
@@ -309,8 +310,7 @@ def referents(
     if not cursors:
         return _without_rays(spoken)
     origins = np.array([cursor.origin_m for cursor in cursors], dtype=np.float64)
-    directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
-    times_s = np.array([(cursor.stamp_ns - spoken.at_ns) / NS_PER_S for cursor in cursors])
+    times_s, directions = _rays(cursors, spoken.at_ns)
     if spoken.word == "these":
         densities = _densities(origins, directions, targets, model)
         return _swept(targets, densities, model)
@@ -322,9 +322,12 @@ def referents(
     shares = np.array(chances(stays, words_s, words_s.index(0.0), model))
 
     # Mean ray of each stay, less exact after a longer way of the arm
-    rays_of_stays = [slice(stay.first, stay.last + 1) for stay in stays]
-    mean_origins = np.array([origins[rays].mean(axis=0) for rays in rays_of_stays])
-    mean_directions = np.array([directions[rays].mean(axis=0) for rays in rays_of_stays])
+    mean_origins: list[Array] = []
+    mean_directions: list[Array] = []
+    for stay in stays:
+        rays = slice(stay.first, stay.last + 1)
+        mean_origins.append(origins[rays].mean(axis=0))
+        mean_directions.append(directions[rays].mean(axis=0))
     ways_rad = np.array([stay.way_rad for stay in stays])
     ways = np.minimum(ways_rad / USUAL_WAY_RAD, 1.0)
     constant_rad = math.hypot(model.pose_rad, spoken.yaw_sigma_rad)
@@ -333,7 +336,7 @@ def referents(
     # Weight of each target, and of the rest: what was not seen speaks for nothing
     flat = 1.0 / FIELD_SR
     unseen = 1.0 - float(shares.sum())
-    densities = _densities(mean_origins, mean_directions, targets, model, sideways_rad)
+    densities = _densities(np.array(mean_origins), np.array(mean_directions), targets, model, sideways_rad)
     likelihoods = densities @ shares + unseen * flat
     priors = _priors(targets, origins, spoken.word) * model.any_target
     weights = priors * likelihoods
@@ -341,7 +344,8 @@ def referents(
     total = float(weights.sum()) + rest
     candidates: list[Referent] = []
     for target, weight in zip(targets, weights, strict=True):
-        candidates.append(_target_candidate(target, min(float(weight) / total, 1.0)))
+        probability = min(float(weight) / total, 1.0)
+        candidates.append(_target_candidate(target, probability))
 
     # Part of the rest is a place: where the speaker is, or where they point
     own = 0.0
@@ -353,10 +357,19 @@ def referents(
         probability = weight_of_places * float(shares[best]) / total
         candidates.append(_place(cursors, stays[best], probability))
     if own and spoken.own_m is not None:
-        candidates.append(
-            Referent(kind="place", name=spoken.user, probability=own / total, place_m=spoken.own_m)
-        )
+        candidates.append(_own_place(spoken.user, spoken.own_m, own / total))
     return _ranked(candidates, len(cursors))
+
+
+def _rays(cursors: Sequence[Cursor], at_ns: int) -> tuple[Array, Array]:
+    """Return times since `at_ns`, s, and directions (n x 3) of rays."""
+    times_s = [(cursor.stamp_ns - at_ns) / NS_PER_S for cursor in cursors]
+    directions = [cursor.direction for cursor in cursors]
+    return np.array(times_s), np.array(directions, dtype=np.float64)
+
+
+def _own_place(user: str, place_m: Vec3, probability: float) -> Referent:
+    return Referent(kind="place", name=user, probability=probability, place_m=place_m)
 
 
 def _target_candidate(target: ReferentTarget, probability: float) -> Referent:
@@ -367,7 +380,7 @@ def _without_rays(spoken: Spoken) -> Referents:
     """Return the speaker's own place if the word may mean it, else no candidates."""
     if spoken.word != "here" or spoken.own_m is None:
         return Referents(message=NO_RAYS)
-    own = Referent(kind="place", name=spoken.user, probability=OWN_PLACE, place_m=spoken.own_m)
+    own = _own_place(spoken.user, spoken.own_m, OWN_PLACE)
     return Referents(candidates=(own,), none=1.0 - OWN_PLACE, message=NO_RAYS)
 
 
@@ -379,7 +392,8 @@ def _ranked(candidates: list[Referent], rays: int) -> Referents:
         if candidate.probability >= MIN_PROBABILITY:
             most_probable.append(candidate)
     none = 1.0 - math.fsum(candidate.probability for candidate in most_probable)
-    return Referents(candidates=tuple(most_probable), none=min(max(none, 0.0), 1.0), rays=rays)
+    none = min(max(none, 0.0), 1.0)  # beyond by a rounding error at most
+    return Referents(candidates=tuple(most_probable), none=none, rays=rays)
 
 
 def _densities(
@@ -405,8 +419,9 @@ def _densities(
     flat_m = np.hypot(x, y)
     range_m = np.maximum(np.hypot(flat_m, z), 0.05)
     sizes = np.array([target.size_m for target in targets])
-    wide = np.arctan(sizes[:, 0, None] / 2.0 / range_m)
-    high = np.arctan(sizes[:, 2, None] / 2.0 / range_m)
+    halves_m = sizes[:, :, None] / 2.0
+    wide = np.arctan(halves_m[:, 0] / range_m)
+    high = np.arctan(halves_m[:, 2] / range_m)
 
     # Angles from the ray to their outline, in standard deviations
     u, v, w = directions.T
@@ -428,8 +443,10 @@ def _densities(
     spread = root * BENT_ARM_FACTOR
     effective_width = 2.0 * wide + spread * sideways
     effective_height = 2.0 * high + spread * model.upwards_rad
-    inexact = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2) / effective_width / effective_height
-    densities: Array = (1.0 - model.bent_arm_share) * exact + model.bent_arm_share * inexact
+    bent_arm = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2)
+    inexact = bent_arm / effective_width / effective_height
+    share = model.bent_arm_share
+    densities: Array = (1.0 - share) * exact + share * inexact
     return densities
 
 
@@ -439,7 +456,8 @@ def _priors(targets: Sequence[ReferentTarget], origins: Array, word: Deictic) ->
         return np.zeros(0)
     centers_m = np.array([target.center_m for target in targets])
     ranges_m = np.linalg.norm(centers_m - origins.mean(axis=0), axis=1)
-    weights: Array = np.maximum(ranges_m, 0.3) ** BY_DISTANCE.get(word, 0.0)
+    exponent = BY_DISTANCE.get(word, 0.0)
+    weights: Array = np.maximum(ranges_m, 0.3) ** exponent
     shares: Array = weights / weights.sum()
     return shares
 
@@ -478,7 +496,8 @@ def _swept(targets: Sequence[ReferentTarget], densities: Array, model: ReferentM
             candidates.append(_target_candidate(target, float(probability)))
     candidates.sort(key=lambda candidate: -candidate.probability)
     none = math.prod(1.0 - candidate.probability for candidate in candidates)
-    return Referents(candidates=tuple(candidates[: 4 * MAX_CANDIDATES]), none=none, rays=rays)
+    most_probable = candidates[: 4 * MAX_CANDIDATES]
+    return Referents(candidates=tuple(most_probable), none=none, rays=rays)
 
 
 class RecogniserClock:
@@ -521,8 +540,7 @@ class RecogniserClock:
                 continue
 
             # The stay that most probably belongs to the word, if its beginning was seen
-            times_s = np.array([(cursor.stamp_ns - spoken.at_ns) / NS_PER_S for cursor in cursors])
-            directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
+            times_s, directions = _rays(cursors, spoken.at_ns)
             stays = stays_of(times_s, directions, CLOCK_MODEL)
             words_s = sorted((word_ns - spoken.at_ns) / NS_PER_S for word_ns in times_ns)
             shares = chances(stays, words_s, words_s.index(0.0), CLOCK_MODEL)
@@ -548,5 +566,6 @@ class RecogniserClock:
         if lag_s > LATEST_S:
             order = "later"
             clock_error = "behind"
-        symptom = f"arms arrive about {abs(lag_s - TYPICAL_S):.1f} s {order} about words than they should"
+        error_s = abs(lag_s - TYPICAL_S)
+        symptom = f"arms arrive about {error_s:.1f} s {order} about words than they should"
         return f"{symptom}: the recogniser's clock is {clock_error}, or it dates words wrongly; {REMEDY}"

@@ -215,26 +215,26 @@ class Acts:
 
     def on_states(self, carrier: str, states: ThingStates) -> set[str]:
         """Note what a carrier reports. Return the things whose state was known before."""
-        known = self._carriers.setdefault(carrier, _Carrier())
-        previous_states = known.states
+        known_carrier = self._carriers.setdefault(carrier, _Carrier())
+        previous_states = known_carrier.states
         new_states: dict[str, ThingState] = {}
         for state in states.things:
             new_state = state
-            if not known.is_newer(state.id, states.stamp_ns):  # a result has overtaken this report
+            if not known_carrier.is_newer(state.id, states.stamp_ns):  # a result has overtaken this report
                 new_state = previous_states.get(state.id, state)
             new_states[state.id] = new_state
-        known.states = new_states
-        known.newest_ns = {name: known.newest_ns[name] for name in new_states}
+        known_carrier.states = new_states
+        known_carrier.newest_ns = {name: known_carrier.newest_ns[name] for name in new_states}
         return {name for name, state in previous_states.items() if state.state in ("on", "off")}
 
     def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
         """Note that a carrier runs, or has ended. Return the acts that have failed by that."""
-        known = self._carriers.setdefault(carrier, _Carrier())
-        known.is_present = present
-        known.newest_ns.clear()
+        known_carrier = self._carriers.setdefault(carrier, _Carrier())
+        known_carrier.is_present = present
+        known_carrier.newest_ns.clear()
         if present:
             return []
-        if not known.states:  # it took leave
+        if not known_carrier.states:  # it took leave
             del self._carriers[carrier]
 
         # What it had to do has failed, at once or when the last of the others has reported

@@ -364,7 +364,7 @@ class Arbiter:
 
         They have the last results, too, which it may have reported while no selector ran.
         """
-        known = self._acts.on_states(carrier, states)
+        known_things = self._acts.on_states(carrier, states)
 
         # All are noted before the first is concluded, which follows the targets of all others
         ended_acts: list[PendingAct] = []
@@ -376,7 +376,7 @@ class Arbiter:
         outputs: list[Output] = []
         for act in ended_acts:
             outputs += self._conclude(act, now_ns)
-        return outputs + self._follow_targets(now_ns, known)
+        return outputs + self._follow_targets(now_ns, known_things)
 
     def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:
         """Note that a carrier runs, or has ended."""
@@ -490,7 +490,7 @@ class Arbiter:
         if changes:
             return self._publish(user, changes, now_ns)
         text = "there is nothing to take back"
-        present_users = self._ownership.presences.there(now_ns)
+        present_users = self._ownership.presences.present_users(now_ns)
         if present_users and user not in present_users:  # the name may be a wrong one
             text = f"{user} is not there, but {', '.join(present_users)}: {text}"
         return [self._publisher.cue(user, "refused", text, now_ns)]

@@ -46,7 +46,7 @@ class Departures:
         self, selected: Iterable[str], present: Container[str], now_ns: int, clock: str = OWN
     ) -> list[str]:
         """Return those of `selected` that have left by `now_ns` of `clock`, given the `present` objects."""
-        left: list[str] = []
+        left_ids: list[str] = []
         for object_id in selected:
             if object_id in present:
                 self._missed.pop(object_id, None)
@@ -57,8 +57,8 @@ class Departures:
                 missing_since_ns[clock] = now_ns
             elif now_ns - began_ns >= wait_ns:
                 del self._missed[object_id]
-                left.append(object_id)
-        return left
+                left_ids.append(object_id)
+        return left_ids
 
 
 class _OnLine:

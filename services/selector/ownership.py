@@ -413,7 +413,7 @@ class UserPresence:
             self._present.discard(user)
         self._active_ns[user] = now_ns
 
-    def there(self, now_ns: int) -> list[str]:
+    def present_users(self, now_ns: int) -> list[str]:
         """Return the people who are not gone, by name."""
         users = {*self._present, *self._active_ns}
         return sorted(user for user in users if not self.is_gone(user, now_ns))

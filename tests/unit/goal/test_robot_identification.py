@@ -48,7 +48,7 @@ class Pointer:
         return self.core.identify(self.now_ns)
 
 
-def test_of_robots_beside_each_other_neither_is_chosen() -> None:
+def test_neither_of_two_adjacent_robots_is_chosen() -> None:
     near = {"a": LEFT, "b": vector.add(LEFT, (0.0, 0.25, 0.0))}
     assert Pointer(near).at(LEFT, 3.0).chosen == ""
 
@@ -59,13 +59,13 @@ def test_pointing_at_no_robot_chooses_none() -> None:
     assert found.none_probability > 0.99
 
 
-def test_another_robot_is_chosen_soon_after_the_arm_has_turned() -> None:
+def test_other_robot_is_chosen_soon_after_the_arm_has_turned() -> None:
     pointer = Pointer({"left": LEFT, "right": RIGHT})
     assert pointer.at(LEFT, 3.0).chosen == "left"
     assert pointer.at(RIGHT, 1.2).chosen == "right"
 
 
-def test_nobody_is_identified_without_pose_rays_or_recent_reports() -> None:
+def test_no_robot_is_identified_without_pose_rays_or_recent_reports() -> None:
     pointer = Pointer({"left": LEFT})
     assert pointer.core.identify(BEGIN_NS) == Identification()
     assert pointer.at(LEFT, 1.0).chosen == "left"
@@ -78,7 +78,7 @@ def test_nobody_is_identified_without_pose_rays_or_recent_reports() -> None:
     assert pointer.core.identify(pointer.now_ns) == Identification()
 
 
-def test_a_clock_that_is_set_back_begins_a_new_window() -> None:
+def test_new_window_starts_when_a_clock_is_set_back() -> None:
     pointer = Pointer({"left": LEFT, "right": RIGHT})
     pointer.at(LEFT, 3.0)
     pointer.now_ns -= 60 * NS_PER_S
@@ -91,7 +91,7 @@ def test_a_clock_that_is_set_back_begins_a_new_window() -> None:
     covariance=st.lists(st.floats(-1e12, 1e12), min_size=9, max_size=9),
 )
 @settings(max_examples=25, deadline=None)
-def test_the_room_may_lie_anywhere_and_a_covariance_may_be_none(
+def test_identification_works_far_from_the_origin_and_with_invalid_covariances(
     shift: tuple[float, float], yaw_rad: float, covariance: list[float]
 ) -> None:
     moved = (*shift, 0.0)
@@ -107,7 +107,7 @@ def test_the_room_may_lie_anywhere_and_a_covariance_may_be_none(
     assert sum(each.probability for each in odd.candidates) + odd.none_probability == pytest.approx(1.0)
 
 
-def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -> None:
+def test_two_reports_at_nearly_the_same_time_are_no_error() -> None:
     pointer = Pointer({"left": LEFT})
     pointer.at(LEFT, 1.2)
     for number in range(40, -1, -1):
@@ -118,7 +118,7 @@ def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -
     assert {each.object_id for each in found.candidates} == {"left", "right"}
 
 
-def test_a_requested_robot_is_taken_and_sent_once_it_obeys() -> None:
+def test_requested_robot_is_taken_and_sent_once_it_obeys() -> None:
     ben = Ben().point(THERE, 0.3)
     ben.outputs += ben.steps.send("rover", BEYOND, ben.now_ns)
     assert (ben.steering.robot, ben.goals) == ("rover", [])
@@ -130,7 +130,7 @@ def test_a_requested_robot_is_taken_and_sent_once_it_obeys() -> None:
     assert [each.position_m for each in ben.goals] == [pytest.approx(BEYOND), pytest.approx(THERE)]
 
 
-def test_a_person_who_comes_near_before_the_robot_obeys_keeps_it_where_it_is() -> None:
+def test_requested_robot_is_not_sent_when_a_person_comes_near() -> None:
     ben = Ben().point(THERE, 0.3)
     ben.outputs += ben.steps.send("rover", BEYOND, ben.now_ns)
     ben.steps.on_pose("anna", UserPose(stamp_ns=START_NS, position_m=BEYOND, yaw_rad=0.0))
@@ -150,7 +150,7 @@ def test_a_person_who_comes_near_before_the_robot_obeys_keeps_it_where_it_is() -
         ("rover", (0.1, 0.0, 0.0), "from you"),
     ],
 )
-def test_a_request_is_refused_for_the_reasons_of_pointing(robot: str, place: Vec3, why: str) -> None:
+def test_request_is_refused_for_the_reasons_of_pointing(robot: str, place: Vec3, why: str) -> None:
     ben = Ben().point(THERE, 0.3)
     with pytest.raises(RefusedError, match=why):
         ben.steps.send(robot, place, ben.now_ns)

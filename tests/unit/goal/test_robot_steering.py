@@ -119,7 +119,7 @@ class Ben:
         return self.cues[-1].text
 
 
-def test_a_press_takes_the_robot_pointed_at_which_then_follows() -> None:
+def test_press_takes_the_pointed_robot_which_then_follows() -> None:
     ben = Ben().point(QUAD)
     assert (ben.steering.robot, ben.steering.candidates[0].object_id) == ("", "quad")
     assert ben.steering.candidates[0].probability > 0.9
@@ -129,14 +129,14 @@ def test_a_press_takes_the_robot_pointed_at_which_then_follows() -> None:
     assert ben.text == "quad is yours: it takes off and follows where you point; press to land it there"
 
 
-def test_a_robot_is_taken_by_staying_on_it_where_that_is_configured() -> None:
+def test_staying_takes_a_robot_when_configured() -> None:
     ben = Ben(take="dwell").point(ROVER, 0.8)
     assert ben.steering.robot == ""
     assert ben.point(ROVER, 2.0).steering.robot == "rover"
     assert Ben().point(ROVER, 4.0).steering.robot == ""
 
 
-def test_staying_on_a_robot_that_is_unclear_from_a_place_beside_it_asks_and_staying_on_takes_it() -> None:
+def test_stay_on_an_unclear_robot_asks_and_a_second_stay_takes_it() -> None:
     ben = Ben(take="dwell", alone="quad")
     beside: Vec3 = (2.5, 0.0, 0.0)
     ben.point(beside, 2.0)
@@ -146,7 +146,7 @@ def test_staying_on_a_robot_that_is_unclear_from_a_place_beside_it_asks_and_stay
     assert left.point(beside, 1.0).steering.robot == ""  # the stay counts from its start
 
 
-def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_taken() -> None:
+def test_adjacent_robots_are_distinguished_by_pointing_on_or_neither_is_taken() -> None:
     ben = Ben()
     ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)
     ben.point((2.0, 0.07, 0.0)).press()
@@ -160,7 +160,7 @@ def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_tak
     assert ben.steering.robot == "quad"
 
 
-def test_an_unclear_press_is_forgotten_after_three_seconds() -> None:
+def test_unclear_press_is_forgotten_after_three_seconds() -> None:
     ben = Ben()
     ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)
     ben.point((2.0, 0.07, 0.0)).press().point((2.0, 0.07, 0.0), 3.2)
@@ -168,24 +168,24 @@ def test_an_unclear_press_is_forgotten_after_three_seconds() -> None:
     assert ben.point(QUAD, 3.0).steering.robot == ""
 
 
-def test_a_press_where_no_robot_is_takes_none() -> None:
+def test_press_away_from_robots_takes_none() -> None:
     ben = Ben().point((-2.0, -1.0, 0.0), 2.0).press()
     assert (ben.steering.robot, ben.text) == ("", "no robot is where you point: point at one, then press")
 
 
-def test_the_press_that_began_the_pointing_takes_nothing() -> None:
+def test_press_that_began_the_pointing_takes_nothing() -> None:
     ben = Ben().point(QUAD, 0.1)
     ben.press(ago_s=0.1)
     assert ben.cues == []
 
 
-def test_a_robot_of_another_person_is_refused_at_once() -> None:
+def test_robot_of_another_person_is_refused_at_once() -> None:
     ben = Ben().set("quad", user="anna").take("quad")
     assert ben.steering.robot == ""
     assert ben.text == "quad is steered by anna: wait until it is free, or point at another robot"
 
 
-def test_the_robot_decides_who_has_it_when_two_ask() -> None:
+def test_robot_decides_on_its_user_when_two_request_it() -> None:
     ben = Ben()
     ben.obeys = False
     ben.point(QUAD).press()
@@ -196,7 +196,7 @@ def test_the_robot_decides_who_has_it_when_two_ask() -> None:
     assert "selected" not in [cue.cue for cue in ben.cues]
 
 
-def test_a_reason_of_the_robot_is_the_answer_and_a_silent_one_is_given_up() -> None:
+def test_reason_of_the_robot_is_its_answer_and_silence_ends_a_request() -> None:
     ben = Ben()
     ben.obeys = False
     ben.set("quad", reason="the battery is empty: charge it").point(QUAD).press().point(QUAD, 1.0)
@@ -205,7 +205,7 @@ def test_a_reason_of_the_robot_is_the_answer_and_a_silent_one_is_given_up() -> N
     assert (ben.steering.robot, ben.text) == ("", "quad does not answer: see that it runs, and take it again")
 
 
-def test_a_press_lands_the_quadrotor_where_the_cursor_was_just_before() -> None:
+def test_press_lands_the_quadrotor_at_the_cursor_of_just_before() -> None:
     ben = Ben().take("quad").set("quad", phase="idle").point(THERE).point((1.6, 1.7, 0.0), 0.08).press()
     assert (ben.steering.robot, ben.steering.mode) == ("quad", "land")
     assert ben.steering.target_m == pytest.approx(THERE)  # the press moved the arm
@@ -217,14 +217,14 @@ def test_a_press_lands_the_quadrotor_where_the_cursor_was_just_before() -> None:
     assert ben.steering.target_m is None
 
 
-def test_a_long_press_of_a_headset_lands_it_where_the_cursor_was_before() -> None:
+def test_long_headset_press_lands_the_quadrotor_at_the_cursor_before_it() -> None:
     ben = Ben().take("quad").set("quad", phase="idle").point(THERE)
     ben.point((THERE[0] + 0.3, THERE[1], 0.0), 1.5).press(ago_s=1.5, source="headset")
     assert ben.steering.mode == "land"
     assert ben.steering.target_m == pytest.approx(THERE)
 
 
-def test_a_refused_landing_leaves_the_quadrotor_following() -> None:
+def test_quadrotor_follows_on_after_a_refused_landing() -> None:
     ben = Ben().take("quad").set("quad", phase="idle").point(THERE).press()
     ben.set("quad", reason="a fence is there: point at another place")
     assert (ben.steering.mode, ben.text) == ("follow", "quad: a fence is there: point at another place")
@@ -233,7 +233,7 @@ def test_a_refused_landing_leaves_the_quadrotor_following() -> None:
     assert len(ben.cues) == 3  # each reason once
 
 
-def test_reasons_with_changing_numbers_are_told_every_two_seconds() -> None:
+def test_changing_reasons_are_reported_every_two_seconds() -> None:
     ben = Ben().take("quad").set("quad", phase="idle")
     for away_m in range(30):
         ben.set("quad", reason=f"the fence is {away_m / 10:.1f} m away").point(THERE, 0.1)
@@ -268,7 +268,7 @@ def test_stays_are_way_points_and_a_press_sends_the_path() -> None:
     assert (ben.text, ben.cues[-1].chime, ben.steering.robot) == ("rover has arrived", "double", "rover")
 
 
-def test_a_goal_that_is_not_reached_or_not_taken_is_said() -> None:
+def test_missed_or_ignored_goal_is_reported() -> None:
     ben = Ben().take("rover").point(THERE).press()
     ben.set("rover", phase="moving", goal_ns=ben.goals[0].stamp_ns).set("rover", phase="idle", goal_ns=0)
     assert "before its goal: send it again" in ben.text
@@ -276,7 +276,7 @@ def test_a_goal_that_is_not_reached_or_not_taken_is_said() -> None:
     assert ben.text == "rover has not taken the goal: set its way-points again"
 
 
-def test_a_press_without_way_points_sends_nothing_but_takes_another_robot_pointed_at() -> None:
+def test_press_without_way_points_only_takes_another_pointed_robot() -> None:
     ben = Ben().take("rover").point((-2.0, -1.0, 0.0), 0.5).press()
     assert (ben.goals, ben.steering.robot) == ([], "rover")
     assert ben.text == "rover has no way-point yet: stay at a place for 1 s, then press"
@@ -287,7 +287,7 @@ def test_a_press_without_way_points_sends_nothing_but_takes_another_robot_pointe
     assert (ben.goals, ben.steering.robot, ben.steering.mode) == ([], "quad", "follow")
 
 
-def test_ceasing_to_point_lets_the_robot_go() -> None:
+def test_end_of_pointing_releases_the_robot() -> None:
     ben = Ben().take("rover").point(THERE)
     ben.rest()
     assert (ben.steering.robot, ben.steering.mode, ben.steering.waypoints_m) == ("", "none", ())
@@ -296,7 +296,7 @@ def test_ceasing_to_point_lets_the_robot_go() -> None:
     assert ben.steering.robot == ""
 
 
-def test_a_ground_robot_waits_while_its_person_points_at_a_lamp_and_a_quadrotor_is_let_go() -> None:
+def test_localizing_keeps_a_ground_robot_and_releases_a_quadrotor() -> None:
     ben = Ben().take("rover").point(THERE)
     before = len(ben.cues)
     ben.rest("localizing").set("rover", phase="stopped", reason="rover waits until ben is localized")
@@ -308,14 +308,14 @@ def test_a_ground_robot_waits_while_its_person_points_at_a_lamp_and_a_quadrotor_
     assert Ben().take("quad").rest("localizing").steering.robot == ""
 
 
-def test_who_waits_for_a_robot_hears_first_that_their_direction_is_uncertain() -> None:
+def test_uncertain_direction_is_reported_before_the_robots_answer() -> None:
     ben = Ben().set("rover", user="anna").point(ROVER)
     ben.steps.on_interaction(POINTING.model_copy(update={"is_unsure": True}), ben.now_ns)
     ben.press()
     assert ben.text == "your direction has become uncertain: press twice, then point at a lamp once"
 
 
-def test_a_robot_that_frees_itself_or_falls_silent_is_lost() -> None:
+def test_robot_that_frees_itself_or_falls_silent_is_lost() -> None:
     ben = Ben().take("rover")
     ben.set("rover", user="", phase="stopped", reason="anna stopped it")
     assert (ben.steering.robot, ben.text) == ("", "rover is no longer yours: anna stopped it")
@@ -346,7 +346,7 @@ ACTS = st.lists(
 
 @settings(max_examples=25, deadline=None)
 @given(ACTS)
-def test_whatever_happens_a_person_without_a_robot_wants_nothing_of_one(acts: list[tuple[str, Any]]) -> None:
+def test_steering_agrees_with_the_taken_robot_for_any_actions(acts: list[tuple[str, Any]]) -> None:
     ben = Ben()
     for act, what in acts:
         before = len(ben.goals)
@@ -374,7 +374,7 @@ def test_whatever_happens_a_person_without_a_robot_wants_nothing_of_one(acts: li
         assert not cue.text.endswith(".")
 
 
-def test_a_press_for_a_place_near_a_lone_robot_asks_and_only_another_press_takes_it() -> None:
+def test_press_beside_a_lone_robot_asks_and_a_second_press_takes_it() -> None:
     for behind_m in (0.5, 1.0, 1.5):
         assert Ben(alone="quad").point((2.0 + behind_m, 0.0, 0.0)).press().steering.robot == "", behind_m
     ben = Ben(alone="quad").point((2.5, 0.0, 0.0)).press()

@@ -122,7 +122,7 @@ async def test_late_subscriber_gets_the_state_of_a_killed_writer(room: Room) -> 
     assert await room.read() == [], "gone with the person"
 
 
-async def test_its_restart_loses_nothing_and_a_new_run_begins_without(room: Room) -> None:
+async def test_restarted_keeper_loses_nothing_and_a_new_run_starts_empty(room: Room) -> None:
     room.bus.announce(USER_ALIVE, "anna")
     await room.start()
     await room.write(UserProfile(stamp_ns=1, seq=3))
@@ -143,7 +143,9 @@ async def test_its_restart_loses_nothing_and_a_new_run_begins_without(room: Room
 
 
 @pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
-async def test_damaged_file_is_warned_of_and_overwritten(room: Room, tmp_path: Path, content: bytes) -> None:
+async def test_damaged_file_is_a_warning_and_is_overwritten(
+    room: Room, tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "memory" / "keeper" / "states.msgpack"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)

@@ -62,7 +62,7 @@ def test_every_state_is_retained_but_those_that_end_with_their_writers() -> None
     ]
 
 
-def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
+def test_newest_state_is_the_last_received_whatever_its_stamp() -> None:
     kept = shelf()
     kept.take(topics.PROFILE, "anna", profile(7, stamp_ns=900), NOW_NS)
     kept.take(
@@ -175,7 +175,7 @@ def test_vanished_deployment_is_retained_for_a_day() -> None:
     assert held(kept, topics.DEPLOYMENT) == {}
 
 
-def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -> None:
+def test_scenario_is_missing_until_another_starts_and_people_stay() -> None:
     kept = shelf()
     for name, scenario in (("run.scenario_4", "scenario_4"), ("anna", ""), ("run.scenario_2", "scenario_2")):
         kept.take(topics.DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
@@ -204,7 +204,7 @@ def test_misleading_state_drops_the_one_before(
     assert held(kept, topic) == {}
 
 
-def test_strangers_give_way_and_neither_number_nor_size_grows_without_bound() -> None:
+def test_ownerless_states_are_evicted_within_number_and_size() -> None:
     kept = shelf(max_values=3)
     kept.take(topics.PROFILE, "anna", profile(), NOW_NS)
     for number in range(100):
@@ -234,7 +234,7 @@ def test_total_size_of_states_is_bounded() -> None:
     assert kept.refused > 0
 
 
-def test_a_restarted_keeper_takes_up_what_nothing_newer_has_replaced() -> None:
+def test_restarted_keeper_restores_states_without_a_newer_one() -> None:
     before = shelf()
     before.take(topics.PROFILE, "anna", profile(3), NOW_NS)
     before.take(topics.SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
@@ -272,7 +272,7 @@ def test_person_neither_ends_the_run_nor_has_others_missed() -> None:
     assert set(held(kept, topics.DEPLOYMENT)) == {"run.scenario_4"}
 
 
-def test_lamps_that_are_not_in_the_map_give_way_to_everything_else() -> None:
+def test_lamps_outside_the_map_are_evicted_first() -> None:
     kept = shelf(max_values=3)
     lamp = LampColor(stamp_ns=1, color=(1, 2, 3))
     room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))

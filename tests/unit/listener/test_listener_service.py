@@ -92,7 +92,9 @@ def listed(name: str, azimuth_deg: float, **more: object) -> TrackedObject:
     ],
     ids=["an object with a prompt as its name", "a thing", "a robot", "a person"],
 )
-async def test_it_knows_things_objects_robots_and_people(azimuth: float, meant: tuple[str, str]) -> None:
+async def test_listener_finds_things_objects_robots_and_people(
+    azimuth: float, meant: tuple[str, str]
+) -> None:
     async with room() as here:
         boxes = (listed(HOSTILE, 0.0), listed("cup", 60.0))
         named = Thing(id="cup", center_m=boxes[1].position_m, size_m=(0.2, 0.2, 0.2))
@@ -111,7 +113,7 @@ async def test_it_knows_things_objects_robots_and_people(azimuth: float, meant: 
         assert await here.ask(None) == [meant], "now"
 
 
-async def test_a_moving_object_is_where_it_was_when_the_word_was_spoken() -> None:
+async def test_moving_object_is_placed_at_the_time_of_the_word() -> None:
     async with room() as here:
         x, y, z = thing("", 0.0).center_m
         moving = listed("box", 0.0, velocity_mps=(0.0, 2.0, 0.0)).model_copy(
@@ -139,7 +141,7 @@ async def test_person_with_a_listener_alone_is_not_present() -> None:
         assert people == {USER}
 
 
-async def test_nobody_else_is_answered_for_and_others_rays_are_not_kept() -> None:
+async def test_listener_serves_and_stores_one_person_only() -> None:
     async with room() as here:
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=START_NS, objects=(listed("a", 0.0),)), "things")
         await here.points(0.0, "ben")
@@ -148,7 +150,7 @@ async def test_nobody_else_is_answered_for_and_others_rays_are_not_kept() -> Non
             await here.ask(user="ben")
 
 
-async def test_what_is_too_old_or_ahead_of_the_clock_is_refused_in_a_sentence() -> None:
+async def test_too_old_or_future_word_is_refused_with_a_reason() -> None:
     async with room() as here:
         await here.points()
         with pytest.raises(RefusedError, match=r"that was 12\.5 s ago: only the last 10 s are kept"):
@@ -158,7 +160,7 @@ async def test_what_is_too_old_or_ahead_of_the_clock_is_refused_in_a_sentence() 
         assert await here.ask(LATER_S + 0.2) == []
 
 
-async def test_a_recogniser_whose_clock_is_half_a_second_ahead_is_named() -> None:
+async def test_recogniser_clock_half_a_second_ahead_is_a_warning() -> None:
     async with room() as here:
         here.clock.time_ns = at_ns(0.0)
 
@@ -194,7 +196,7 @@ async def test_a_recogniser_whose_clock_is_half_a_second_ahead_is_named() -> Non
         ),
     ],
 )
-def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_s: float, named: str) -> None:
+def test_recogniser_clock_half_a_second_off_is_detected_by_gestures(off_s: float, named: str) -> None:
     words = RecogniserClock()
     memory = PointingMemory()
     rays = gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)])
@@ -209,7 +211,7 @@ def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_
     assert bool(words.problem) == bool(named)
 
 
-async def test_a_clock_is_named_by_its_last_gesture_without_another_question(
+async def test_clock_warning_comes_with_the_last_gesture(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(referents, "WORDS", 1)
@@ -223,7 +225,7 @@ async def test_a_clock_is_named_by_its_last_gesture_without_another_question(
         await until(lambda: any("clock is behind" in each for each in here.health[-1].warnings))
 
 
-async def test_two_people_who_speak_at_once_mean_each_their_own() -> None:
+async def test_two_people_who_speak_at_once_mean_their_own_things() -> None:
     async with room() as here:
         here.bench.start(Listener, user="ben")
         await here.bench.settle()
@@ -236,7 +238,7 @@ async def test_two_people_who_speak_at_once_mean_each_their_own() -> None:
         assert (annas, bens) == ([("object", "left")], [("object", "right")])
 
 
-async def test_who_has_left_the_room_is_nobodys_referent_and_means_nothing() -> None:
+async def test_absent_person_is_no_referent_and_means_nothing() -> None:
     async with room() as here:
         x, y, z = thing("", 0.0).center_m
         there = here.bench.bus.announce(USER_ALIVE, "ben")
@@ -254,7 +256,7 @@ async def test_who_has_left_the_room_is_nobodys_referent_and_means_nothing() -> 
         assert (found.candidates, found.none, found.message) == ((), 1.0, NO_RAYS)
 
 
-async def test_a_word_before_any_ray_or_long_after_the_last_means_nothing() -> None:
+async def test_word_without_rays_at_its_time_means_nothing() -> None:
     async with room() as here:
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=START_NS, objects=(listed("a", 0.0),)), "things")
         here.clock.time_ns = at_ns(0.0)
@@ -265,7 +267,7 @@ async def test_a_word_before_any_ray_or_long_after_the_last_means_nothing() -> N
         assert await here.ask(6.0) == []
 
 
-def test_the_memory_is_bounded_in_time_and_number_and_ignores_late_cursors() -> None:
+def test_memory_is_bounded_and_ignores_late_cursors() -> None:
     memory = PointingMemory()
     cursors = gesture([(0.0, 0.0, 14.0)])
     for cursor in cursors:

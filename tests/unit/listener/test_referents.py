@@ -21,7 +21,7 @@ def names(found: Referents) -> list[str]:
     return [one.name for one in found.candidates if one.kind == "thing"]
 
 
-def test_the_thing_on_which_the_arm_stays_about_the_word_is_meant() -> None:
+def test_thing_of_the_stay_about_the_word_is_meant() -> None:
     rays = gesture([(0.0, 0.0, 1.0), (30.0, 1.5, 2.3), (-30.0, 2.8, 3.5)])
     for said_s, meant in ((1.6, "left"), (2.9, "right")):
         found = referents(rays, THREE, Spoken(at_ns=at_ns(said_s)))
@@ -52,7 +52,7 @@ def test_this_is_nearer_than_that_when_both_are_possible() -> None:
     assert decide(this, names=()).do == "refuse", "where nothing has that verb, nothing is meant"
 
 
-def test_here_is_the_place_of_the_speaker_and_there_a_place_on_the_floor() -> None:
+def test_here_is_the_speakers_place_and_there_one_on_the_floor() -> None:
     rays = gesture([(90.0, 0.0, 2.0)])
     here = referents(
         rays, THREE, Spoken(at_ns=at_ns(1.0), word="here", own_m=(1.0, 2.0, 0.0), user="anna")
@@ -74,7 +74,7 @@ def test_these_are_all_that_the_arm_sweeps_over() -> None:
     assert referents(rays, (), Spoken(at_ns=at_ns(0.8), word="these")).candidates == ()
 
 
-def test_a_direction_beside_everything_is_none_of_them_and_one_between_two_is_asked_about() -> None:
+def test_direction_beside_targets_means_none_and_between_two_asks() -> None:
     beside = referents(gesture([(80.0, 0.0, 2.0)]), THREE, Spoken(at_ns=at_ns(1.0), word="that"))
     assert sum(one.probability for one in beside.candidates if one.kind == "thing") < 0.2
     assert decide(beside, ("thing",)).do == "refuse"
@@ -94,7 +94,7 @@ def test_drift_that_the_pose_states_makes_it_less_sure() -> None:
     assert drifted.candidates[0].probability < sure.candidates[0].probability
 
 
-def test_a_referent_among_two_hundred_things_takes_less_than_20_ms() -> None:
+def test_referent_among_200_things_takes_less_than_20_ms() -> None:
     many = [thing(f"t{index}", float(index % 60 - 30), low_deg=index // 60 * 5.0) for index in range(200)]
     rays = gesture([(0.0, 0.0, 2.0)])
     took_s: list[float] = []
@@ -111,7 +111,7 @@ def test_a_referent_among_two_hundred_things_takes_less_than_20_ms() -> None:
     st.lists(st.floats(-2, 12), max_size=4),
     st.sampled_from(["", "this", "that", "here", "there", "these"]),
 )
-def test_probabilities_are_probabilities_whatever_is_said_and_pointed_at(
+def test_probabilities_are_valid_for_any_word_and_rays(
     stays: list[tuple[float, float]], said_s: float, others_s: list[float], word: str
 ) -> None:
     begin_s = 0.0

@@ -115,7 +115,7 @@ async def test_failure_is_a_sentence_with_the_exit_code(machine: Machine) -> Non
 
 
 @in_virtual_time
-async def test_program_that_runs_long_says_that_it_has_started_and_is_ended_with_its_group_after_60_s(
+async def test_long_program_reports_its_start_and_is_ended_after_60_s(
     machine: Machine,
 ) -> None:
     started: list[bool] = []
@@ -133,7 +133,7 @@ async def test_program_that_runs_long_says_that_it_has_started_and_is_ended_with
 
 
 @in_virtual_time
-async def test_programs_end_with_the_service_which_tells_that_they_were_not_done(machine: Machine) -> None:
+async def test_programs_end_with_the_service_and_their_acts_fail(machine: Machine) -> None:
     async with memory_bench() as bench:
         results = bench.collect(ACT_RESULTS)
         service = bench.start(Reactions, ReactionsConfig(on=("screws=true", "radio=true")))
@@ -151,7 +151,7 @@ async def test_programs_end_with_the_service_which_tells_that_they_were_not_done
 
 
 @in_virtual_time
-async def test_thing_that_the_map_lacks_is_a_problem_until_another_map_has_it() -> None:
+async def test_missing_thing_is_a_problem_until_another_map_has_it() -> None:
     async with memory_bench() as bench:
         health: list[Health] = bench.collect(HEALTH)
         bench.start(Reactions, ReactionsConfig(on=("scews=true",)))
@@ -180,7 +180,7 @@ async def test_thing_that_the_map_lacks_is_a_problem_until_another_map_has_it() 
         ("screws=./nothing-here.sh", r"screws: no program \./nothing-here\.sh; give a path"),
     ],
 )
-def test_what_cannot_be_started_is_one_sentence(text: str, sentence: str) -> None:
+def test_unstartable_program_is_one_sentence(text: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         Reaction.parse(text)
 
@@ -209,7 +209,7 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     assert not THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": ""}).settings
 
 
-def test_things_of_a_home_assistant_without_its_service_are_named_at_the_start(tmp_path: Path) -> None:
+def test_home_assistant_things_without_its_service_are_named_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "home.yaml"
     path.write_text("things: {desk: {home_assistant: light.desk, center: [0, 1, 1], size: [1, 1, 1]}}")
     scenario = read_scenario(str(path))
@@ -256,7 +256,7 @@ def test_file_that_is_wrong_is_one_sentence(tmp_path: Path, text: str, sentence:
         list(reactions_in(str(path)))
 
 
-def test_a_things_name_in_a_file_of_reactions_is_its_literal_text(tmp_path: Path) -> None:
+def test_thing_name_in_a_file_is_its_literal_text(tmp_path: Path) -> None:
     path = tmp_path / "reactions.yaml"
     path.write_text("no: echo 1\n01: echo 2\n1: [echo 3, echo 4]\n1.10: echo 5\n")
     assert [each.thing for each in reactions_in(str(path))] == ["no", "01", "1", "1", "1.10"]

@@ -85,7 +85,7 @@ def sample(number: int) -> models.ImuSample:
     return models.ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
 
 
-async def test_every_message_is_recorded_also_those_that_others_would_skip(site: Site) -> None:
+async def test_every_message_is_recorded_also_late_ones(site: Site) -> None:
     messages = [sample(number) for number in (*range(200), 150)]  # the last is out of order
     async with site.recorded():
         publisher = site.bus.publisher(topics.IMU, "anna")
@@ -218,7 +218,7 @@ def unpacked(path: Path) -> bytes:
     return found
 
 
-async def test_a_lost_router_is_said_once(site: Site, monkeypatch: Patch, caplog: Caplog) -> None:
+async def test_lost_router_is_logged_once(site: Site, monkeypatch: Patch, caplog: Caplog) -> None:
     seconds = itertools.count()
 
     def problems(_bus: MemoryBus) -> tuple[Problem, ...]:
@@ -262,7 +262,7 @@ class FullDisk:
         return getattr(self._file, name)
 
 
-async def test_full_disk_is_said_and_what_is_there_is_readable(
+async def test_full_disk_is_reported_and_earlier_messages_are_readable(
     site: Site, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     opened = Path.open
@@ -298,7 +298,7 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
     assert f"the {readable} messages before are readable" in caplog.text
 
 
-async def test_health_tells_what_is_left_out_and_why(site: Site, monkeypatch: Patch) -> None:
+async def test_health_has_the_number_and_cause_of_missing_messages(site: Site, monkeypatch: Patch) -> None:
     added = RecordingWriter.add
 
     def add(self: RecordingWriter, entry: Entry) -> None:
@@ -371,7 +371,7 @@ class Encoded:
         return Cursor(stamp_ns=1)
 
 
-async def test_when_time_is_set_back_the_recording_goes_on_in_a_new_file(tmp_path: Path, sink: Sink) -> None:
+async def test_recording_continues_in_a_new_file_when_time_is_set_back(tmp_path: Path, sink: Sink) -> None:
     profile = UserProfile(stamp_ns=at(5.0), seq=1)
     sink.add(Arrival(at(5.0), PROFILE, "anna", profile))
     sink.add(Arrival(at(5.0), USER_ALIVE, "anna", True))
@@ -394,7 +394,7 @@ async def test_when_time_is_set_back_the_recording_goes_on_in_a_new_file(tmp_pat
     assert (sink.entries, sink.problem, sink.left_out) == (10, "", {})
 
 
-async def test_long_recording_is_divided_into_files_that_together_have_everything(
+async def test_long_recording_is_divided_into_complete_files(
     tmp_path: Path, sink: Sink, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr(writer, "MAX_CHUNKS", 4)
@@ -427,7 +427,7 @@ async def test_fault_in_one_message_costs_this_message_only(
     assert "a message cannot be recorded" in caplog.text
 
 
-async def test_thread_that_fails_says_so_and_counts_what_waited(
+async def test_failing_thread_is_reported_and_waiting_messages_are_counted(
     sink: Sink, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     def flush(_self: RecordingWriter) -> None:
@@ -445,7 +445,7 @@ async def test_thread_that_fails_says_so_and_counts_what_waited(
     assert "the recorder's thread has failed" in caplog.text
 
 
-async def test_what_waits_is_limited_by_bytes(sink: Sink, monkeypatch: Patch) -> None:
+async def test_waiting_messages_are_limited_by_bytes(sink: Sink, monkeypatch: Patch) -> None:
     monkeypatch.setattr(sink_module, "MAX_WAITING_BYTES", 1000)
     first = Encoded()
     second = Encoded()

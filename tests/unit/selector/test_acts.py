@@ -65,7 +65,7 @@ class Home(Things):
         return [(one.id, one.is_pending) for one in self.engine.selection(at(self.time_s)).objects]
 
 
-def test_a_person_is_told_of_a_switch_when_its_carrier_is_done() -> None:
+def test_switch_is_announced_when_its_carrier_reports() -> None:
     home = Home()
     assert home.point(0.0, 3.0) == [("selected", "lamp")]
     assert home.acts[0].carriers == ("home",)
@@ -78,7 +78,7 @@ def test_a_person_is_told_of_a_switch_when_its_carrier_is_done() -> None:
     assert len(home.outcomes) == 1, "it has one outcome"
 
 
-def test_a_switch_that_its_carrier_refuses_goes_back_with_the_reason() -> None:
+def test_switch_goes_back_with_the_reason_when_its_carrier_refuses() -> None:
     home = Home()
     home.set("lamp")
     home.tell("failed", code="refused", text="the token may not", state="off")
@@ -92,7 +92,7 @@ def test_a_switch_that_its_carrier_refuses_goes_back_with_the_reason() -> None:
     assert home.selected == [("lamp", False)], "a lamp that does not go off is on"
 
 
-def test_a_switch_that_went_on_in_spite_of_a_failure_stays_on() -> None:
+def test_switch_stays_on_when_it_went_on_despite_a_failure() -> None:
     home = Home()
     home.set("lamp")
     home.tell("failed", code="no_answer", text="no answer", state="on")
@@ -100,7 +100,7 @@ def test_a_switch_that_went_on_in_spite_of_a_failure_stays_on() -> None:
     assert home.cues[-1][1] == "refused"
 
 
-def test_who_takes_a_thing_over_or_gives_it_back_switches_nothing() -> None:
+def test_take_over_and_its_undo_switch_nothing() -> None:
     home = Home()
     home.set("lamp")
     home.tell("done", state="on")
@@ -112,7 +112,7 @@ def test_who_takes_a_thing_over_or_gives_it_back_switches_nothing() -> None:
 
 
 @pytest.mark.parametrize("is_dead", [False, True])
-def test_an_act_fails_when_its_carrier_is_late_or_dies(*, is_dead: bool) -> None:
+def test_act_fails_when_its_carrier_is_late_or_ends(*, is_dead: bool) -> None:
     home = Home()
     home.set("lamp")
     if is_dead:
@@ -135,7 +135,7 @@ def test_an_act_fails_when_its_carrier_is_late_or_dies(*, is_dead: bool) -> None
         assert home.selected == [("lamp", True)]
 
 
-def test_what_is_unavailable_is_refused_before_it_is_tried_by_pointing_and_by_programs() -> None:
+def test_unavailable_thing_is_refused_at_once_by_pointing_and_by_programs() -> None:
     home = Home(ThingState(id="lamp", state="unavailable", reason="no power: switch it on at the wall"))
     assert home.point(0.0, 0.5) == []
     assert home.hover.action == "refuse"
@@ -145,7 +145,7 @@ def test_what_is_unavailable_is_refused_before_it_is_tried_by_pointing_and_by_pr
     assert (home.acts, home.selected) == ([], [])
 
 
-def test_a_carrier_that_ended_blocks_no_thing_that_another_one_has_and_tells_no_state() -> None:
+def test_ended_carrier_blocks_no_thing_of_another_and_reports_no_state() -> None:
     home = Home()
     home.report(LAMP, carrier="other")
     home.take(home.engine.on_carrier("other", True, at(home.time_s)))
@@ -158,7 +158,7 @@ def test_a_carrier_that_ended_blocks_no_thing_that_another_one_has_and_tells_no_
     assert home.acts[-1].carriers == ("home",)
 
 
-def test_who_undoes_for_another_gets_the_cue_of_its_failure() -> None:
+def test_failure_cue_of_an_undo_goes_to_its_caller() -> None:
     home = Home()
     home.set("lamp")
     home.tell("done", state="on")
@@ -169,7 +169,7 @@ def test_who_undoes_for_another_gets_the_cue_of_its_failure() -> None:
     assert home.cues[-1] == ("bert", "refused", "lamp: no power")
 
 
-def test_the_newest_act_on_a_switch_counts_whoever_did_it() -> None:
+def test_newest_act_on_a_switch_counts_for_any_person() -> None:
     home = Home()
     for user in ("anna", "bert", "carl"):
         home.set("lamp", user)
@@ -187,7 +187,7 @@ def test_the_newest_act_on_a_switch_counts_whoever_did_it() -> None:
     ]  # fmt: skip
 
 
-def test_who_switches_again_hears_only_of_the_newer_act() -> None:
+def test_person_gets_only_the_newer_cue_when_they_switch_again() -> None:
     home = Home()
     home.set("lamp")
     home.set("lamp")
@@ -204,7 +204,7 @@ def with_two_carriers() -> Home:
     return home
 
 
-def test_a_carrier_that_has_done_what_another_could_not_goes_back_too() -> None:
+def test_carrier_that_succeeded_goes_back_when_another_fails() -> None:
     home = with_two_carriers()
     home.tell("done", "reactions")
     home.tell("failed", code="no_answer", text="no answer", state="off")
@@ -214,7 +214,7 @@ def test_a_carrier_that_has_done_what_another_could_not_goes_back_too() -> None:
     assert home.events[-1].event == "selected", "nobody waits for the one that goes back"
 
 
-def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
+def test_carrier_reports_count_when_its_clock_was_set_back() -> None:
     home = Home()
     home.set("lamp")
     home.tell("done", state="on", stamp_ns=at(home.time_s + 3600.0))
@@ -229,7 +229,7 @@ def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
 
 
 @pytest.mark.parametrize("result", ["done", "failed"])
-def test_a_result_that_nobody_heard_is_read_with_the_states_once(result: str) -> None:
+def test_missed_result_is_read_once_with_the_states(result: str) -> None:
     is_on = result == "done"
     home = Home()
     home.set("lamp")
@@ -245,7 +245,7 @@ def test_a_result_that_nobody_heard_is_read_with_the_states_once(result: str) ->
     assert home.selected == [("lamp", False)] * (not is_on), "the state counts, the result is from before"
 
 
-def test_a_carrier_that_started_with_the_selector_has_done_what_its_state_says() -> None:
+def test_late_act_is_done_when_a_restarted_carrier_has_the_wanted_state() -> None:
     home = Home()
     home.set("lamp")
     home.report(LAMP.model_copy(update={"state": "on"}))
@@ -255,7 +255,7 @@ def test_a_carrier_that_started_with_the_selector_has_done_what_its_state_says()
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
-def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> None:
+def test_act_times_follow_a_clock_that_is_set(step_s: float) -> None:
     home = Home()
     home.set("lamp")
     home.point(80.0, 1.0)
@@ -266,7 +266,7 @@ def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> N
     assert [each.code for each in home.outcomes] == ["no_answer"]
 
 
-def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is() -> None:
+def test_act_with_two_carriers_needs_both_and_fails_with_one() -> None:
     home = with_two_carriers()
     assert set(home.acts[0].carriers) == {"home", "reactions"}
     home.tell("done", state="on")
@@ -276,7 +276,7 @@ def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is(
     assert home.selected == [("lamp", False)], "the lamp itself is on"
 
 
-def test_a_failure_is_told_once_when_another_carrier_still_runs() -> None:
+def test_failure_is_reported_once_while_another_carrier_runs() -> None:
     home = with_two_carriers()
     home.tell("failed", code="error", text="no power", state="off")
     home.tell("started", "reactions")
@@ -285,7 +285,7 @@ def test_a_failure_is_told_once_when_another_carrier_still_runs() -> None:
     assert [(each.result, each.text) for each in home.outcomes] == [("failed", "no power")]
 
 
-def test_what_runs_for_long_is_told_when_it_has_started_and_again_if_it_fails() -> None:
+def test_long_act_is_announced_at_its_start_and_when_it_fails() -> None:
     home = Home(ThingState(id="screws"), limit_s=60.0)
     home.set("screws")
     home.tell("started")
@@ -300,7 +300,7 @@ def test_what_runs_for_long_is_told_when_it_has_started_and_again_if_it_fails() 
     assert [cue for user, cue, _text in home.cues if user == "bert"] == ["selected"], "the success once"
 
 
-def test_a_button_fires_again_while_its_first_act_runs() -> None:
+def test_button_fires_again_while_its_first_act_runs() -> None:
     home = Home(ThingState(id="screws"))
     home.set("screws")
     home.point(80.0, 1.0)
@@ -311,7 +311,7 @@ def test_a_button_fires_again_while_its_first_act_runs() -> None:
     assert [(each.user, each.result) for each in home.outcomes] == [("bert", "done"), ("anna", "failed")]
 
 
-def test_the_end_of_a_claim_is_no_act_and_is_possible_without_its_carrier() -> None:
+def test_end_of_a_claim_needs_no_carrier() -> None:
     home = Home(ThingState(id="crate"))
     assert home.point(-21.0, 3.0) == [("selected", "crate")]
     home.tell("done")
@@ -320,7 +320,7 @@ def test_the_end_of_a_claim_is_no_act_and_is_possible_without_its_carrier() -> N
     assert (home.events[-1].event, home.events[-1].carriers) == ("deselected", ())
 
 
-def test_a_switch_follows_its_target_and_says_so_only_at_first() -> None:
+def test_switch_follows_its_target_with_a_reason_at_first_only() -> None:
     home = Home(LAMP.model_copy(update={"state": "on"}))
     assert (home.selected, home.events[-1].reason) == ([("lamp", False)], REPORTED)
     home.report(LAMP)
@@ -328,7 +328,7 @@ def test_a_switch_follows_its_target_and_says_so_only_at_first() -> None:
     assert (home.events[-1].user, home.events[-1].carriers) == ("home", ())
 
 
-def test_a_result_from_before_a_report_does_not_switch_it_back() -> None:
+def test_older_result_does_not_switch_a_newer_report_back() -> None:
     home = Home()
     home.set("lamp")
     early_ns = at(home.time_s)
@@ -340,7 +340,7 @@ def test_a_result_from_before_a_report_does_not_switch_it_back() -> None:
     assert home.selected == []
 
 
-def test_a_report_from_before_the_result_does_not_switch_it_back() -> None:
+def test_older_report_does_not_switch_a_newer_result_back() -> None:
     home = Home()
     home.set("lamp")
     home.point(80.0, 0.1)
@@ -351,7 +351,7 @@ def test_a_report_from_before_the_result_does_not_switch_it_back() -> None:
 
 
 @pytest.mark.parametrize("was_present", [True, False])
-def test_a_carrier_that_stays_away_is_forgotten(*, was_present: bool) -> None:
+def test_absent_carrier_is_forgotten(*, was_present: bool) -> None:
     home = Home()
     if not was_present:
         home.report(ThingState(id="screws"), carrier="gone")
@@ -374,7 +374,7 @@ def restarted(home: Home) -> None:
     home.engine.restore(entries, 100, at(home.time_s), pending=records)
 
 
-def test_after_a_restart_a_lamp_that_is_on_stays_so_if_its_carrier_is_heard_before_it_is_seen() -> None:
+def test_lamp_stays_on_after_a_restart_when_states_precede_presence() -> None:
     home = Home()
     home.set("lamp")
     (act,) = home.acts
@@ -389,7 +389,7 @@ def test_after_a_restart_a_lamp_that_is_on_stays_so_if_its_carrier_is_heard_befo
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_an_act_of_before_a_restart_ends_with_the_result_of_its_carrier(*, on: bool) -> None:
+def test_restored_act_ends_with_the_result_of_its_carrier(*, on: bool) -> None:
     home = Home()
     if not on:
         home.set("lamp")
@@ -403,7 +403,7 @@ def test_an_act_of_before_a_restart_ends_with_the_result_of_its_carrier(*, on: b
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_an_act_of_before_a_restart_ends_without_an_answer_and_goes_back(*, on: bool) -> None:
+def test_restored_act_goes_back_when_its_carrier_does_not_answer(*, on: bool) -> None:
     home = Home(ThingState(id="lamp"))
     if not on:
         home.set("lamp")
@@ -417,7 +417,7 @@ def test_an_act_of_before_a_restart_ends_without_an_answer_and_goes_back(*, on: 
     assert home.selected == [("lamp", False)] * (not on)
 
 
-def test_an_act_of_before_a_restart_has_the_limit_that_its_carrier_tells() -> None:
+def test_restored_act_has_the_limit_of_its_carrier() -> None:
     home = Home(limit_s=30.0)
     home.set("lamp")
     restarted(home)
@@ -428,7 +428,7 @@ def test_an_act_of_before_a_restart_has_the_limit_that_its_carrier_tells() -> No
     assert [each.result for each in home.outcomes] == ["done"]
 
 
-def test_a_thing_without_carriers_is_done_at_once_also_if_a_carrier_was_never_there() -> None:
+def test_thing_without_carriers_is_done_at_once() -> None:
     home = Home()
     home.report(ThingState(id="screws", state="unavailable", reason="of a run before"), carrier="gone")
     home.set("screws")

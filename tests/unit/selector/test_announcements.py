@@ -108,7 +108,7 @@ class Listener:
                 self.cues.append(message.text)
 
 
-def test_a_name_is_spoken_after_a_steady_hover_and_1_5_s_later_and_staying_selects_nothing() -> None:
+def test_name_is_spoken_twice_during_a_hover_which_selects_nothing() -> None:
     room = Listener()
     room.point(0.0, 6.0)
     (first_s, *first), (second_s, *second) = room.announced
@@ -118,7 +118,7 @@ def test_a_name_is_spoken_after_a_steady_hover_and_1_5_s_later_and_staying_selec
     assert not room.events
 
 
-def test_the_name_ends_when_the_hover_changes_and_the_next_one_follows() -> None:
+def test_name_ends_when_the_hover_changes_and_the_next_follows() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     room.point(-15.0, 1.0)
@@ -147,7 +147,7 @@ def test_at_most_five_names_are_sent_in_a_second() -> None:
     assert all(sum(since <= time < since + 1.0 - 1e-6 for time in times) <= 5 for since in times)
 
 
-def test_people_who_are_not_named_hear_nothing_and_select_as_before() -> None:
+def test_unnamed_people_get_no_names_and_select_by_staying() -> None:
     room = Listener(people="bert")
     room.point(0.0, 2.0)
     assert not room.can_step
@@ -166,7 +166,7 @@ def test_names_are_spoken_to_the_named_people_or_all(people: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["estimate", "gauge"])
-def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> None:
+def test_press_selects_the_thing_whose_name_could_be_understood(method: str) -> None:
     room = Listener()
     room.point(0.0, 0.1)
     room.engine.use(SelectorConfig(method=method))
@@ -188,7 +188,7 @@ def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> 
         pytest.param({"confirm_within_s": 10.0}, [(0.0, 8.0)], True, id="the time is a parameter"),
     ],
 )
-def test_a_press_confirms_the_name_that_was_heard_in_time(
+def test_press_confirms_a_name_that_was_spoken_in_time(
     announce: dict[str, Any], moves: list[tuple[float, float]], *, is_confirmed: bool
 ) -> None:
     room = Listener(**announce)
@@ -200,7 +200,7 @@ def test_a_press_confirms_the_name_that_was_heard_in_time(
 
 @pytest.mark.parametrize("is_stepping", [False, True])
 @pytest.mark.parametrize("waits_s", [2.6, 30.0])
-def test_a_late_press_has_the_name_spoken_again_and_the_next_one_confirms(
+def test_late_press_repeats_the_name_and_the_next_one_confirms(
     waits_s: float,
     is_stepping: bool,
 ) -> None:
@@ -220,7 +220,7 @@ def test_a_late_press_has_the_name_spoken_again_and_the_next_one_confirms(
     assert len(room.announced) == names + 1
 
 
-def test_what_was_stepped_to_is_announced_again_after_a_gap_without_cursors() -> None:
+def test_focused_thing_is_announced_again_after_a_gap_without_cursors() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     assert room.step(1) == "right"
@@ -231,7 +231,7 @@ def test_what_was_stepped_to_is_announced_again_after_a_gap_without_cursors() ->
     assert room.press() == [("selected", "right")]
 
 
-def test_a_late_press_that_moves_the_arm_does_not_cut_the_name_of_the_neighbour_off() -> None:
+def test_late_press_that_moves_the_arm_cuts_no_name_off() -> None:
     room = Listener()
     room.point(0.0, 4.0)
     room.point(-15.0, 0.1)
@@ -244,7 +244,7 @@ def test_a_late_press_that_moves_the_arm_does_not_cut_the_name_of_the_neighbour_
     assert room.press() == [("selected", "right")]
 
 
-def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_business() -> None:
+def test_press_is_ignored_when_the_person_does_not_point() -> None:
     room = Listener()
     assert room.press() == []
     room.point(0.0, 1.2)
@@ -253,7 +253,7 @@ def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_busines
     assert not room.cues
 
 
-def test_staying_selects_after_1_6_s_where_nobody_has_a_button() -> None:
+def test_staying_selects_after_1_6_s_without_a_button() -> None:
     room = Listener(confirm="dwell")
     room.point(0.0, 1.4)
     assert not room.events
@@ -263,7 +263,7 @@ def test_staying_selects_after_1_6_s_where_nobody_has_a_button() -> None:
     assert not room.cues
 
 
-def test_steps_go_right_and_left_in_the_row_and_stop_at_its_end() -> None:
+def test_steps_stop_at_both_ends_of_the_row() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     assert room.step(1) == "right"
@@ -277,7 +277,7 @@ def test_steps_go_right_and_left_in_the_row_and_stop_at_its_end() -> None:
     assert "below" not in {name for _, name, _ in room.announced}
 
 
-def test_home_repeats_the_name_with_its_place_and_a_step_down_goes_to_the_row_below() -> None:
+def test_home_repeats_name_and_place_and_down_leads_to_the_row_below() -> None:
     room = Listener()
     room.point(-15.0, 1.0)
     assert room.step(1, "here") == "right"
@@ -289,7 +289,7 @@ def test_home_repeats_the_name_with_its_place_and_a_step_down_goes_to_the_row_be
         room.point(-15.0, 0.3)
 
 
-def test_a_press_takes_what_was_stepped_to_once_its_name_is_understood() -> None:
+def test_press_selects_the_focused_thing_once_its_name_is_understood() -> None:
     room = Listener()
     room.point(0.0, 2.0)
     room.step(1)
@@ -299,7 +299,7 @@ def test_a_press_takes_what_was_stepped_to_once_its_name_is_understood() -> None
     assert room.press() == [("selected", "right")]
 
 
-def test_the_focus_of_a_step_stays_until_the_ray_has_turned() -> None:
+def test_focus_stays_until_the_ray_has_turned() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     room.step(1)
@@ -309,7 +309,7 @@ def test_the_focus_of_a_step_stays_until_the_ray_has_turned() -> None:
     assert room.announced[-1][1] == "left"
 
 
-def test_a_step_from_nothing_goes_to_the_nearest_thing() -> None:
+def test_step_from_nothing_leads_to_the_nearest_thing() -> None:
     room = Listener()
     assert not room.can_step
     room.point(40.0, 0.02)
@@ -319,7 +319,7 @@ def test_a_step_from_nothing_goes_to_the_nearest_thing() -> None:
     assert room.step(1) == "left"
 
 
-def test_who_comes_back_is_announced_again_to_pages_that_have_forgotten_them() -> None:
+def test_person_is_announced_again_when_they_come_back() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     room.take(room.engine.tick(at(room.time_s + 1.1)))
@@ -330,7 +330,7 @@ def test_who_comes_back_is_announced_again_to_pages_that_have_forgotten_them() -
     assert room.step(1) == "left"
 
 
-def test_steps_of_somebody_who_does_not_point_are_ignored() -> None:
+def test_steps_are_ignored_when_the_person_does_not_point() -> None:
     room = Listener()
     assert room.step(1) == ""
     room.point(0.0, 1.0)
@@ -338,7 +338,7 @@ def test_steps_of_somebody_who_does_not_point_are_ignored() -> None:
     assert room.step(1) == ""
 
 
-def test_staying_on_what_was_stepped_to_selects_it_after_2_2_s_once() -> None:
+def test_staying_on_the_focused_thing_selects_it_once_after_2_2_s() -> None:
     room = Listener(confirm="dwell")
     room.point(0.0, 1.0)
     room.step(1)
@@ -348,7 +348,7 @@ def test_staying_on_what_was_stepped_to_selects_it_after_2_2_s_once() -> None:
     assert room.events == [("selected", "right")]
 
 
-def test_a_wrist_whose_clock_was_set_back_hears_names_again() -> None:
+def test_names_are_spoken_again_when_the_wrists_clock_was_set_back() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     room.time_s -= 10.0
@@ -356,7 +356,7 @@ def test_a_wrist_whose_clock_was_set_back_hears_names_again() -> None:
     assert [name for _, name, _ in room.announced] == ["middle", "", "right"]
 
 
-def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
+def test_shard_announces_steps_and_claims_pressed_things() -> None:
     room = Listener(is_shard=True)
     room.point(0.0, 1.2)
     assert room.step(1) == "right"
@@ -366,7 +366,7 @@ def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
     assert room.claims == ["right"]
 
 
-async def test_the_service_announces_and_hears_steps() -> None:
+async def test_service_announces_names_and_receives_steps() -> None:
     clock = ManualClock()
     async with served(clock, method="estimate", estimate={"announce": {"people": ["anna"]}}) as site:
         announced = site.bench.collect(ANNOUNCED, "anna")

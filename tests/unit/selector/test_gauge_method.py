@@ -134,7 +134,7 @@ def speed_deg_s(steadiness: RaySpeedEstimator) -> float:
 
 
 @given(st.lists(st.integers(1, 60), min_size=3, max_size=12), st.floats(-40, 40), st.floats(-40, 40))
-def test_it_has_that_speed_at_whatever_times_the_rays_come(
+def test_speed_does_not_depend_on_the_times_of_rays(
     gaps_ms: list[int], turned_deg_s: float, raised_deg_s: float
 ) -> None:
     steadiness = RaySpeedEstimator(0.15)
@@ -152,7 +152,7 @@ def test_it_has_that_speed_at_whatever_times_the_rays_come(
 
 
 @pytest.mark.parametrize("frequency_hz", [6.0, 12.0])
-def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
+def test_highest_tremor_counts_as_steady(frequency_hz: float) -> None:
     steadiness = RaySpeedEstimator(0.15)
     highest = 0.0
     for index in range(400):
@@ -164,7 +164,7 @@ def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
     assert highest < 4.0  # the momentary speed goes up to 10.7 degrees/s
 
 
-def test_a_single_wrong_sample_changes_little() -> None:
+def test_single_wrong_sample_changes_the_speed_little() -> None:
     steadiness = RaySpeedEstimator(0.15)
     for index in range(100):
         wrong = 0.3 if index == 95 else 0.0
@@ -173,7 +173,7 @@ def test_a_single_wrong_sample_changes_little() -> None:
             assert speed_deg_s(steadiness) < 1e-9
 
 
-def test_one_ray_has_no_speed_and_two_have_whatever_the_rate() -> None:
+def test_speed_needs_two_rays_at_any_rate() -> None:
     steadiness = RaySpeedEstimator(0.15)
     assert steadiness.rate() is None
     steadiness.add(0, (1.0, 0.0, 0.0))
@@ -192,7 +192,7 @@ def test_rays_a_nanosecond_apart_have_a_speed() -> None:
 
 
 @pytest.mark.parametrize("turned_deg_s", [10.0, -10.0])
-def test_speed_does_not_jump_where_the_azimuth_does(turned_deg_s: float) -> None:
+def test_speed_does_not_jump_with_the_azimuth(turned_deg_s: float) -> None:
     steadiness = RaySpeedEstimator(0.15)
     for index in range(11):
         turned_deg = 180.0 + turned_deg_s * (index - 5) / 100

@@ -27,7 +27,7 @@ def event(number: int, reason: str = "") -> SelectionEvent:
     return SelectionEvent(stamp_ns=NOW, seq=number, event="selected", object_id="a", reason=reason)
 
 
-async def test_what_was_told_is_told_to_who_asks_also_by_the_next_selector() -> None:
+async def test_history_has_published_events_also_after_a_restart() -> None:
     clock = ManualClock()
     async with served(clock) as site:
         assert await asked(site.bench) == ()
@@ -42,7 +42,7 @@ async def test_what_was_told_is_told_to_who_asks_also_by_the_next_selector() -> 
         assert list(await asked(site.bench)) == told
 
 
-def test_what_no_message_of_the_selector_told_is_left_out(tmp_path: Path) -> None:
+def test_history_lacks_events_that_the_selector_did_not_publish(tmp_path: Path) -> None:
     later = ended("b", 3, stamp_ns=NOW + S)
     keep(tmp_path, selected("a", 1), selected("b", 2), ended("a", None), later, refused("c", 4))
     path = Journal(tmp_path).path
@@ -51,7 +51,7 @@ def test_what_no_message_of_the_selector_told_is_left_out(tmp_path: Path) -> Non
     assert [record.seq for record in recent(path, 200, since_ns=NOW + 1)] == [3]
 
 
-def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_allowed() -> None:
+def test_history_has_the_newest_events_within_the_size_limit() -> None:
     events = [event(number, "x" * 5000) for number in range(200)]
     some = fitting(events)
     assert 40 < len(some) < 200
@@ -62,7 +62,7 @@ def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_a
     assert fitting([event(1, "x" * 5000)], 5000) == ()
 
 
-async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
+async def test_reading_history_blocks_neither_the_loop_nor_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     journal = Journal(tmp_path)
@@ -90,7 +90,7 @@ async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
     journal.close()
 
 
-async def test_what_is_not_kept_or_cannot_be_read_is_refused_with_a_sentence(tmp_path: Path) -> None:
+async def test_history_is_refused_with_a_reason_when_it_cannot_be_read(tmp_path: Path) -> None:
     async with served(journal={"enabled": False}) as site:
         with pytest.raises(RefusedError, match="keeps no journal"):
             await asked(site.bench)

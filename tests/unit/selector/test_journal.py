@@ -72,7 +72,7 @@ def execute(folder: Path, statement: str) -> None:
         db.execute(statement)
 
 
-def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
+def test_journal_restores_open_selections_and_the_event_count(tmp_path: Path) -> None:
     records = [selected("a", 1), selected("b", 2), ended("b", 3), selected("c", 4), refused("a", 5)]
     records.append(ended("c", None))
     keep(tmp_path, *records, told=5)
@@ -89,7 +89,7 @@ def outcome(record: Record, result: ResultKind, text: str = "") -> ActOutcome:
     )  # fmt: skip
 
 
-def test_acts_are_pending_until_their_outcome_which_history_and_audit_tell(tmp_path: Path) -> None:
+def test_acts_are_pending_until_history_and_audit_have_their_outcome(tmp_path: Path) -> None:
     acts = [selected(name, seq)._replace(carriers="home react-1") for seq, name in enumerate("abcd", 1)]
     over = ended("d", 5, stamp_ns=NOW + 1)
     keep(tmp_path, *acts, over, outcome(acts[0], "done"), outcome(acts[1], "failed", "no power"), told=5)
@@ -106,7 +106,7 @@ def test_acts_are_pending_until_their_outcome_which_history_and_audit_tell(tmp_p
         assert [each.reason for each in audit(journal.path)][2:5] == [f"{NOT_DONE}no selector ran", "", ""]
 
 
-def test_an_act_that_may_not_have_been_told_is_told_again_with_its_carriers(tmp_path: Path) -> None:
+def test_possibly_unpublished_act_is_published_again_with_its_carriers(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1)._replace(carriers="home react-1"))
     with opened(tmp_path) as (_journal, kept):
         [event] = [event_of(record, 1, again=True) for record in kept.unpublished]
@@ -114,7 +114,7 @@ def test_an_act_that_may_not_have_been_told_is_told_again_with_its_carriers(tmp_
         assert (event.carriers, event.reason) == (("home", "react-1"), REPEATED_REASON)
 
 
-def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> None:
+def test_possibly_unpublished_events_are_published_again_once(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), selected("b", 2), ended("x", None), ended("b", 3), told=1)
     with opened(tmp_path) as (journal, kept):
         assert [(record.event, record.object_id, record.seq) for record in kept.unpublished] == [
@@ -127,7 +127,7 @@ def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> 
         assert again.unpublished == []
 
 
-def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
+def test_old_selections_are_closed_at_the_start(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), told=0)
     with opened(tmp_path, NOW + 601 * S, restore_within_s=600.0) as (journal, kept):
         assert (kept.entries, kept.events, list(kept.unpublished)) == ({}, 1, [])
@@ -148,7 +148,7 @@ def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
         "UPDATE life SET alive_ns = 'x'",
     ],
 )
-def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str) -> None:
+def test_invalid_rows_are_damage(tmp_path: Path, statement: str) -> None:
     keep(tmp_path, selected("a", 1))
     execute(tmp_path, statement)
     with opened(tmp_path) as (journal, kept):
@@ -165,7 +165,7 @@ def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str)
         "UPDATE events SET stamp_ns = 'x' WHERE seq = 1",
     ],
 )
-def test_a_damaged_row_of_the_past_costs_no_selection(tmp_path: Path, statement: str) -> None:
+def test_damaged_row_of_the_past_costs_no_selection(tmp_path: Path, statement: str) -> None:
     keep(tmp_path, selected("b", 1), ended("b", 2), selected("a", 3), told=3)
     execute(tmp_path, statement)
     with opened(tmp_path) as (journal, kept):
@@ -173,7 +173,7 @@ def test_a_damaged_row_of_the_past_costs_no_selection(tmp_path: Path, statement:
         assert kept.decided[-1] == ("anna", NOW)
 
 
-def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
+def test_journal_begins_with_any_flipped_bits(tmp_path: Path) -> None:
     keep(tmp_path / "whole", selected("a", 1), selected("b", 2), told=1)
     whole = (tmp_path / "whole" / "journal.sqlite").read_bytes()
     rng = random.Random(4)
@@ -194,7 +194,7 @@ def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
                 event_of(record, record.seq or 0, again=True)
 
 
-def test_records_that_cannot_be_written_are_kept_and_written_later(tmp_path: Path) -> None:
+def test_unwritable_records_are_kept_and_written_later(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.begin(NOW)
     other = sqlite3.connect(journal.path, isolation_level=None)
@@ -212,7 +212,7 @@ def test_records_that_cannot_be_written_are_kept_and_written_later(tmp_path: Pat
     assert [record.seq for record in audit(journal.path)] == list(range(10, MAX_PENDING + 10))
 
 
-def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
+def test_old_events_are_pruned_and_open_selections_stay(tmp_path: Path) -> None:
     old = NOW - 31 * NS_PER_DAY
     over = selected("over", 2, stamp_ns=old), ended("over", 3, stamp_ns=old)
     keep(tmp_path, selected("open", 1, stamp_ns=old), *over, selected("new", 4))
@@ -221,7 +221,7 @@ def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
         assert [record.object_id for record in audit(journal.path)] == ["open", "new"]
 
 
-def test_old_events_behind_one_of_the_future_go_too(tmp_path: Path) -> None:
+def test_old_events_behind_one_of_the_future_are_pruned(tmp_path: Path) -> None:
     old = NOW - 31 * NS_PER_DAY
     late = selected("late", 1, stamp_ns=2**62), ended("late", 2, stamp_ns=2**62)
     keep(tmp_path, *late, *(refused("x", seq) for seq in range(3, 500)), now_ns=old)
@@ -248,7 +248,7 @@ CHECKPOINT_BYTES = 5_000_000
 """SQLite's log beside the file, which it empties at 1000 pages."""
 
 
-def test_a_flood_of_refused_claims_leaves_the_journal_in_its_limit_and_selections_in_it(
+def test_flood_of_refusals_keeps_the_size_limit_and_all_selections(
     tmp_path: Path,
 ) -> None:
     journal = Journal(tmp_path, max_mb=0.3)
@@ -272,7 +272,7 @@ def test_a_flood_of_refused_claims_leaves_the_journal_in_its_limit_and_selection
     assert sum(each.event == "refused" for each in audit(journal.path)) > 90
 
 
-def test_a_flood_of_selections_and_refusals_leaves_the_journal_in_its_limit_and_what_is_selected_in_it(
+def test_flood_of_selections_keeps_the_size_limit_and_open_selections(
     tmp_path: Path,
 ) -> None:
     journal = Journal(tmp_path, max_mb=0.3)

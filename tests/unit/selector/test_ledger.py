@@ -18,7 +18,7 @@ def selected(kept: Ledger) -> dict[str, tuple[str, int]]:
     return {one.id: (one.user, one.since_ns) for one in kept.objects()}
 
 
-def test_only_so_many_steps_are_remembered() -> None:
+def test_remembered_steps_are_limited() -> None:
     kept = ledger(undo_steps=2)
     for object_id in "abc":
         kept.toggle(object_id, "red", "anna", 1)
@@ -47,7 +47,7 @@ def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]
         assert [*kept.objects()] == before.pop()
 
 
-def test_what_was_not_done_is_taken_back_once_also_if_the_change_was_before_a_restart() -> None:
+def test_failed_change_is_taken_back_once_also_after_a_restart() -> None:
     kept = ledger()
     restarted = ledger()
     (on,) = kept.toggle("a", "red", "anna", 100).records
@@ -111,7 +111,7 @@ def test_take_over_is_one_change_that_switches_nothing() -> None:
     assert selected(kept) == {"a": ("ben", 5)}
 
 
-def test_undo_of_a_take_over_gives_it_back_when_its_bay_is_decided() -> None:
+def test_undo_of_a_take_over_works_when_the_bay_is_decided() -> None:
     kept = Ledger(lambda _user, _now_ns: False, lambda _object_id, now_ns: "too late" if now_ns > 5 else "")
     kept.toggle("a", "red", "anna", 1)
     kept.release("a", "ben", 6, take_over=True)
@@ -125,7 +125,7 @@ def test_undo_of_a_take_over_gives_it_back_when_its_bay_is_decided() -> None:
     assert refused.records[0].reason == "too late"
 
 
-def test_undo_of_a_take_over_gives_it_back_while_its_tracker_flickers() -> None:
+def test_undo_of_a_take_over_works_while_the_tracker_flickers() -> None:
     kept = ledger()
     kept.toggle("a", "red", "anna", 1)
     kept.release("a", "ben", 2, take_over=True)

@@ -23,7 +23,7 @@ def switch(room: Room, method: str | None = None, dwell_s: float | None = None) 
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_method_that_is_named_has_its_own_time_or_the_one_that_is_given(method: str) -> None:
+def test_named_method_has_its_own_dwell_time_or_the_given_one(method: str) -> None:
     own = apply_method(CONFIG, CONFIG.model_copy(update={"window_s": 3.0}), method, None)
     assert (own.method, own.dwell_s) == (method, 0.5 if method == "gauge" else 0.8)
     slow = apply_method(CONFIG, CONFIG, method, 2.0)
@@ -33,7 +33,7 @@ def test_a_method_that_is_named_has_its_own_time_or_the_one_that_is_given(method
     assert slow.gauge.sparse_full_s == pytest.approx(1.4 if method == "gauge" else 0.35)
 
 
-def test_what_cannot_be_is_refused_in_a_sentence() -> None:
+def test_impossible_method_is_refused_with_a_reason() -> None:
     with pytest.raises(ValueError, match=r"0\.05 s is less than the timestep of 0\.1 s of method hold"):
         apply_method(CONFIG, CONFIG, "hold", 0.05)
     lazy = CONFIG.model_copy(update={"gauge": CONFIG.gauge.model_copy(update={"sparse_full_s": 1.0})})
@@ -53,14 +53,14 @@ def seconds_to_select(room: Room, x_m: float = 5.0) -> float:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dwell_s", [0.4, 1.5])
-def test_it_takes_as_long_as_was_set(method: str, dwell_s: float) -> None:
+def test_selection_takes_the_dwell_time_that_was_set(method: str, dwell_s: float) -> None:
     room = Room(package("a", 5.0), package("b", 4.5), method="hold" if method == "gauge" else "gauge")
     switch(room, method, dwell_s)
     assert seconds_to_select(room) == pytest.approx(dwell_s, abs=0.25)
 
 
 @pytest.mark.parametrize(("before", "after"), PAIRS)
-def test_progress_begins_anew_and_what_is_selected_and_reserved_stays(before: str, after: str) -> None:
+def test_new_method_resets_progress_and_keeps_selections_and_reservations(before: str, after: str) -> None:
     room = Room(package("a", 5.0), package("b", 8.0), method=before)
     seconds_to_select(room, 8.0)
     room.stay(0.7, anna=2.0)
@@ -79,7 +79,7 @@ def test_progress_begins_anew_and_what_is_selected_and_reserved_stays(before: st
 
 
 @pytest.mark.parametrize(("before", "after"), PAIRS)
-def test_who_stays_on_what_they_have_just_selected_does_not_take_it_back(before: str, after: str) -> None:
+def test_new_method_keeps_a_just_selected_object_latched(before: str, after: str) -> None:
     room = Room(package("a", 5.0), method=before)
     seconds_to_select(room)
     switch(room, after, 0.4)
@@ -95,7 +95,7 @@ async def ask(site: Served, **query: Any) -> SetMethodReply:
     return reply
 
 
-async def test_the_service_tells_what_is_in_use_and_takes_another_while_it_runs() -> None:
+async def test_service_reports_its_method_and_changes_it_while_running() -> None:
     async with served() as site:
         reply = await ask(site)
         assert (reply.method, reply.dwell_s) == ("gauge", 0.5)
@@ -116,7 +116,7 @@ async def test_the_service_tells_what_is_in_use_and_takes_another_while_it_runs(
         assert (await ask(site, method="gauge")).dwell_s == 0.5
 
 
-async def test_asking_disturbs_nobodys_progress() -> None:
+async def test_query_of_the_method_resets_no_progress() -> None:
     async with served(window_s=3.0, method="hold") as site:
         hovers = site.hovers["anna"]
         await site.stay("anna", 1.0, "a")
@@ -128,7 +128,7 @@ async def test_asking_disturbs_nobodys_progress() -> None:
         assert min(hover.progress for hover in hovers[26:]) >= before
 
 
-def test_selections_tell_the_method_once_there_is_a_shard() -> None:
+def test_selections_have_the_method_once_a_shard_runs() -> None:
     room = Room(package("a", 3.0))
     first = room.selecting.selection(at(0.0))
     assert (first.method, first.dwell_s) == (None, None)
@@ -179,14 +179,14 @@ def test_wrong_result_is_a_fault_and_selects_nothing(progress: SelectionProgress
 
 
 @pytest.mark.parametrize("latched", [lambda: {"a"}, None, [["a"]]], ids=["method", "none", "lists"])
-def test_latched_that_is_no_collection_of_objects_is_a_fault(latched: object) -> None:
+def test_invalid_latched_objects_are_a_fault(latched: object) -> None:
     guarded, _ = stepped(Method(SelectionProgress("a"), latched))
     assert guarded.fault == ""
     assert set(guarded.latched) == set()
     assert guarded.fault.startswith("TypeError: ")
 
 
-def test_method_that_works_for_a_while_counts_as_sound_again() -> None:
+def test_method_counts_as_sound_after_working_for_a_while() -> None:
     method: Any = Method(None)
     guarded = GuardedMethod(lambda: method)
     guarded.step(sample_at(1.0))
@@ -197,7 +197,7 @@ def test_method_that_works_for_a_while_counts_as_sound_again() -> None:
     assert guarded.fault == ""
 
 
-def test_objects_that_are_latched_before_the_first_cursor_are_latched_in_the_method() -> None:
+def test_objects_latched_before_the_first_cursor_are_latched_in_the_method() -> None:
     method: Any = Method(SelectionProgress("a"))
     latched = method.latched = set[str]()
     method.latch = latched.add

@@ -39,7 +39,7 @@ def half_width(x_m: float, length_m: float) -> float:
 
 
 @given(st.floats(1.0, 9.0), st.floats(0.05, 0.5), st.floats(0, 12))
-def test_an_object_is_picked_within_half_its_width_and_the_snap(
+def test_object_is_picked_within_half_width_and_snap_angle(
     x_m: float, length_m: float, raised_deg: float
 ) -> None:
     limit = half_width(x_m, length_m) + SNAP
@@ -52,7 +52,7 @@ def test_an_object_is_picked_within_half_its_width_and_the_snap(
         )
 
 
-def test_along_the_line_of_sight_an_object_is_narrow() -> None:
+def test_object_along_the_line_of_sight_is_narrow() -> None:
     belt = Belt(id="g", line_m=((0.0, 0.0, 0.9), (10.0, 0.0, 0.9)))
     looked = SeenObjects(aim="ray")
     looked.on_map(Environment(stamp_ns=0, name="room", belts=(belt,)))
@@ -64,9 +64,7 @@ def test_along_the_line_of_sight_an_object_is_narrow() -> None:
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.45, "a"), (0.58, "a"), (0.60, "b")])
-def test_the_hovered_object_is_kept_until_another_is_closer_by_thirty_percent(
-    share: float, expected: str
-) -> None:
+def test_hovered_object_is_kept_until_another_is_30_percent_closer(share: float, expected: str) -> None:
     # of the way from a to b; at 0.588 b's angle is 0.7 of a's
     looked = scene(package("a", 5.0), package("b", 5.2))
     x_m = 5.0 + share * 0.2
@@ -75,7 +73,7 @@ def test_the_hovered_object_is_kept_until_another_is_closer_by_thirty_percent(
 
 
 @given(st.floats(-2, 2), st.floats(-0.9, 0.9))
-def test_objects_are_where_they_were_at_the_time_of_the_ray(speed_mps: float, age_s: float) -> None:
+def test_objects_are_placed_at_the_time_of_the_ray(speed_mps: float, age_s: float) -> None:
     looked = scene(package("a", 5.0, speed_mps=speed_mps))
     shown_m = 5.0 + speed_mps * age_s
     view = look(looked, pointing(age_s, shown_m))
@@ -85,7 +83,7 @@ def test_objects_are_where_they_were_at_the_time_of_the_ray(speed_mps: float, ag
 
 
 @given(st.floats(0.2, 2.5), st.floats(-1.0, 1.0), st.floats(-0.9, 0.9))
-def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s: float) -> None:
+def test_objects_follow_a_curved_line(position_m: float, speed_mps: float, age_s: float) -> None:
     arc = tuple((math.cos(a / 20), math.sin(a / 20), 0.9) for a in range(60))
     line = Polyline(arc)
     looked = SeenObjects()
@@ -108,7 +106,7 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
     assert vector.norm(vector.subtract(seen[0], expected)) < 0.01
 
 
-def test_each_trackers_objects_are_as_old_as_its_list() -> None:
+def test_objects_have_the_age_of_their_trackers_list() -> None:
     looked = scene(package("a", 4.0, speed_mps=1.0))
     looked.update("other", packages(0.4, package("b", 7.0, speed_mps=-1.0)))
     assert picked(looked, pointing(0.5, 4.5)) == "a"
@@ -120,13 +118,13 @@ def test_each_trackers_objects_are_as_old_as_its_list() -> None:
 
 
 @pytest.mark.parametrize(("solid", "expected"), [("box", None), ("plane", "a"), ("", "a")])
-def test_a_solid_in_front_hides_what_is_behind_it(solid: str, expected: str | None) -> None:
+def test_opaque_solid_hides_objects_behind_it(solid: str, expected: str | None) -> None:
     cursor = pointing(0, 5.0).model_copy(update={"surface": "none", "solid": solid, "range_m": 1.0})
     assert picked(scene(package("a", 5.0)), cursor) == expected
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.05, 0.6))
-def test_snapping_is_bounded_and_touches_the_object(beside_m: float, length_m: float) -> None:
+def test_snapped_cursor_touches_the_object_within_the_limit(beside_m: float, length_m: float) -> None:
     cursor = pointing(0, 5.0 + beside_m)
     view = look(scene(package("a", 5.0, length_m=length_m)), cursor)
     snapped = view.snapped("a", cursor, SNAP)
@@ -143,7 +141,7 @@ def test_snapping_is_bounded_and_touches_the_object(beside_m: float, length_m: f
         assert vector.angle_between(cursor.direction or EYES, end) > SNAP - 1e-9
 
 
-def test_a_ray_that_meets_nothing_is_drawn_to_the_object_nearby() -> None:
+def test_snapped_cursor_is_on_a_nearby_object_when_the_ray_misses() -> None:
     cursor = pointing(0, 5.0, raised_rad=0.02).model_copy(update={"surface": "none", "point_m": None})
     view = look(scene(package("a", 5.0)), cursor)
     snapped = there(view.snapped("a", cursor, SNAP))
@@ -152,7 +150,7 @@ def test_a_ray_that_meets_nothing_is_drawn_to_the_object_nearby() -> None:
     assert view.snapped("a", cursor, 0.01) is None
 
 
-def test_confidence_is_shared_by_what_is_near() -> None:
+def test_confidence_is_shared_among_near_objects() -> None:
     view = look(scene(package("a", 4.9), package("b", 5.1)), pointing(0, 5.0))
     assert view.confidence("a", 0.026) == pytest.approx(0.5)
     nearer = there(look(scene(package("a", 4.9), package("b", 5.1)), pointing(0, 4.9)).confidence("a", 0.026))
@@ -160,7 +158,7 @@ def test_confidence_is_shared_by_what_is_near() -> None:
     assert look(scene(package("a", 5.0)), pointing(0, 5.0)).confidence("a", 0.026) == 1.0
 
 
-def test_a_ray_that_follows_an_object_does_not_move_against_it() -> None:
+def test_relative_rate_is_zero_when_the_ray_follows_the_object() -> None:
     view = look(scene(package("a", 5.0, speed_mps=1.0)), pointing(0, 5.0))
     range_m = vector.norm(vector.subtract((5.0, 0.0, 0.9), EYES))
     following = -1.0 / range_m  # along x is to the right of who looks along y: towards less azimuth
@@ -169,9 +167,7 @@ def test_a_ray_that_follows_an_object_does_not_move_against_it() -> None:
 
 
 @given(st.floats(-12, 12), st.floats(-0.1, 0.1))
-def test_who_sees_the_cursor_on_an_object_is_on_it_however_far_the_ray_passes_the_line(
-    raised_deg: float, beside_m: float
-) -> None:
+def test_shown_cursor_counts_however_far_the_ray_passes_the_line(raised_deg: float, beside_m: float) -> None:
     """Nothing shows an error across a line: simulated people miss a strip by 4.8 degrees in the median."""
     looked = SeenObjects()
     looked.on_map(MAP)
@@ -204,7 +200,7 @@ def under(whereabouts: ObjectPositions, at: Cursor) -> str | None:
     return None if found is None else found.id
 
 
-def test_other_surfaces_do_not_count() -> None:
+def test_hit_test_ignores_other_surfaces() -> None:
     whereabouts = ObjectPositions()
     whereabouts.update("one", listing(on_strip("a", 1.0, strip="1")))
     assert under(whereabouts, cursor(1.0)) is None
@@ -215,7 +211,7 @@ def test_other_surfaces_do_not_count() -> None:
 
 
 @given(st.floats(-2, 2), st.floats(-0.5, 0.5))
-def test_objects_are_taken_where_they_were_at_the_cursors_time(speed_mps: float, age_s: float) -> None:
+def test_hit_test_places_objects_at_the_cursors_time(speed_mps: float, age_s: float) -> None:
     whereabouts = ObjectPositions(margin_m=0.0)
     whereabouts.update("one", listing(on_strip("a", 2.0, speed_mps=speed_mps, length_m=0.02)))
     stamp_ns = S + round(age_s * S)
@@ -224,7 +220,7 @@ def test_objects_are_taken_where_they_were_at_the_cursors_time(speed_mps: float,
 
 
 @given(st.lists(st.floats(0, 5), min_size=1, max_size=30), st.floats(0, 5))
-def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: float) -> None:
+def test_hit_test_finds_the_nearest_object_within_its_reach(positions_m: list[float], at_m: float) -> None:
     whereabouts = ObjectPositions(margin_m=0.05)
     whereabouts.update("one", listing(*(on_strip(str(i), p) for i, p in enumerate(positions_m))))
     gaps = {str(i): abs(p - at_m) for i, p in enumerate(positions_m)}
@@ -232,7 +228,7 @@ def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: 
     assert under(whereabouts, cursor(at_m)) == (best if gaps[best] <= 0.3 / 2 + 0.05 else None)
 
 
-def test_free_objects_count_by_their_distance_to_the_point() -> None:
+def test_hit_test_of_free_objects_is_by_distance() -> None:
     robot = TrackedObject(
         id="robot", kind="robot", position_m=(1.0, 0.3, 0.9), velocity_mps=(0.0, -0.5, 0.0), length_m=0.2
     )
@@ -243,7 +239,7 @@ def test_free_objects_count_by_their_distance_to_the_point() -> None:
     assert under(whereabouts, Cursor(stamp_ns=S + S // 2)) is None
 
 
-def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
+def test_nearest_object_of_all_trackers_is_hit() -> None:
     whereabouts = ObjectPositions(margin_m=0.3)
     whereabouts.update("one", listing(on_strip("a", 1.0)))
     whereabouts.update("two", listing(on_strip("b", 1.2)))
@@ -254,7 +250,7 @@ def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
     assert {o.id: o.kind for o in whereabouts.objects.values()} == {"a": "red"}
 
 
-def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
+def test_longest_silent_trackers_are_forgotten_above_the_limit() -> None:
     whereabouts = ObjectPositions()
     for number in range(10 * MAX_TRACKERS):
         whereabouts.update(f"x{number}", listing(on_strip(f"x{number}", 9.0)))
@@ -263,7 +259,7 @@ def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
     assert len(whereabouts.objects) == MAX_TRACKERS
 
 
-def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
+def test_objects_of_a_silent_tracker_cannot_be_hovered() -> None:
     whereabouts = ObjectPositions(stale_after_s=1.0, ended_after_s=5.0)
     whereabouts.update("one", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S)) == "a"

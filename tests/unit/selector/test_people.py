@@ -8,7 +8,7 @@ from pointit.schemas import Hover, TrackedObjects
 from tests.unit.selector.room import Room, at, package
 
 
-def test_the_first_who_points_steadily_reserves_the_object() -> None:
+def test_first_person_to_point_steadily_reserves_the_object() -> None:
     room = Room(package("a", 5.0), package("b", 8.0))
     room.stay(0.3, 50.0, anna=5.0)
     room.stay(0.1, 50.0, anna=5.0, ben=5.0)
@@ -23,7 +23,7 @@ def test_the_first_who_points_steadily_reserves_the_object() -> None:
     assert len(room.events) == 2  # told once
 
 
-def test_who_points_at_nothing_is_told_at_once_and_then_five_times_a_second() -> None:
+def test_empty_hovers_are_sent_at_once_and_then_at_5_hz() -> None:
     room = Room(package("a", 5.0))
     room.stay(0.3, 50.0, anna=5.0)
     assert len(room.hovers["anna"]) == 15
@@ -37,7 +37,7 @@ def test_who_points_at_nothing_is_told_at_once_and_then_five_times_a_second() ->
     assert not room.hovers["anna"][-1].object_id
 
 
-def test_who_waits_for_a_reserved_object_is_told_why() -> None:
+def test_reserved_object_is_refused_to_others_with_the_reason() -> None:
     room = Room(
         package("a", 5.0), confirm="none", method="gauge", gauge={"full_s": 2.0, "sparse_full_s": 2.0}
     )
@@ -53,7 +53,7 @@ def test_who_waits_for_a_reserved_object_is_told_why() -> None:
     assert [cue.text for cue in room.cues["ben"]] == [room.events[0].reason]
 
 
-def test_a_reservation_ends_a_moment_after_the_object_was_left() -> None:
+def test_reservation_ends_a_moment_after_the_object_is_left() -> None:
     room = Room(package("a", 5.0))
     room.stay(0.4, 50.0, anna=5.0)
     room.stay(0.45, 50.0, anna=8.0)
@@ -85,7 +85,7 @@ def test_only_the_owner_deselects_until_they_are_gone() -> None:
     assert room.told[2:] == [("deselected", "a", "ben")]
 
 
-def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
+def test_undo_refuses_a_departed_object_and_then_continues() -> None:
     room = Room(package("a", 5.0), package("b", 7.0))
     room.stay(1.0, 50.0, anna=5.0)
     room.stay(1.0, 50.0, anna=7.0)
@@ -99,7 +99,7 @@ def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
     assert room.owners == {}
 
 
-def test_a_tracker_whose_clock_is_ahead_takes_nobodys_objects_away() -> None:
+def test_tracker_with_a_clock_ahead_ends_no_ownership() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     listed = room.objects
@@ -117,7 +117,7 @@ def test_a_tracker_whose_clock_is_ahead_takes_nobodys_objects_away() -> None:
 
 
 @pytest.mark.parametrize("has_left", [False, True])
-def test_who_is_on_an_object_does_not_change_it_back_after_an_undo(*, has_left: bool) -> None:
+def test_pointing_person_does_not_change_an_object_back_after_an_undo(*, has_left: bool) -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     if has_left:
@@ -128,7 +128,7 @@ def test_who_is_on_an_object_does_not_change_it_back_after_an_undo(*, has_left: 
     assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
 
 
-def test_a_release_deselects_whoevers_it_is_and_tells_them() -> None:
+def test_release_deselects_any_owners_object_and_sends_them_a_cue() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     room.take(room.selecting.release("boss", "a", False, room.now_ns))
@@ -145,7 +145,7 @@ def test_a_release_deselects_whoevers_it_is_and_tells_them() -> None:
     ("object_id", "take_over", "why"),
     [("b", False, "is not selected"), ("nowhere", True, "is not selected"), ("a", True, "is yours already")],
 )
-def test_what_cannot_be_released_is_refused(object_id: str, why: str, *, take_over: bool) -> None:
+def test_impossible_release_is_refused(object_id: str, why: str, *, take_over: bool) -> None:
     room = Room(package("a", 5.0), package("b", 7.0))
     room.stay(1.0, 50.0, anna=5.0)
     room.take(room.selecting.release("anna", object_id, take_over, room.now_ns))
@@ -153,7 +153,7 @@ def test_what_cannot_be_released_is_refused(object_id: str, why: str, *, take_ov
     assert why in room.cues["anna"][-1].text
 
 
-def test_a_flicker_of_the_tracker_costs_no_selection_and_leaving_does() -> None:
+def test_selection_survives_a_flicker_of_the_tracker_but_no_departure() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     objects = room.objects
@@ -221,7 +221,7 @@ def do(room: Room, doing: Doing) -> None:
     st.sampled_from([1.0, 3600.0]),
     st.lists(st.one_of(stays, stays, others), min_size=5, max_size=25),
 )
-def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
+def test_object_has_one_owner_and_events_agree_with_any_actions(
     method: str, ownerless_after_s: float, doings: list[Doing]
 ) -> None:
     room = Room(

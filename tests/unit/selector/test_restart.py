@@ -61,7 +61,7 @@ async def test_selections_survive_a_kill_and_counting_goes_on(kill: Callable[[st
         assert site.selections[-1].objects == before
 
 
-async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> None:
+async def test_new_run_starts_without_selections_and_keeps_the_audit() -> None:
     clock = ManualClock()
     async with served(clock) as site:
         await site.stay("anna", 1.0, "a", "b")
@@ -83,7 +83,7 @@ def test_damaged_journal_is_logged_when_the_saved_state_is_discarded(
     assert f"was damaged and is now {aside.name}" in caplog.text
 
 
-async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ran(
+async def test_audit_has_time_and_place_of_departures_without_a_selector(
     kill: Callable[[str], None],
 ) -> None:
     clock = ManualClock()
@@ -105,7 +105,7 @@ async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ra
     assert (rows[-1]["stamp_ns"], rows[-1]["reason"]) == (left_ns, "left at bay 1")
 
 
-async def test_a_selection_that_was_kept_but_not_published_is_published_once(
+async def test_committed_but_unpublished_selection_is_published_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kill: Callable[[str], None]
 ) -> None:
     clock = ManualClock()
@@ -136,7 +136,7 @@ def _told() -> int:
     return next(read_rows(path, "SELECT told FROM life", (), lambda row: int(row[0])))
 
 
-async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:
+async def test_object_that_left_during_a_restart_is_closed_after_a_while() -> None:
     clock = ManualClock()
     async with served(clock, unseen_after_s=30.0) as site:
         await site.stay("anna", 1.0, "a", "b")
@@ -153,7 +153,7 @@ async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:
     assert story == [("selected", "a"), ("selected", "b"), ("left", "a")]
 
 
-async def test_a_second_selector_warns_and_works_in_memory() -> None:
+async def test_second_selector_warns_and_works_in_memory() -> None:
     clock = ManualClock()
     async with served(clock) as first:
         await first.stay("anna", 1.0, "a")

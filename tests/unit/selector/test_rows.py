@@ -46,7 +46,7 @@ rooms = st.lists(
 
 
 @given(rooms)
-def test_every_thing_of_any_room_is_reached_in_at_most_rows_and_columns_steps(
+def test_each_thing_is_reached_in_at_most_rows_and_columns_steps(
     boxes: list[tuple[float, float, float, float]],
 ) -> None:
     things = things_at(*boxes)
@@ -58,7 +58,7 @@ def test_every_thing_of_any_room_is_reached_in_at_most_rows_and_columns_steps(
         assert max(distances(things, start.id).values()) <= most
 
 
-def test_a_step_to_a_row_goes_to_what_is_above_or_below_and_ends_at_the_last() -> None:
+def test_row_step_leads_above_or_below_and_stops_at_the_end() -> None:
     things = things_at(*((2.5, y, z, 0.3) for z in (1.6, 1.0, 0.4) for y in (0.8, 0.0, -0.8)))
     down = Step(stamp_ns=0, by=1, to="row")
     up = Step(stamp_ns=0, by=-1, to="row")
@@ -66,12 +66,12 @@ def test_a_step_to_a_row_goes_to_what_is_above_or_below_and_ends_at_the_last() -
     assert neighbour(things, AHEAD, "t1", up) == "t1"
 
 
-def test_stacked_drawers_that_touch_are_rows_and_a_tall_fridge_beside_them_is_in_one() -> None:
+def test_touching_drawers_are_rows_and_a_tall_fridge_is_in_one() -> None:
     things = things_at((2, 0.4, 1.2, 0.2), (2, 0.4, 1.0, 0.2), (2, 0.4, 0.8, 0.2), (2, -0.5, 0.9, 1.8))
     assert rows_of(things, EYES) == [["t0", "t3"], ["t1"], ["t2"]]
 
 
-def test_a_row_around_the_person_begins_behind_its_widest_gap() -> None:
+def test_row_around_the_person_begins_behind_its_widest_gap() -> None:
     angles = [-120.0, 0.0, 100.0, 170.0]
     points = [vector.direction(math.radians(each), 0.0) for each in angles]
     things = things_at(*((3 * x, 3 * y, 1.0, 0.3) for x, y, _ in points))
@@ -87,6 +87,6 @@ def test_a_row_around_the_person_begins_behind_its_widest_gap() -> None:
         ((1.0, 1.3, 1.6, 1.9), "2 of 2, row 4 of 4 from above"),
     ],
 )
-def test_places_are_told_by_row(heights_m: tuple[float, ...], place: str) -> None:
+def test_place_names_number_and_row(heights_m: tuple[float, ...], place: str) -> None:
     things = things_at((2, 1, 1.0, 0.2), (2, -1, 1.0, 0.2), *((2, 1, z, 0.2) for z in heights_m if z != 1.0))
     assert place_in(rows_of(things, EYES), "t1") == place

@@ -39,7 +39,7 @@ def test_sweeping_over_objects_selects_nothing() -> None:
     assert room.events == []
 
 
-def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it_takes() -> None:
+def test_slow_sweep_over_a_long_object_selects_nothing() -> None:
     turning = Room(package("a", 5.0, length_m=3.0))
     passed = Room(package("a", 3.9, speed_mps=1.0, length_m=3.0))
     turning.stay(2.2, 100.0, anna=lambda time_s: 3.9 + time_s)
@@ -53,14 +53,14 @@ def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it
 
 
 @pytest.mark.parametrize("speed_mps", [0.3, 1.0, 2.0])
-def test_a_moving_object_is_selected_by_who_follows_it_and_by_nobody_else(speed_mps: float) -> None:
+def test_moving_object_is_selected_only_by_following_it(speed_mps: float) -> None:
     room = Room(package("a", 3.0, speed_mps=speed_mps))
     room.stay(1.5, 100.0, anna=lambda time_s: 3.0 + speed_mps * time_s, ben=4.0)
     assert room.told == [("selected", "a", "anna")]
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
+def test_progress_is_shown_after_a_moment_and_rises(method: str) -> None:
     room = Room(package("a", 5.0), method=method)
     room.stay(0.45, 100.0, anna=5.0)
     hovers = room.hovers["anna"]
@@ -73,7 +73,7 @@ def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
     assert {hover.action for hover in hovers} == {"select"}
 
 
-def test_a_hover_says_all_there_is_to_say() -> None:
+def test_hover_has_all_fields() -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 100.0, anna=5.16)
     room.stay(1.0, 100.0, ben=5.16)
@@ -89,7 +89,7 @@ def test_a_hover_says_all_there_is_to_say() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_in_select_only_mode_nothing_is_deselected_by_staying(method: str) -> None:
+def test_staying_deselects_nothing_in_select_only_mode(method: str) -> None:
     room = Room(package("a", 5.0), method=method, mode="select_only")
     room.stay(2.0, 50.0, anna=5.0)
     room.stay(2.0, 50.0, anna=8.0)
@@ -108,7 +108,7 @@ def press(room: Room, user: str, time_s: float, gesture: str = "press") -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(method: str) -> None:
+def test_only_a_press_selects_the_object_hovered_before_with_confirmation(method: str) -> None:
     room = Room(package("a", 5.0), package("b", 6.0), method=method, confirm="press")
     room.stay(2.0, 100.0, anna=5.0)
     assert room.events == []
@@ -126,7 +126,7 @@ def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(metho
     assert room.told[1:] == [("selected", "b", "anna")]
 
 
-def test_a_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
+def test_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
     room = Room(package("a", 5.0), package("b", 6.0), confirm="press")
     room.stay(1.0, 100.0, anna=5.0)
     slow_s = room.time_s
@@ -138,7 +138,7 @@ def test_a_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_late_and_doubled_cursors_are_left_out(method: str) -> None:
+def test_late_and_duplicate_cursors_are_ignored(method: str) -> None:
     plain = Room(package("a", 5.0), method=method)
     plain.stay(1.2, 50.0, anna=5.0)
     odd = Room(package("a", 5.0), method=method)
@@ -152,7 +152,7 @@ def test_late_and_doubled_cursors_are_left_out(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_clock_that_is_set_back_begins_anew(method: str) -> None:
+def test_cursors_start_again_when_the_clock_is_set_back(method: str) -> None:
     room = Room(package("a", 5.0), method=method)
     room.stay(0.45, 50.0, anna=5.0)
     room.time_s = -100.0
@@ -162,7 +162,7 @@ def test_a_clock_that_is_set_back_begins_anew(method: str) -> None:
     assert room.told == [("selected", "a", "anna")]
 
 
-def test_a_stamp_from_the_future_holds_nobody_up() -> None:
+def test_stamp_from_the_future_delays_nobody() -> None:
     room = Room(package("a", 5.0))
     room.stay(0.2, 50.0, anna=5.0)
     room.take(room.selecting.on_cursor("anna", pointing(3600.0, 5.0)))
@@ -171,7 +171,7 @@ def test_a_stamp_from_the_future_holds_nobody_up() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_cursor_without_a_ray_counts_by_metres(method: str) -> None:
+def test_cursor_without_a_ray_is_tested_by_distance(method: str) -> None:
     room = Room(package("a", 5.0), method=method)
     for step in range(1, 61):
         room.time_s = step / 50

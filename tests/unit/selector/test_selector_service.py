@@ -27,7 +27,7 @@ from tests.support.bench import until
 from tests.unit.selector.served import cursor, objects, served
 
 
-async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> None:
+async def test_staying_selects_an_object_until_it_leaves() -> None:
     async with served() as site:
         events = site.events
         hovers = site.hovers["anna"]
@@ -50,7 +50,7 @@ async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> No
         assert len(events) == 1, "the conveyor tells that it left"
 
 
-async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
+async def test_service_uses_the_topics_and_requests_of_its_row() -> None:
     async with served() as site:
         view = ServiceBus(site.bus, site.clock, "selector", "selector")
         Selector(SelectorConfig(), Context(bus=view, clock=site.clock))
@@ -67,7 +67,7 @@ async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
         await view.close()
 
 
-async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_its_objects() -> None:
+async def test_silent_tracker_is_a_warning_and_is_then_forgotten_with_its_objects() -> None:
     async with served() as site:
         await site.stay("anna", 1.0, "a")
         assert site.owners == [("a", "anna")]
@@ -84,7 +84,7 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         await until(lambda: not site.health[-1].warnings, what="the warning to go")
 
 
-async def test_a_carrier_that_cannot_act_is_warned_of_while_its_things_are_refused() -> None:
+async def test_unavailable_carrier_is_a_warning_while_its_things_are_refused() -> None:
     async with served() as site:
         carrier = site.bus.announce(topics.CARRIER_ALIVE, "hue")
         for state, warning in (("unavailable", "acts on radio are refused: no power"), ("off", "")):
@@ -120,14 +120,14 @@ async def test_a_carrier_that_cannot_act_is_warned_of_while_its_things_are_refus
         ("margin", 0.1, "no parameter margin.*margin_m"),
     ],
 )
-def test_a_wrong_parameter_is_named(field: str, value: object, said: str) -> None:
+def test_wrong_parameter_is_named(field: str, value: object, said: str) -> None:
     layers = Layers()
     layers.add({field: value}, "file.yaml")
     with pytest.raises(ConfigError, match=said):
         layers.build(SelectorConfig)
 
 
-async def test_two_trackers_at_25_hz_side_by_side_are_both_seen() -> None:
+async def test_two_trackers_at_25_hz_are_both_seen() -> None:
     """Both write before anybody reads: on one key the newer would take the older's place."""
     async with served() as site:
         for _ in range(25):
@@ -144,7 +144,7 @@ async def test_two_trackers_at_25_hz_side_by_side_are_both_seen() -> None:
             assert {hover.object_id for hover in site.hovers[user]} == {name}
 
 
-async def test_undo_and_release_answer_what_they_did_or_why_not() -> None:
+async def test_undo_and_release_reply_with_the_change_or_the_reason() -> None:
     async with served() as site:
         call = site.bus.call
         with pytest.raises(RefusedError, match="there is nothing to take back"):
@@ -166,7 +166,7 @@ async def test_undo_and_release_answer_what_they_did_or_why_not() -> None:
         assert site.owners == [("a", "anna")]
 
 
-async def test_who_switches_what_is_being_switched_is_not_told_of_success() -> None:
+async def test_switching_again_does_not_report_success_while_an_act_is_pending() -> None:
     async with served() as site:
         site.bus.announce(topics.CARRIER_ALIVE, "home")
         states = (ThingState(id="a", state="off"),)
@@ -183,7 +183,7 @@ async def test_who_switches_what_is_being_switched_is_not_told_of_success() -> N
         assert (await first).message == "red a selected; home did not tell the result yet"
 
 
-async def test_undo_for_somebody_who_is_not_there_names_who_is() -> None:
+async def test_undo_for_an_absent_person_names_those_present() -> None:
     async with served() as site:
         await site.stay("anna", 1.0, "a")
         site.bus.announce(topics.USER_ALIVE, "ben")
@@ -196,7 +196,7 @@ async def test_undo_for_somebody_who_is_not_there_names_who_is() -> None:
                 await site.bus.call(topics.UNDO_SELECTION, UndoSelection(), user)
 
 
-async def test_a_press_confirms_where_that_is_wanted() -> None:
+async def test_press_confirms_when_configured() -> None:
     async with served(confirm="press") as site:
         await site.stay("anna", 1.0, "a")
         assert site.events == []
@@ -206,7 +206,7 @@ async def test_a_press_confirms_where_that_is_wanted() -> None:
         assert [(event.event, event.cause) for event in site.events] == [("selected", "button")]
 
 
-async def test_an_object_that_left_within_the_window_is_not_selected() -> None:
+async def test_object_that_left_within_the_window_is_not_selected() -> None:
     async with served(method="fraction", fraction=0.5) as site:
         for index in range(25):
             site.clock.advance(0.04)

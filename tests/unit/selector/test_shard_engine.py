@@ -29,7 +29,7 @@ def told(site: ShardedSite) -> list[str]:
     return [event.event for event in site.events]
 
 
-def test_who_rests_on_what_they_selected_keeps_it_when_the_selector_begins_again() -> None:
+def test_selected_object_is_kept_while_pointed_at_when_the_selector_restarts() -> None:
     room = Room(package("a", 3.0))
     room.stay(1.0, anna=3.0)
     assert room.owners == {"a": "anna"}
@@ -43,7 +43,7 @@ def test_who_rests_on_what_they_selected_keeps_it_when_the_selector_begins_again
     assert again.told == [("deselected", "a", "anna")]
 
 
-def test_and_when_their_shard_ends() -> None:
+def test_selected_object_is_kept_while_pointed_at_when_the_shard_ends() -> None:
     site = a_site()
     rest(site, 0.2, by_site=True)
     rest(site, 0.5, 9.0, by_site=True)
@@ -57,7 +57,7 @@ def test_and_when_their_shard_ends() -> None:
     assert told(site) == ["selected", "deselected"]
 
 
-def test_and_when_their_shard_begins_which_learns_only_later_what_is_selected() -> None:
+def test_selected_object_is_kept_while_pointed_at_when_a_shard_starts() -> None:
     site = a_site()
     rest(site, 0.5, by_site=True)
     assert told(site) == ["selected"]
@@ -82,7 +82,7 @@ def test_and_when_their_shard_begins_which_learns_only_later_what_is_selected() 
         ("first", "shard", 3, False), ("second", "shard", None, True),
     ],
 )  # fmt: skip
-def test_who_is_served_by_two_selectors_selects_once(
+def test_person_of_two_selectors_selects_once(
     late: str, second: str, lost: int | None, *, is_slow: bool
 ) -> None:
     """One of them gets the first cursor later, or loses one, and so is done a moment later."""
@@ -102,7 +102,7 @@ def test_who_is_served_by_two_selectors_selects_once(
     assert len(told(site)) == 1 or is_slow, "nothing to refuse to who knows of the selection"
 
 
-def test_what_another_selector_of_theirs_has_just_changed_is_not_changed_by_what_they_mean_now() -> None:
+def test_claim_just_after_another_selectors_change_is_refused() -> None:
     site = ShardedSite(("anna", "anna.2"), package("a", 3.0))
     site.arbiter.on_shard("anna")
     rest(site, 0.5)
@@ -116,7 +116,7 @@ def test_what_another_selector_of_theirs_has_just_changed_is_not_changed_by_what
     assert told(site)[-1] == "deselected"
 
 
-def test_who_comes_back_before_a_slow_decision_can_deselect_when_it_has_come() -> None:
+def test_person_can_deselect_when_a_slow_decision_has_come() -> None:
     """The event of their own claim latches nothing."""
     site = a_site()
     site.shards["anna"].on_selection(site.arbiter.selection(site.now_ns))
@@ -152,19 +152,19 @@ def decisions(age_s: float) -> list[tuple[str, str]]:
     return [(one.event, one.reason) for one in outputs if isinstance(one, SelectionEvent)]
 
 
-def test_a_claim_is_as_old_as_the_wall_says() -> None:
+def test_claim_age_is_by_the_wall_clock() -> None:
     assert decisions(AGE_S * SPEED * 0.9) == [("selected", "")]
     [(event, reason)] = decisions(AGE_S * SPEED * 1.2)
     assert (event, "6 s ago" in reason) == ("refused", True)
 
 
-def test_a_clock_is_as_far_ahead_as_the_wall_says() -> None:
+def test_clock_error_is_by_the_wall_clock() -> None:
     assert decisions(-0.9 * SPEED) == [("selected", "")]
     [(event, reason)] = decisions(-3.0 * SPEED)
     assert (event, "3 s ahead" in reason) == ("refused", True)
 
 
-def test_claims_are_repeated_and_given_up_by_the_wall() -> None:
+def test_claims_are_repeated_and_given_up_by_the_wall_clock() -> None:
     site = fast_site()
     dwell_on_it(site)
     site.links["anna"].up.clear()
@@ -180,7 +180,7 @@ def test_claims_are_repeated_and_given_up_by_the_wall() -> None:
     assert site.cues["anna"] == 1
 
 
-async def test_the_service_tells_its_speed() -> None:
+async def test_service_passes_the_clocks_speed_to_its_engine() -> None:
     clock = ManualClock()
     clock.speed = SPEED
     started: list[Selector] = []

@@ -31,7 +31,7 @@ async def shard_alone() -> AsyncGenerator[Served]:
         yield site
 
 
-async def test_the_sites_selector_decides_on_what_a_shard_claims() -> None:
+async def test_sites_selector_decides_on_claims_of_a_shard() -> None:
     async with served() as site:
         claims = site.bench.collect(topics.CLAIM, "anna")
         site.bus.announce(topics.USER_ALIVE, "ben")
@@ -52,7 +52,7 @@ async def test_the_sites_selector_decides_on_what_a_shard_claims() -> None:
         assert site.owners == []
 
 
-async def test_a_shard_follows_the_method_of_the_site() -> None:
+async def test_shard_follows_the_method_of_the_site() -> None:
     async with served() as site:
         await site.bus.call(topics.SET_METHOD, SetMethod(method="hold", dwell_s=2.0))
         await start_shard(site.bench)
@@ -79,14 +79,14 @@ async def test_configured_dwell_time_of_the_method_in_use_is_a_figure() -> None:
             await until(lambda wanted_s=wanted_s: default_s() == [wanted_s])
 
 
-async def test_a_method_that_is_not_installed_here_is_a_warning() -> None:
+async def test_missing_method_is_a_warning_of_the_shard() -> None:
     async with shard_alone() as site:
         stare = Selection(stamp_ns=site.clock.now_ns(), method="stare", dwell_s=1.0)
         site.bench.put(topics.SELECTION, stare)
         await until(lambda: site.warns("method stare"), what="the warning")
 
 
-async def test_a_shard_without_a_selector_says_so_and_hovers() -> None:
+async def test_shard_without_a_selector_warns_and_hovers() -> None:
     async with shard_alone() as site:
         claims = site.bench.collect(topics.CLAIM)
         await until(lambda: site.warns(NO_ARBITER), what="the warning")
@@ -99,7 +99,7 @@ async def test_a_shard_without_a_selector_says_so_and_hovers() -> None:
         token.close()
 
 
-async def test_a_flood_of_claims_is_shown_in_health() -> None:
+async def test_flood_of_claims_is_shown_in_health() -> None:
     async with served() as site:
         site.bench.put(topics.OBJECTS, objects(site.clock, "a", "b"), "conveyor")
         await site.bench.settle()

@@ -88,7 +88,7 @@ _STEPS: st.SearchStrategy[list[partial[None]]] = st.lists(
 
 @given(_STEPS)
 @settings(max_examples=120, deadline=None)
-def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim_one_event(
+def test_each_object_has_one_owner_and_each_claim_one_event(
     steps: list[partial[None]],
 ) -> None:
     with OPEN_FILES:  # those of each example end with it
@@ -141,7 +141,7 @@ def test_shards_select_as_one_selector_does() -> None:
     assert len(room.events) == 10
 
 
-def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> None:
+def test_reservation_takes_few_claims_and_others_see_it() -> None:
     site = a_site(("anna", "ben"))
     site.step(0.01, {"ben": 3.0})
     for _ in range(12):
@@ -160,14 +160,14 @@ def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> Non
     assert site.hovers["ben"].taken_by == ""
 
 
-def test_a_claim_of_what_has_left_is_refused() -> None:
+def test_claim_of_a_departed_object_is_refused() -> None:
     site = a_site(("anna",))
     site.step(0.1, {})
     assert refusals(site, "anna", claimed(site, "z")) == ["object has left"]
 
 
 @pytest.mark.parametrize(("action", "is_selected"), [("select", True), ("deselect", False)])
-def test_a_claim_with_another_effect_by_now_is_refused(action: Action, *, is_selected: bool) -> None:
+def test_claim_is_refused_when_its_effect_has_changed(action: Action, *, is_selected: bool) -> None:
     """She took the package over from ben, or the conveyor had refused it, while her claim was on its way."""
     site = a_site(("anna", "ben"))
     if is_selected:
@@ -184,7 +184,7 @@ def test_a_claim_with_another_effect_by_now_is_refused(action: Action, *, is_sel
     assert site.owners == ({"a": "anna"} if is_selected else {})
 
 
-def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
+def test_claim_from_before_a_clear_does_not_select_again() -> None:
     site = a_site(("anna",))
     dwell(site, anna=3.0)
     dwell(site, anna=9.0)
@@ -196,7 +196,7 @@ def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
     assert site.owners == {}
 
 
-def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
+def test_claim_past_the_last_way_is_refused_when_it_comes() -> None:
     decided = package("a", 3.0).model_copy(update={"bay": "1", "bay_until_ns": at(1.0)})
     site = ShardedSite(("anna",), decided)
     dwell(site, deliver=False, anna=3.0)
@@ -206,7 +206,7 @@ def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() 
     assert "past its last way" in site.events[0].reason
 
 
-def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_again() -> None:
+def test_claim_before_the_first_objects_is_decided_when_repeated() -> None:
     site = a_site(("anna",))
     dwell(site, deliver=False, anna=3.0)
     [(user, claim)] = site.claims
@@ -224,7 +224,7 @@ def many(count: int) -> tuple[ShardedSite, list[Claim]]:
     return site, [claimed(site, f"p{index}", stamp_ns=site.now_ns + index) for index in range(count)]
 
 
-def test_whoever_claims_more_than_anybody_points_at_is_ignored_and_told_in_health() -> None:
+def test_excessive_claims_are_ignored_and_shown_in_health() -> None:
     site, claims = many(50)
     events = [
         one.message
@@ -241,7 +241,7 @@ def test_whoever_claims_more_than_anybody_points_at_is_ignored_and_told_in_healt
     assert site.arbiter.excess(site.now_ns) == ""
 
 
-def test_a_shard_reserves_two_objects_at_most_and_selections_are_few() -> None:
+def test_shard_reserves_at_most_two_objects_with_few_selections() -> None:
     site, claims = many(50)
     selections: list[Selection] = []
     for index, claim in enumerate(claims):
@@ -254,7 +254,7 @@ def test_a_shard_reserves_two_objects_at_most_and_selections_are_few() -> None:
     assert 2 <= len(selections) <= 3
 
 
-def test_others_have_their_claims_known_however_many_one_has_decided() -> None:
+def test_decided_claims_are_remembered_for_each_person() -> None:
     site, _ = many(3)
     claim = claimed(site, "p0")
     assert site.arbiter.on_claim("ben", claim, site.now_ns)

@@ -55,7 +55,7 @@ def _installed(tmp_path: Path) -> Iterator[None]:
         yield
 
 
-def test_method_of_a_package_selects_after_its_own_time_or_the_one_that_is_set() -> None:
+def test_method_of_a_package_selects_after_its_own_or_the_set_time() -> None:
     room = Room(package("a", 5.0), package("b", 8.0), method="patient", patient={"dwell_s": 1.5})
     room.stay(1.4, anna=5.0)
     assert 0.8 < room.hovers["anna"][-1].progress < 1.0
@@ -67,7 +67,7 @@ def test_method_of_a_package_selects_after_its_own_time_or_the_one_that_is_set()
     assert room.told[-1] == ("selected", "b", "anna")
 
 
-def test_parameters_of_a_package_are_validated_and_ours_have_no_section() -> None:
+def test_parameters_of_a_package_are_validated() -> None:
     for values, sentence in (
         ({"method": "absent"}, "use one of estimate, fraction, gauge, hold, lost, patient"),
         ({"patient": {"dwell_s": 11}}, "10"),
@@ -77,7 +77,7 @@ def test_parameters_of_a_package_are_validated_and_ours_have_no_section() -> Non
             SelectorConfig.model_validate(values)
 
 
-def test_method_that_fails_for_one_person_is_reported_and_costs_the_others_nothing() -> None:
+def test_method_that_fails_for_one_person_is_reported_and_serves_others() -> None:
     room = Room(package("a", 5.0), package("b", 8.0), method="patient", patient={"dwell_s": 2.5})
     room.stay(5.0, anna=5.0, ben=8.0)
     assert room.told == [("selected", "b", "ben")]
@@ -85,7 +85,7 @@ def test_method_that_fails_for_one_person_is_reported_and_costs_the_others_nothi
     assert room.selecting.fault() == "ValueError: progress nan, expected 0 to 1, 3 times now"
 
 
-async def test_service_offers_the_methods_of_packages_and_names_one_that_fails() -> None:
+async def test_service_offers_methods_of_packages_and_names_a_failing_one() -> None:
     async with served() as site:
         reply = await site.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=0.4))
         assert (reply.name, reply.method, reply.dwell_s) == ("patient", "hold", 0.4)

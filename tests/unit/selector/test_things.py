@@ -75,7 +75,7 @@ class Things:
                 self.unclear.append((output.user, output.message.text))
 
 
-def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
+def test_button_fires_once_for_each_pointing() -> None:
     room = Things(thing("screws"))
     assert room.point(0.0, 0.9) == []
     assert room.hover.object_id == "screws"
@@ -90,7 +90,7 @@ def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
     assert cues == ["there is nothing to take back"]
 
 
-def test_a_switch_is_on_until_anybody_switches_it_off() -> None:
+def test_switch_is_on_until_any_person_switches_it_off() -> None:
     room = Things(thing("radio", mode="switch"))
     assert room.point(0.0, 3.0) == [("selected", "radio")]
     assert room.point(0.0, 0.5, "bert") == []
@@ -98,7 +98,7 @@ def test_a_switch_is_on_until_anybody_switches_it_off() -> None:
     assert room.point(0.0, 2.5, "bert") == [("deselected", "radio")]
 
 
-def test_a_button_that_is_shown_is_not_undone_by_the_next_person() -> None:
+def test_shown_button_is_not_undone_by_the_next_person() -> None:
     room = Things(thing("kettle", press=True))
     for _ in range(100):
         room.point(0.0, 0.02)
@@ -107,13 +107,13 @@ def test_a_button_that_is_shown_is_not_undone_by_the_next_person() -> None:
     assert room.press("bert") == []
 
 
-def test_a_box_is_where_it_is_turned_to() -> None:
+def test_turned_box_is_hovered_at_its_orientation() -> None:
     across: dict[str, Any] = {"size_m": (0.2, 2.0, 0.2)}
     assert Things(thing("bar", **across)).point(12.0, 3.0)[:1] == [("selected", "bar")]
     assert Things(thing("bar", **across, yaw_rad=math.pi / 2)).point(12.0, 3.0) == []
 
 
-def test_a_tracked_object_does_what_the_map_says_of_it_while_it_is_tracked() -> None:
+def test_tracked_object_has_the_mode_of_the_map() -> None:
     def stay(name: str, seconds: float) -> None:
         for _ in range(round(5 * seconds)):
             listed = listing(Environment(stamp_ns=0, name="", things=(thing(name),)), at(room.time_s))
@@ -143,21 +143,21 @@ def test_a_tracked_object_does_what_the_map_says_of_it_while_it_is_tracked() -> 
     assert "cart" not in [one.id for one in room.engine.selection(at(room.time_s)).objects], "it has left"
 
 
-def test_what_is_claimed_stays_with_who_claimed_it() -> None:
+def test_claimed_thing_stays_with_its_owner() -> None:
     room = Things(thing("crate", mode="claim"))
     assert room.point(0.0, 3.0) == [("selected", "crate")]
     assert room.point(0.0, 3.0, "bert") == [("refused", "crate")]
     assert package("red", 1.0).mode == "claim", "as packages do"
 
 
-def test_a_press_selects_no_thing_that_wants_none() -> None:
+def test_press_selects_only_things_that_want_one() -> None:
     room = Things(thing("screws"))
     room.point(0.0, 0.5)
     assert room.press() == []
 
 
 @pytest.mark.parametrize("held_s", [0.3, 0.7, 1.4])
-def test_a_press_that_comes_late_fires_the_thing_of_its_beginning_which_is_shown(held_s: float) -> None:
+def test_late_press_fires_and_shows_the_thing_of_its_start(held_s: float) -> None:
     room = Things(thing("kettle", press=True))
     room.point(0.0, 3.0)
     room.point(20.0, held_s - 0.1)
@@ -166,19 +166,19 @@ def test_a_press_that_comes_late_fires_the_thing_of_its_beginning_which_is_shown
     assert room.point(20.0, 0.4) == [("deselected", "kettle")]
 
 
-def test_the_time_on_a_thing_is_its_own() -> None:
+def test_thing_has_its_own_dwell_time() -> None:
     room = Things(thing("slow", dwell_s=2.5))
     assert room.point(0.0, 2.4) == []
     assert room.point(0.0, 0.5) == [("selected", "slow")]
 
 
 @pytest.mark.parametrize("speed_deg_s", [15.0, 30.0, 90.0])
-def test_who_passes_by_fires_nothing(speed_deg_s: float) -> None:
+def test_passing_ray_fires_nothing(speed_deg_s: float) -> None:
     room = Things(*[thing(name, y_m) for name, y_m in zip("abc", (-0.7, 0.0, 0.7), strict=True)])
     assert room.point(-45.0, 90.0 / speed_deg_s, turning=speed_deg_s) == []
 
 
-def test_between_two_things_light_decides() -> None:
+def test_light_decides_between_two_things() -> None:
     dark = Things(thing("a", 0.25, size_m=(0.2, 0.2, 0.2)), thing("b", -0.25, size_m=(0.2, 0.2, 0.2)))
     assert dark.point(0.3, 5.0) == []
     lit = {"size_m": (0.2, 0.2, 0.2), "lamp": "lamp"}
@@ -187,13 +187,13 @@ def test_between_two_things_light_decides() -> None:
     assert Things(thing("a", 0.25, **lit), thing("b", -0.25, **lit)).point(40.0, 5.0) == []
 
 
-def test_who_holds_a_point_of_a_strip_means_the_strip() -> None:
+def test_steady_cursor_on_a_strip_means_the_strip() -> None:
     on_strip: dict[str, Any] = {"surface": "strip", "surface_id": "s", "point_m": (2.6, 0.8, 1.4)}
     assert Things(thing("a", lamp="lamp")).point(13.0, 6.0, **on_strip) == []
     assert Things(thing("a", lamp="lamp")).point(8.0, 6.0)[:1] == [("selected", "a")]
 
 
-def test_a_moving_package_is_selected_as_well() -> None:
+def test_moving_package_is_selected_by_the_estimate() -> None:
     config = SelectorConfig.model_validate({"method": "estimate"})
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(MAP)
@@ -210,14 +210,14 @@ def test_a_moving_package_is_selected_as_well() -> None:
 @given(
     st.lists(st.tuples(st.floats(-3, 3), st.floats(0.01, 2.0)), min_size=1, max_size=5), st.floats(-60, 60)
 )
-def test_what_is_stated_is_a_probability(boxes: list[tuple[float, float]], azimuth_deg: float) -> None:
+def test_stated_confidence_is_a_probability(boxes: list[tuple[float, float]], azimuth_deg: float) -> None:
     room = Things(*[thing(f"t{i}", y, size_m=(w, w, w)) for i, (y, w) in enumerate(boxes)])
     room.point(azimuth_deg, 1.6)
     assert all(event.confidence is not None and 0.7 <= event.confidence <= 1.0 for event in room.events[:1])
 
 
 @given(st.integers(0, 29))
-def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> None:
+def test_nearest_boxes_of_a_crowd_are_seen(aimed: int) -> None:
     row = tuple(thing(str(index), 0.02 * (index - 15)) for index in range(30))
     seen = SeenObjects(aim="ray")
     room = Environment(stamp_ns=0, name="room", things=row)
@@ -261,7 +261,7 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
     assert set_thing(room, "screws", on=True) == (["selected"], [])
 
 
-def test_the_event_of_a_switch_that_is_restored_says_so() -> None:
+def test_event_of_a_restored_switch_has_the_reason() -> None:
     room = Things(thing("radio", mode="switch"))
     room.point(80.0, 0.1)
     query = SetThing(thing="radio", on=True, is_restored=True)
@@ -270,21 +270,21 @@ def test_the_event_of_a_switch_that_is_restored_says_so() -> None:
     assert [one.id for one in room.engine.selection(at(room.time_s)).objects] == ["radio"]
 
 
-def test_programs_change_nothing_that_is_owned_or_unknown() -> None:
+def test_programs_change_no_owned_or_unknown_thing() -> None:
     room = Things(thing("seat", mode="claim"))
     room.point(80.0, 0.1)
     for name in ("seat", "nothing"):
         assert set_thing(room, name) == ([], [f"no button or switch {name} is placed"])
 
 
-def test_who_rests_on_a_switch_does_not_undo_what_a_program_does() -> None:
+def test_pointing_person_does_not_undo_the_act_of_a_program() -> None:
     room = Things(thing("radio", mode="switch"))
     assert room.point(0.0, 3.0) == [("selected", "radio")]
     assert set_thing(room, "radio", on=False) == (["deselected"], [])
     assert room.point(0.0, 3.0) == []
 
 
-def test_two_that_cannot_be_told_apart_are_named_now_and_then_and_neither_fires() -> None:
+def test_indistinguishable_things_are_named_now_and_then_and_do_not_fire() -> None:
     room = Things(thing("screws", 0.16, size_m=(0.2, 0.2, 0.2)), thing("nuts", -0.16, size_m=(0.2, 0.2, 0.2)))
     assert room.point(0.0, 2.0) == []
     assert room.unclear == []
@@ -295,13 +295,13 @@ def test_two_that_cannot_be_told_apart_are_named_now_and_then_and_neither_fires(
     assert len(room.unclear) == 2
 
 
-def test_one_thing_that_is_not_sure_is_not_confused_with_another() -> None:
+def test_single_unsure_thing_has_no_rival() -> None:
     room = Things(thing("screws", 0.0), thing("nuts", 1.5))
     room.point(9.0, 10.0)
     assert room.unclear == []
 
 
-def test_a_thing_that_was_moved_is_found_at_its_new_place_by_the_same_eyes() -> None:
+def test_moved_thing_is_seen_at_its_new_place() -> None:
     room = Things(thing("screws"))
     assert room.point(0.0, 0.2) == []
     assert room.hover.object_id == "screws"
@@ -311,7 +311,7 @@ def test_a_thing_that_was_moved_is_found_at_its_new_place_by_the_same_eyes() -> 
     assert room.point(45.0, 2.0)[:1] == [("selected", "screws")]
 
 
-def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
+def test_moving_box_is_seen_at_the_time_of_the_ray() -> None:
     seen = SeenObjects(aim="ray")
     box = listing(Environment(stamp_ns=0, name="room", things=(thing("crate"),)), at(0.0))
     (crate,) = box.objects
@@ -324,7 +324,7 @@ def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
         assert one.center_m == pytest.approx((2.6, time_s, 1.4))
 
 
-def test_the_manner_of_selecting_names_what_wants_a_press_and_follows_the_things_that_are_there() -> None:
+def test_manner_names_things_that_want_a_press_among_those_present() -> None:
     def manner(*things: Thing, **config: Any) -> tuple[str, tuple[str, ...], int]:
         engine = SelectionEngine(
             SelectorConfig.model_validate({"method": "estimate", **config}), lambda _record: None
@@ -344,7 +344,7 @@ def test_the_manner_of_selecting_names_what_wants_a_press_and_follows_the_things
     assert manner(screws, *many) == ("stay", ("k0", "k1", "k2", "k3"), 9)
 
 
-def test_the_manner_is_known_with_the_map_before_its_things_are_tracked() -> None:
+def test_manner_follows_the_map_before_its_things_are_tracked() -> None:
     engine = SelectionEngine(SelectorConfig(), lambda _record: None)
     things = (thing("screws"), thing("kettle", 1.0, press=True, label="the kettle"))
     engine.on_map(Environment(stamp_ns=0, name="room", things=things))
@@ -352,7 +352,7 @@ def test_the_manner_is_known_with_the_map_before_its_things_are_tracked() -> Non
     assert (told.by, told.pressed, told.pressed_count) == ("stay", ("the kettle",), 1)
 
 
-def test_the_manner_tells_what_selects_for_people_who_hear_names() -> None:
+def test_manner_has_the_gesture_of_people_who_hear_names() -> None:
     for confirm, by in (("press", "press"), ("dwell", "stay")):
         room = Things(thing("screws"), announce={"people": ("anna",), "confirm": confirm})
         assert room.engine.manner(0).names_by is None, "nobody is there yet"

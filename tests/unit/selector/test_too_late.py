@@ -57,7 +57,7 @@ class Belt(Room):
 
 
 @pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
-def test_what_is_past_its_last_way_is_refused_with_the_reason_and_a_cue(method: str) -> None:
+def test_object_past_its_last_way_is_refused_with_a_cue(method: str) -> None:
     room = Room(bound("a", 5.0, 0.0), method=method)
     room.stay(2.0, anna=5.0)
     assert room.told == [("refused", "a", "anna")]
@@ -69,7 +69,7 @@ def test_what_is_past_its_last_way_is_refused_with_the_reason_and_a_cue(method: 
     assert [record.event for record in room.records] == ["refused"]
 
 
-def test_a_selection_is_in_time_until_a_lead_before_the_last_way() -> None:
+def test_selection_is_in_time_until_the_lead_before_the_last_way() -> None:
     early = Room(bound("a", 5.0, 3.0), lead_s=LEAD_S)
     early.stay(1.0, anna=5.0)
     fired_s = (early.events[0].stamp_ns - at(0.0)) / 1e9
@@ -95,7 +95,7 @@ def chosen(*object_ids: str) -> Room:
     return room
 
 
-def test_what_is_on_its_way_to_the_bay_is_not_taken_back_by_pointing() -> None:
+def test_pointing_does_not_deselect_an_object_past_its_last_way() -> None:
     room = chosen("a")
     room.stay(1.0, anna=9.0)
     room.stay(1.5, anna=2.0)
@@ -111,7 +111,7 @@ def take_back(room: Room, deed: str, now_ns: int) -> None:
 
 
 @pytest.mark.parametrize("deed", ["undo", "clear", "release"])
-def test_nor_by_any_other_means(deed: str) -> None:
+def test_no_request_deselects_an_object_past_its_last_way(deed: str) -> None:
     room = chosen("a")
     take_back(room, deed, room.now_ns)
     assert [event.event for event in room.events] == ["refused"]
@@ -121,7 +121,7 @@ def test_nor_by_any_other_means(deed: str) -> None:
 
 
 @pytest.mark.parametrize("deed", ["undo", "clear", "release"])
-def test_of_what_a_silent_tracker_listed_it_is_not_too_late(deed: str) -> None:
+def test_objects_of_a_silent_tracker_are_never_too_late(deed: str) -> None:
     """The conveyor has ended; where its objects go now, nobody knows."""
     room = chosen("a")
     take_back(room, deed, room.now_ns + NS_PER_S + 1)  # older than objects_stale_after_s, not yet given up
@@ -129,7 +129,7 @@ def test_of_what_a_silent_tracker_listed_it_is_not_too_late(deed: str) -> None:
     assert not room.owners
 
 
-def test_clear_takes_back_what_still_can_be_and_undo_brings_that_back_alone() -> None:
+def test_clear_deselects_objects_in_time_and_undo_restores_these_only() -> None:
     room = chosen("a", "b")
     room.objects = [bound("a", 2.0, 0.0, bay="1"), bound("b", 4.0, 100.0, bay="1")]
     room.wait(0.2)
@@ -147,7 +147,7 @@ def test_taking_over_changes_the_owner_alone_and_is_never_too_late() -> None:
     assert room.owners == {"a": "anna"}
 
 
-def test_what_left_is_closed_with_the_conveyors_time_and_bay() -> None:
+def test_departed_object_is_closed_with_the_conveyors_time_and_bay() -> None:
     room = chosen("a")
     selections = len(room.selections)
     state = departure("a", 2.0, "1", "anna")
@@ -161,7 +161,7 @@ def test_what_left_is_closed_with_the_conveyors_time_and_bay() -> None:
 
 
 @pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
-def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> None:
+def test_object_refused_by_the_conveyor_is_latched(method: str) -> None:
     room = Belt(bound("a", 5.0, 100.0), method=method)
     room.stay(1.2, anna=5.0)
     room.stay(1.2, anna=9.0)
@@ -174,7 +174,7 @@ def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> No
     assert room.owners == {"a": "anna"}
 
 
-def test_a_deselection_that_the_conveyor_refuses_gives_it_back_to_who_had_it() -> None:
+def test_refused_deselection_gives_the_object_back_to_its_owner() -> None:
     room = Belt(bound("a", 5.0, 100.0))
     room.stay(1.2, anna=5.0)
     room.tell()

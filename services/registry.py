@@ -354,7 +354,7 @@ def present_writers(topic: Topic[Any], name: str, present: Iterable[str]) -> lis
 
 def _may_write(instance: str, topic: Topic[Any], name: str) -> bool:
     """Return True if `instance` may write `topic`, which is not of all services, at `name`."""
-    # By its row, or by the topic, as services of other packages
+    # By its row, or, as a service of another package, by the topic's writers
     service, instance_name = split_instance(instance)
     row = row_of(service)
     is_writer = service in topic.writers
@@ -365,11 +365,11 @@ def _may_write(instance: str, topic: Topic[Any], name: str) -> bool:
     if not is_writer:
         return False
 
-    # Shards write of people only: their site's instance writes the rest
+    # Shards write topics of people only. The site's instance writes the others
     if is_shard and topic.placeholder != "user":
         return False
 
-    # At its person or its own name only, if the topic has a key for each
+    # At its own person or name only, if the topic has a key for each
     own_name = person_of(instance) if topic.placeholder == "user" else instance_name
     if topic.placeholder not in ("user", service) or not own_name:
         return True

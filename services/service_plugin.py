@@ -104,14 +104,14 @@ def _check_key(row: Row) -> None:
     Raises:
         ConfigError: If not. The message names the key.
     """
-    # Its first part
+    # It starts with the name of its owner
     first, *others = row.key.split("/")
     owners = row.writers if isinstance(row, Topic) else (row.server,)
     owner_names = {owner.replace("_", "-") for owner in owners}
     if first.replace("_", "-") not in owner_names:
         raise ConfigError(f"its key {row.key} must begin with {owners[0]}/, the name of its service")
 
-    # Its other parts
+    # It consists of names and at most one placeholder
     no_names = [part for part in others if not NAME.match(part)]
     are_placeholders = all(PLACEHOLDER.match(part) for part in no_names)
     if len(no_names) > 1 or not are_placeholders:
@@ -120,7 +120,7 @@ def _check_key(row: Row) -> None:
             "be a placeholder such as {user}"
         )
 
-    # No message may be of two rows
+    # No message fits two rows
     rows: tuple[Row | Presence, ...] = (*topics.TOPICS, *topics.REQUESTS, *topics.PRESENCES)
     for other in rows:
         if other != row and _overlap(row.key, other.key):

@@ -89,7 +89,7 @@ class GoalChecker:
         if not self.is_pointing:
             return "you are not pointing: press your button first"
 
-        # The cursor is of now
+        # The cursor is recent
         age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
         if age_s > config.max_age_s:
             return f"the last data of your arm is {age_s:.1f} s old: look for a slow link"

@@ -526,7 +526,7 @@ class RobotChoice:
         if not robot or robot == self._done:
             return None
 
-        # It is taken after a stay, or after a press that was unclear
+        # It is taken after a stay, or if it became clear after a press
         _, since_ns = self._pointed
         has_stayed = is_by_dwell and now_ns - since_ns >= self._dwell_ns
         has_pressed = bool(chosen) and self._pressed_ns is not None

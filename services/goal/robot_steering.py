@@ -185,7 +185,7 @@ class RobotSteering:
         self._waypoints: list[Vec3] = []
         self._requested_m: Vec3 | None = None
         """Place to which the robot is sent as soon as it obeys the person, or None."""
-        self._places: deque[tuple[int, Vec3, str]] = deque()  # plain tuples: there is one per cursor
+        self._places: deque[tuple[int, Vec3, str]] = deque()
         """Stamp, place and surface of the cursors from `LAND_BEFORE_S` before the longest press on."""
         self._cursor: Cursor | None = None
         self._pointing_since_ns = 0

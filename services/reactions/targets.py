@@ -221,7 +221,7 @@ class Webhook:
         except (httpx.InvalidURL, UnicodeError) as error:
             return "error", f"was not sent, as its address is not valid ({error}): correct it"
 
-        # Errors of connections and servers may pass, so they are tried again. Those of settings do not
+        # Errors of connections and servers are retried, since they may pass. Those of settings are not
         problem = ""
         code = cast("FailureCode", "no_answer")
         for pause_s in (0.0, *PAUSES_S):

@@ -54,7 +54,7 @@ class Recorder(Service[RecorderConfig]):
             reason = error.strerror or error
             raise ConfigError(f"{place}: cannot be written ({reason}); record in another folder") from error
 
-        # Any part of a key selects topics, but for placeholders
+        # Each part of a key except placeholders selects topics
         known: set[str] = set()
         for topic in TOPICS:
             known.update(part for part in topic.key.split("/") if "{" not in part)
@@ -139,7 +139,7 @@ class Recorder(Service[RecorderConfig]):
                 self._reported.add(key)
                 log.warning("not everything is recorded: %s", problem.sentence)
 
-        # A recorder that is alone may be on the wrong site
+        # Log once that no service runs
         if self._alone_s is not None and time.monotonic() - self._alone_s >= ALONE_S:
             self._alone_s = None
             log.warning(

@@ -106,7 +106,7 @@ class Arbiter:
             latch: called with each object that is changed other than by dwelling or pressing here, and with
                 the person who changed it, or `""` if everybody is to leave it first.
         """
-        # Objects, and what is decided on them
+        # Objects, their owners and reservations
         self._ownership = ownership
         self._ledger = ownership.ledger
         self._reservations = ownership.reservations
@@ -170,7 +170,7 @@ class Arbiter:
             self._ownership.presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
 
-        # What was under way goes on
+        # Claims that may be sent again, and acts without a result
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:

@@ -111,7 +111,7 @@ class HoverEngine:
 
     def manner(self, stamp_ns: int) -> SelectionManner:
         """Return the manner of selecting the present objects, and the map things before they are present."""
-        # The same for everybody, and for those to whom names are spoken
+        # Gesture of people who see lights, and of those to whom names are spoken
         by: SelectsBy = "press" if self._config.confirm == "press" else "stay"
         names_by: SelectsBy | None = None
         for pointer in self._people.values():
@@ -119,7 +119,7 @@ class HoverEngine:
                 names_by = "press" if pointer.announcer.is_pressed else "stay"
                 break
 
-        # Objects that are pressed alone: listed, unless there are no others
+        # Objects that only a press selects. They are listed unless that is all objects
         wants_press = dict(self._pressed_things)
         for tracked in self._positions.objects.values():
             wants_press[tracked.id] = (tracked.kind or tracked.id, tracked.press)

@@ -226,7 +226,7 @@ class Journal:
             self._write(now_ns)
             return JournalContents(events=events)
 
-        # Otherwise go on with it
+        # Recent: restore the selections, and what is to be published or has no result yet
         entries: dict[str, Owned] = {}
         for record in opened:
             entry = Owned(record.owner, record.kind, record.since_ns, record.confidence)

@@ -366,7 +366,7 @@ class Ownership:
         if holder and holder != user:
             return "refuse", holder
 
-        # A button goes off by itself; a claim may have to be undone in another way
+        # A selected button goes off by itself. With `select_only`, staying deselects no claim
         is_selected = object_id in self.ledger.entries
         if is_selected:
             if mode == "button":

@@ -60,7 +60,7 @@ class SiteRole:
         self._put = put
         self._use = use
 
-        # Decisions, of which the journal gets each event
+        # The journal, which gets each event of the engine
         self._has_journal = config.journal.enabled
         self._journal = Journal(
             site_folder(bus.site, "selector"),

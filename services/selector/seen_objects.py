@@ -284,7 +284,7 @@ class SeenObjects:
         if not self._tracked:
             return None
 
-        # All objects from these eyes, which are known where people and objects stand still
+        # All objects as seen from these eyes, from the cache while nothing moves
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         sights = self._sights.get(origin_m) or self._sights_from(origin_m, age_s)
         centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights

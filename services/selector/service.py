@@ -68,12 +68,12 @@ class Selector(Service[SelectorConfig]):
         self._logged_problem = ""
         """Last problem of the method that was logged."""
 
-        # Publishers, one a person
+        # Publishers, one for each person
         self._hovers = functools.cache(functools.partial(self.bus.publisher, topics.HOVER))
         self._cues = functools.cache(functools.partial(self.bus.publisher, topics.FEEDBACK))
         self._announced = functools.cache(functools.partial(self.bus.publisher, topics.ANNOUNCED))
 
-        # The state from before a restart, which must be there before the first message comes
+        # The state from before a restart, restored before the first message is received
         role = ShardRole if config.people else SiteRole
         self._role = role(
             config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._change_method

@@ -15,6 +15,11 @@ LEVEL_M = 0.3
 """Height above or below the person's floor up to which a requested place is on it, m."""
 
 
+def floor_distance_m(a: Vec3, b: Vec3) -> float:
+    """Return the distance between two places on the floor, m."""
+    return math.dist(a[:2], b[:2])
+
+
 class GoalChecker:
     """Checks places by the level surfaces, people's positions and the person's interaction."""
 
@@ -64,7 +69,7 @@ class GoalChecker:
         feet_m = self._poses[self._user].position_m
         from_feet = vector.subtract(place_m, feet_m)
         positions_m = [pose.position_m for pose in self._poses.values()]
-        clearance_m = min(math.dist(place_m[:2], position_m[:2]) for position_m in positions_m)
+        clearance_m = min(floor_distance_m(place_m, position_m) for position_m in positions_m)
         return Goal(
             stamp_ns=cursor.stamp_ns,
             position_m=place_m,
@@ -110,7 +115,7 @@ class GoalChecker:
 
         # Nobody is near it
         for user, pose in self._poses.items():
-            gap_m = math.dist(place_m[:2], pose.position_m[:2])
+            gap_m = floor_distance_m(place_m, pose.position_m)
             if gap_m < config.keep_out_m:
                 name = "you" if user == self._user else user
                 rounded_m = round_beyond(gap_m, config.keep_out_m)

@@ -220,12 +220,15 @@ class RobotIdentifier:
 
     def on_ray(self, ray: PointingRay) -> None:
         """Add `ray`. One that is not newer than the last is ignored, unless the clock was set back."""
-        if self._rays and ray.stamp_ns <= self._rays[-1].stamp_ns:
-            if ray.stamp_ns >= self._rays[-1].stamp_ns - self._window_ns:
+        if self._rays:
+            newest_ns = self._rays[-1].stamp_ns
+            if newest_ns - self._window_ns <= ray.stamp_ns <= newest_ns:
                 return
-            self._rays.clear()
+            if ray.stamp_ns <= newest_ns:  # the clock was set back
+                self._rays.clear()
         self._rays.append(ray)
-        while self._rays[0].stamp_ns < ray.stamp_ns - self._window_ns:
+        oldest_ns = ray.stamp_ns - self._window_ns
+        while self._rays[0].stamp_ns < oldest_ns:
             self._rays.popleft()
 
     def on_pose(self, pose: UserPose | None) -> None:
@@ -292,7 +295,8 @@ class RobotIdentifier:
         # A place beside a robot is none: the person wants one to go there
         candidates: list[Candidate] = []
         for robot, share in zip(tracks, odds, strict=False):
-            candidates.append(Candidate(object_id=robot, probability=min(1.0, float(share))))
+            probability = min(1.0, float(share))
+            candidates.append(Candidate(object_id=robot, probability=probability))
         candidates.sort(key=lambda candidate: -candidate.probability)
         odds_of_none = odds[len(tracks) :]
         none = min(1.0, float(odds_of_none.sum()))

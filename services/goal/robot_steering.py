@@ -3,7 +3,6 @@
 The robot decides whom it obeys (`RobotState.user`). A person asks for at most one robot at a time.
 """
 
-import math
 from collections import deque
 from typing import Literal, NamedTuple
 
@@ -26,7 +25,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.cues import Cue
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_checker import GoalChecker
+from pointit.services.goal.goal_checker import GoalChecker, floor_distance_m
 from pointit.services.goal.goal_confirmation import MAX_PRESS_S, CueFactory, is_late
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
 from pointit.services.goal.stay_detector import StayDetector, cursor_order
@@ -159,7 +158,7 @@ class TakenRobot:
             return None
         if is_on_its_way and state.phase != "idle":
             return None
-        remaining_m = math.dist(state.position_m[:2], goal.position_m[:2])
+        remaining_m = floor_distance_m(state.position_m, goal.position_m)
         self._goal = None
         if remaining_m <= ARRIVED_M:
             return RobotCue(
@@ -466,8 +465,10 @@ class RobotSteering:
     def _robot_at(self, place_m: Vec3) -> str:
         """Return the robot, other than the person's, that stands at a place, or `""`."""
         for name, (state, _) in self._robots.items():
-            distance_m = math.dist(state.position_m[:2], place_m[:2])
-            if name != self.robot and distance_m <= self._config.radius_m + state.radius_m:
+            if name == self.robot:
+                continue
+            distance_m = floor_distance_m(state.position_m, place_m)
+            if distance_m <= self._config.radius_m + state.radius_m:
                 return name
         return ""
 

@@ -72,16 +72,20 @@ class Goals(Service[GoalConfig]):
             await wait_until(self.clock, self._steps.deadline_ns, self._has_new_deadline)
 
     def _on_interaction(self, interaction: Interaction, _user: str) -> None:
-        self._publish(self._steps.on_interaction(interaction, self.clock.now_ns()))
+        outputs = self._steps.on_interaction(interaction, self.clock.now_ns())
+        self._publish(outputs)
 
     def _on_cursor(self, cursor: Cursor, _user: str) -> None:
-        self._publish(self._steps.on_cursor(cursor, self.clock.now_ns()))
+        outputs = self._steps.on_cursor(cursor, self.clock.now_ns())
+        self._publish(outputs)
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
-        self._publish(self._steps.on_button(event, self.clock.now_ns()))
+        outputs = self._steps.on_button(event, self.clock.now_ns())
+        self._publish(outputs)
 
     def _on_robot(self, robots: RobotSteering, state: RobotState, name: str) -> None:
-        self._publish(robots.on_robot(name, state, self.clock.now_ns()))
+        outputs = robots.on_robot(name, state, self.clock.now_ns())
+        self._publish(outputs)
 
     async def _send(self, query: SendRobot, _user: str) -> Done:
         """Send a robot as the person asks.

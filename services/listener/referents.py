@@ -143,7 +143,8 @@ def decide(
     # Act if one is sure, ask about one or two, or refuse
     if chances[0] >= SURE:
         return Decision("act", rescaled[:1])
-    if chances[0] < ASKED or sum(chances[:2]) < EITHER:
+    two_together = sum(chances[:2])
+    if chances[0] < ASKED or two_together < EITHER:
         return Decision("refuse", ())
     count = 1
     min_second = (1.0 - SURE) / 2.0
@@ -189,7 +190,8 @@ class Room:
 
     def targets(self, user: str, at_ns: int, now_ns: int) -> list[ReferentTarget]:
         """Return the targets for words of `user`, at their positions at `at_ns`, extrapolated by velocity."""
-        targets = [*self._object_targets(at_ns, now_ns), *self._robot_targets(at_ns, now_ns)]
+        targets = self._object_targets(at_ns, now_ns)
+        targets += self._robot_targets(at_ns, now_ns)
         for name, pose in self.poses.items():
             if name == user:
                 continue
@@ -212,12 +214,10 @@ class Room:
                 if tracked.size_m:
                     wide_m = max(tracked.size_m[:2])
                     high_m = tracked.size_m[2]
-                target = ReferentTarget(
-                    kind="thing" if tracked.id in self.things else "object",
-                    name=tracked.id,
-                    center_m=_extrapolated(tracked.position_m, tracked.velocity_mps, passed_s),
-                    size_m=(wide_m, wide_m, high_m),
-                )
+                kind: ReferentKind = "thing" if tracked.id in self.things else "object"
+                center_m = _extrapolated(tracked.position_m, tracked.velocity_mps, passed_s)
+                size_m = (wide_m, wide_m, high_m)
+                target = ReferentTarget(kind=kind, name=tracked.id, center_m=center_m, size_m=size_m)
                 targets.append(target)
         return targets
 
@@ -226,12 +226,9 @@ class Room:
         for name, state in _recent(self.robots, now_ns).items():
             passed_s = (at_ns - state.stamp_ns) / NS_PER_S
             diameter_m = 2.0 * state.radius_m
-            target = ReferentTarget(
-                kind="robot",
-                name=name,
-                center_m=_extrapolated(state.position_m, state.velocity_mps, passed_s),
-                size_m=(diameter_m, diameter_m, diameter_m),
-            )
+            center_m = _extrapolated(state.position_m, state.velocity_mps, passed_s)
+            size_m = (diameter_m, diameter_m, diameter_m)
+            target = ReferentTarget(kind="robot", name=name, center_m=center_m, size_m=size_m)
             targets.append(target)
         return targets
 
@@ -319,15 +316,12 @@ def referents(
     stays = stays_of(times_s, directions, model)
     others_s = [(other_ns - spoken.at_ns) / NS_PER_S for other_ns in spoken.others_ns]
     words_s = sorted([0.0, *others_s])
-    shares = np.array(chances(stays, words_s, words_s.index(0.0), model))
+    which = words_s.index(0.0)
+    shares = np.array(chances(stays, words_s, which, model))
 
     # Mean ray of each stay, less exact after a longer way of the arm
-    mean_origins: list[Array] = []
-    mean_directions: list[Array] = []
-    for stay in stays:
-        rays = slice(stay.first, stay.last + 1)
-        mean_origins.append(origins[rays].mean(axis=0))
-        mean_directions.append(directions[rays].mean(axis=0))
+    mean_origins = np.array([stay.mean(origins) for stay in stays])
+    mean_directions = np.array([stay.mean(directions) for stay in stays])
     ways_rad = np.array([stay.way_rad for stay in stays])
     ways = np.minimum(ways_rad / USUAL_WAY_RAD, 1.0)
     constant_rad = math.hypot(model.pose_rad, spoken.yaw_sigma_rad)
@@ -336,7 +330,7 @@ def referents(
     # Weight of each target, and of the rest: what was not seen speaks for nothing
     flat = 1.0 / FIELD_SR
     unseen = 1.0 - float(shares.sum())
-    densities = _densities(np.array(mean_origins), np.array(mean_directions), targets, model, sideways_rad)
+    densities = _densities(mean_origins, mean_directions, targets, model, sideways_rad)
     likelihoods = densities @ shares + unseen * flat
     priors = _priors(targets, origins, spoken.word) * model.any_target
     weights = priors * likelihoods
@@ -471,7 +465,8 @@ def _place(cursors: Sequence[Cursor], stay: Stay, probability: float) -> Referen
             points_m.append(cursor.point_m)
     if middle.point_m is None or not points_m:
         return Referent(kind="direction", name="", probability=probability)
-    x, y, z = np.array(points_m).mean(axis=0).tolist()
+    mean_m = np.array(points_m).mean(axis=0)
+    x, y, z = mean_m.tolist()
     return Referent(kind="place", name=middle.surface_id, probability=probability, place_m=(x, y, z))
 
 

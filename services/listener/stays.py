@@ -98,6 +98,10 @@ class Stay(NamedTuple):
     weight: float = 1.0
     """Less than 1 if the arm left soon for a place nearby: people correct what they see."""
 
+    def mean(self, vectors: Floats) -> Floats:
+        """Return the mean of `vectors` (n x 3), one for each ray, over the rays of the stay."""
+        return _mean_of_run(vectors, self.first, self.last)
+
 
 def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[Stay]:
     """Return the stays, in order. If the arm moves all the time, that is its slowest moment."""
@@ -123,12 +127,13 @@ def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[St
     stays: list[Stay] = []
     previous: Floats | None = None
     for first, last in runs:
-        direction = directions[first : last + 1].mean(axis=0)
+        direction = _mean_of_run(directions, first, last)
         way = math.inf if previous is None else _angle(previous, direction)
         begin_s = -math.inf if first == 0 else float(times_s[first])
+        end_s = float(times_s[last])
         if stays and way <= CORRECTED_RAD and _is_short(stays[-1], begin_s):
             stays[-1] = stays[-1]._replace(weight=CORRECTED)
-        stays.append(Stay(first, last, begin_s, float(times_s[last]), way))
+        stays.append(Stay(first, last, begin_s, end_s, way))
         previous = direction
     return stays
 
@@ -156,7 +161,8 @@ def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: 
     seen = math.fsum(own_fits)
     if total <= 0.0:
         return [0.0] * len(stays)
-    return [seen / (seen + model.missed) * weight / total for weight in weights]
+    share_seen = seen / (seen + model.missed)
+    return [share_seen * weight / total for weight in weights]
 
 
 def _messages(rows: Sequence[Sequence[float]], count: int, model: TimingModel) -> list[float]:
@@ -186,10 +192,11 @@ def _speeds(times_s: Floats, directions: Floats) -> Floats:
     """Return the angular speed at each ray, rad/s."""
     first = np.searchsorted(times_s, times_s - SPEED_S)
     last = np.searchsorted(times_s, times_s + SPEED_S, side="right") - 1
-    chords = np.linalg.norm(directions[last] - directions[first], axis=1)
-    angles = 2.0 * np.arcsin(np.clip(chords / 2.0, 0.0, 1.0))
-    elapsed_s = np.maximum(times_s[last] - times_s[first], 0.02)
-    speeds: Floats = angles / elapsed_s
+    steps = directions[last] - directions[first]
+    half_chords = np.linalg.norm(steps, axis=1) / 2.0
+    angles = 2.0 * np.arcsin(np.clip(half_chords, 0.0, 1.0))
+    elapsed_s = times_s[last] - times_s[first]
+    speeds: Floats = angles / np.maximum(elapsed_s, 0.02)
     return speeds
 
 
@@ -200,8 +207,8 @@ def _merged(runs: Sequence[tuple[int, int]], times_s: Floats, directions: Floats
         if merged:
             start, end = merged[-1]
             if times_s[first] - times_s[end] <= GAP_S:
-                previous = directions[start : end + 1].mean(axis=0)
-                current = directions[first : last + 1].mean(axis=0)
+                previous = _mean_of_run(directions, start, end)
+                current = _mean_of_run(directions, first, last)
                 if _angle(previous, current) <= APART_RAD:
                     merged[-1] = (start, last)
                     continue
@@ -209,9 +216,17 @@ def _merged(runs: Sequence[tuple[int, int]], times_s: Floats, directions: Floats
     return merged
 
 
+def _mean_of_run(vectors: Floats, first: int, last: int) -> Floats:
+    """Return the mean of the rows from `first` to `last`."""
+    mean: Floats = vectors[first : last + 1].mean(axis=0)
+    return mean
+
+
 def _is_short(stay: Stay, next_s: float) -> bool:
     """Return True if a stay was short, and the next one began soon."""
-    return max(stay.end_s - stay.begin_s, next_s - stay.end_s) <= CORRECTED_S
+    duration_s = stay.end_s - stay.begin_s
+    gap_s = next_s - stay.end_s
+    return max(duration_s, gap_s) <= CORRECTED_S
 
 
 def _lasts(run: tuple[int, int], times_s: Floats, shortest_s: float) -> bool:

@@ -21,11 +21,15 @@ def _degrees(angle_rad: float) -> float:
 
 def _in_radians(config: Config, *but: str) -> dict[str, Any]:
     """Return the fields of `config` except `but`; those in degrees are converted and named `…_rad…`."""
-    return {
-        name.replace("_deg", "_rad"): math.radians(value) if "_deg" in name else value
-        for name, value in config
-        if name not in but
-    }
+    fields: dict[str, Any] = {}
+    for name, value in config:
+        if name in but:
+            continue
+        if "_deg" in name:
+            fields[name.replace("_deg", "_rad")] = math.radians(value)
+        else:
+            fields[name] = value
+    return fields
 
 
 class TrustConfig(Config):

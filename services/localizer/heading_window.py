@@ -54,14 +54,17 @@ class HeadingWindow:
     def mean(self, now_ns: int) -> Mean | Refusal:
         """Return the mean of the newest rays, or a refusal if they have no direction."""
         rays = self._rays
-        if len(rays) < MIN_RAYS or rays[-1][0] < now_ns - round(MAX_RAY_AGE_S * NS_PER_S):
+        oldest_ns = now_ns - round(MAX_RAY_AGE_S * NS_PER_S)
+        if len(rays) < MIN_RAYS or rays[-1][0] < oldest_ns:
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
         mean = unfiltered_rays.mean([ray for _, ray in rays])
+
+        # Rays that cancel each other have no mean, and no spread that could be stated
         if mean is None or mean.spread_rad > MAX_SPREAD_RAD:
             limit_deg = math.degrees(MAX_SPREAD_RAD)
-            wandered = (
-                "" if mean is None else f" by {round_beyond(math.degrees(mean.spread_rad), limit_deg)}°"
-            )
+            wandered = ""
+            if mean is not None:
+                wandered = f" by {round_beyond(math.degrees(mean.spread_rad), limit_deg)}°"
             return Refusal(
                 f"the arm moves{wandered} and at most {limit_deg:.1f}° is accepted; "
                 "point at the wall, hold still and ask again"

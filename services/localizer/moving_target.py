@@ -94,7 +94,8 @@ class RayWindow:
     def __init__(self, window_s: float) -> None:
         self._window_ns = round(window_s * NS_PER_S)
         self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
-        self._made: tuple[tuple[int, int], tuple[Stamps, Array, Array]] | None = None
+        self._cached: tuple[tuple[int, int], tuple[Stamps, Array, Array]] | None = None
+        """Newest stamp and number of rays, and their arrays."""
 
     def __len__(self) -> int:
         """Return the number of rays."""
@@ -115,16 +116,21 @@ class RayWindow:
 
     def forget_older_half(self) -> None:
         """Drop the rays of the first half of the time."""
-        if self._rays:
-            middle_ns = self._rays[0].stamp_ns + (self.newest_ns - self._rays[0].stamp_ns) // 2
-            while self._rays[0].stamp_ns < middle_ns:
-                self._rays.popleft()
+        if not self._rays:
+            return
+        oldest_ns = self._rays[0].stamp_ns
+        middle_ns = oldest_ns + (self.newest_ns - oldest_ns) // 2
+        while self._rays[0].stamp_ns < middle_ns:
+            self._rays.popleft()
 
     @property
     def times_ns(self) -> tuple[int, int]:
         """Return the stamps of the oldest and the middle ray, -1 if there are none."""
         rays = self._rays
-        return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
+        if not rays:
+            return -1, -1
+        middle = rays[len(rays) // 2]
+        return rays[0].stamp_ns, middle.stamp_ns
 
     def believed(self, settings: SolverSettings) -> SolverSettings:
         """Return `settings` with the person's calibration; see `rays.believed`."""
@@ -132,24 +138,25 @@ class RayWindow:
 
     def pointings(self, track: "Track") -> Pointings:
         """Return the rays with the position of `track` at each one's time; rays without one are left out."""
-        stamps, origins, directions = self._arrays()
-        targets, known = track.at(stamps)
-        stamps = stamps[known]
+        stamps_ns, origins, directions = self._arrays()
+        targets, is_known = track.at(stamps_ns)
+        stamps_ns = stamps_ns[is_known]
+        since_first_ns = (stamps_ns - stamps_ns[:1]).astype(np.float64)
         return Pointings(
-            (stamps - stamps[:1]).astype(np.float64) / NS_PER_S,
-            origins[known],
-            directions[known],
-            targets[known],
+            since_first_ns / NS_PER_S, origins[is_known], directions[is_known], targets[is_known]
         )
 
     def _arrays(self) -> tuple[Stamps, Array, Array]:
         """Return stamps (n), origins and directions (n x 3), cached for all tracks."""
         key = (self.newest_ns, len(self._rays))
-        if self._made is None or self._made[0] != key:
-            stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
-            arrays = (stamps, unfiltered_rays.origins(self._rays), unfiltered_rays.directions(self._rays))
-            self._made = (key, arrays)
-        return self._made[1]
+        if self._cached is not None and self._cached[0] == key:
+            return self._cached[1]
+        stamps_ns = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
+        origins = unfiltered_rays.origins(self._rays)
+        directions = unfiltered_rays.directions(self._rays)
+        arrays = (stamps_ns, origins, directions)
+        self._cached = (key, arrays)
+        return arrays
 
 
 class Track:
@@ -185,19 +192,24 @@ class Track:
 
     def fault(self, robot: str, tracker: str, ray_ns: int) -> str:
         """Return a problem of the reports, or `""`; `ray_ns` is the stamp of the newest ray."""
-        stamps = [stamp for stamp, _ in self._places]
-        gap_s = float(np.median(np.diff(stamps))) / NS_PER_S if len(stamps) > 2 else 0.0
+        gap_s = 0.0
+        if len(self._places) > 2:
+            stamps_ns = [stamp_ns for stamp_ns, _ in self._places]
+            gap_s = float(np.median(np.diff(stamps_ns))) / NS_PER_S
         if gap_s > 0.9 * MAX_GAP_S:
+            rate_hz = round_beyond(1.0 / gap_s, MIN_HZ)
             return (
-                f"robot {robot} is reported by tracker {tracker} at {round_beyond(1.0 / gap_s, MIN_HZ)} "
-                "Hz and at least "
+                f"robot {robot} is reported by tracker {tracker} at {rate_hz} Hz and at least "
                 f"{MIN_HZ:g} Hz are needed; set the tracker to a higher rate"
             )
+
+        # Reports that have ended fall behind, too, which says nothing of the clock
         ahead_s = (self.newest_ns - ray_ns) / NS_PER_S
-        if ahead_s > AHEAD_S or (ahead_s < -BEHIND_S and self.is_reported):
-            way = "ahead of" if ahead_s > 0.0 else "behind"
+        is_behind = ahead_s < -BEHIND_S and self.is_reported
+        if ahead_s > AHEAD_S or is_behind:
+            side = "ahead of" if ahead_s > 0.0 else "behind"
             return (
-                f"the clock of tracker {tracker} is {abs(ahead_s):.1f} s {way} that of the rays; "
+                f"the clock of tracker {tracker} is {abs(ahead_s):.1f} s {side} that of the rays; "
                 "set the clocks of both machines by NTP"
             )
         return ""
@@ -210,16 +222,20 @@ class Track:
         places = np.zeros((len(stamps_ns), 3))
         if len(self._places) < 2:
             return places, np.zeros(len(stamps_ns), dtype=np.bool_)
-        origin_ns = self._places[0][0]  # as differences the nanoseconds fit into floats
-        times_s = np.array([stamp - origin_ns for stamp, _ in self._places]) / NS_PER_S
-        wanted_s = (stamps_ns - origin_ns) / NS_PER_S
-        reports = np.array([place for _, place in self._places])
+
+        # Since the first report: as differences the nanoseconds fit into floats
+        origin_ns = self._places[0][0]
+        report_times_s = np.array([stamp_ns - origin_ns for stamp_ns, _ in self._places]) / NS_PER_S
+        times_s = (stamps_ns - origin_ns) / NS_PER_S
+        reports_m = np.array([position_m for _, position_m in self._places])
         for axis in range(3):
-            places[:, axis] = np.interp(wanted_s, times_s, reports[:, axis])
-        after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
-        known = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1])
-        known &= times_s[after] - times_s[after - 1] <= MAX_GAP_S
-        return places, known
+            places[:, axis] = np.interp(times_s, report_times_s, reports_m[:, axis])
+
+        # `interp` extends the ends and bridges the gaps, where nothing is known
+        after = np.clip(np.searchsorted(report_times_s, times_s), 1, len(report_times_s) - 1)
+        is_known = (times_s >= report_times_s[0]) & (times_s <= report_times_s[-1])
+        is_known &= report_times_s[after] - report_times_s[after - 1] <= MAX_GAP_S
+        return places, is_known
 
 
 @dataclass(frozen=True)
@@ -247,20 +263,24 @@ def rank_by_posterior(
         independent: N; the samples of half a second count as one.
         ray_sigma_rad: sigma of one pointing, sideways or upwards.
     """
-    known = [result.residual_rad for _, result in results if result.residual_rad is not None]
-    least = min(known, default=0.0)
-    variance = max(ray_sigma_rad**2, 0.5 * least**2)
-    weights = [
-        0.0
-        if result.residual_rad is None
-        else math.exp(-0.5 * independent * (result.residual_rad**2 - least**2) / variance)
-        for _, result in results
-    ]
-    total = math.fsum(weights)
-    fits = [
-        RobotFit(object_id, result, weight / total if total else 0.0)
-        for (object_id, result), weight in zip(results, weights, strict=True)
-    ]
+    residuals_rad = [result.residual_rad for _, result in results]
+    least_rad = min((residual for residual in residuals_rad if residual is not None), default=0.0)
+    variance = max(ray_sigma_rad**2, 0.5 * least_rad**2)
+
+    # Likelihoods relative to the best, which keeps the exponents small
+    likelihoods: list[float] = []
+    for residual_rad in residuals_rad:
+        if residual_rad is None:
+            likelihoods.append(0.0)
+            continue
+        excess = residual_rad**2 - least_rad**2
+        likelihoods.append(math.exp(-0.5 * independent * excess / variance))
+
+    total = math.fsum(likelihoods)
+    fits: list[RobotFit] = []
+    for (object_id, result), likelihood in zip(results, likelihoods, strict=True):
+        probability = likelihood / total if total else 0.0
+        fits.append(RobotFit(object_id, result, probability))
     return sorted(fits, key=_fit_order)
 
 
@@ -279,19 +299,21 @@ class TargetDisambiguator:
         best = fits[0]
         current = next((fit for fit in fits if fit.object_id == self.object_id), None)
         if not self._decided or current is None:
-            return self._first(fits)
+            return self._choose_anew(fits)
         if current is best or _are_near(current.result, best.result):
             self._streak = 0
             return current.result
         if best.probability <= current.probability:  # it fits, but cannot be solved just now
             return current.result
+
+        # Another robot fits better. It must do so clearly, and several times in a row.
         share = best.probability / (best.probability + current.probability)
         self._streak = self._streak + 1 if share >= MEANT else 0
         if self._streak < SWITCH_AFTER:
             return _undecided(current.object_id, best)
-        return self._first(fits)
+        return self._choose_anew(fits)
 
-    def _first(self, fits: Sequence[RobotFit]) -> Solution | Refusal:
+    def _choose_anew(self, fits: Sequence[RobotFit]) -> Solution | Refusal:
         """Choose a robot; robots that give the same pose count as one."""
         best = fits[0]
         self.object_id = best.object_id
@@ -300,8 +322,10 @@ class TargetDisambiguator:
         if isinstance(best.result, Refusal):
             return best.result
         others = [fit for fit in fits[1:] if not _are_near(best.result, fit.result)]
-        if others and math.fsum(fit.probability for fit in others) > 1.0 - MEANT:
-            return _undecided(best.object_id, max(others, key=lambda fit: fit.probability))
+        others_probability = math.fsum(fit.probability for fit in others)
+        if others and others_probability > 1.0 - MEANT:
+            likeliest_other = max(others, key=lambda fit: fit.probability)
+            return _undecided(best.object_id, likeliest_other)
         self._decided = True
         return best.result
 
@@ -314,14 +338,18 @@ def _undecided(object_id: str, other: RobotFit) -> Refusal:
     )
 
 
-def _are_near(one: Solution | Refusal, other: Solution | Refusal) -> bool:
-    return isinstance(one, Solution) and isinstance(other, Solution) and one.is_near(other)
+def _are_near(result: Solution | Refusal, other: Solution | Refusal) -> bool:
+    if isinstance(result, Refusal) or isinstance(other, Refusal):
+        return False
+    return result.is_near(other)
 
 
 def _fit_order(fit: RobotFit) -> tuple[bool, float]:
     """Sort key: solutions before refusals, small residuals first."""
     residual_rad = fit.result.residual_rad
-    return isinstance(fit.result, Refusal), math.inf if residual_rad is None else residual_rad
+    if residual_rad is None:
+        residual_rad = math.inf
+    return isinstance(fit.result, Refusal), residual_rad
 
 
 class MovingTarget(Procedure):
@@ -384,14 +412,18 @@ class MovingTarget(Procedure):
         """Store the positions of the robots of `tracker`."""
         if not self._running:
             return
-        wanted = self._config.robot_id
+        robot_id = self._config.robot_id
         for item in message.objects:
-            if item.id == wanted or (not wanted and item.kind == ROBOT):
-                key = (tracker, item.id)
-                track = self._tracks.pop(key, None) or Track(self._config.window_s)
-                track.add(message.stamp_ns, item.position_m, message.latency_sigma_s)
-                self._tracks[key] = track
-        self._forget_left(message.stamp_ns, tracker)
+            is_any_robot = not robot_id and item.kind == ROBOT
+            if item.id != robot_id and not is_any_robot:
+                continue
+
+            # Popped and stored again, so that the robots reported last are at the end
+            key = (tracker, item.id)
+            track = self._tracks.pop(key, None) or Track(self._config.window_s)
+            track.add(message.stamp_ns, item.position_m, message.latency_sigma_s)
+            self._tracks[key] = track
+        self._forget_unreported(message.stamp_ns, tracker)
         while len(self._tracks) > MAX_TRACKS:
             del self._tracks[next(iter(self._tracks))]
 
@@ -402,12 +434,17 @@ class MovingTarget(Procedure):
     def _continue(self, now_ns: int) -> list[Output]:
         if now_ns < self._due_ns:
             return []
-        result = self._try()
-        self._due_ns = now_ns + round(NS_PER_S / (SEARCH_HZ if isinstance(result, Refusal) else SOLVE_HZ))
-        if self._surest is not None and self._contradicts(result, *self._surest):
-            result = Refusal(CONTRADICTED, result.residual_rad)
+        result = self._solve_tracks()
+        rate_hz = SEARCH_HZ if isinstance(result, Refusal) else SOLVE_HZ
+        self._due_ns = now_ns + round(NS_PER_S / rate_hz)
+        if self._surest is not None:
+            surest, surest_ns = self._surest
+            if self._contradicts(result, surest, surest_ns):
+                result = Refusal(CONTRADICTED, result.residual_rad)
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
+
+        # The pose counts as the surest only after it was compared with the one before
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
@@ -428,59 +465,85 @@ class MovingTarget(Procedure):
         self._surest = None
         self._expected = copy(self._memory)  # without these rays, which would count twice
 
-    def _try(self) -> Solution | Refusal:
+    def _solve_tracks(self) -> Solution | Refusal:
+        """Return the pose by the robot that is meant, or the refusal."""
         if not self._tracks:
-            which = self._config.robot_id or "a robot"
-            return Refusal(f"no tracker reports {which}; start its tracker")
-        before_ns = self._tried_ns
+            robot = self._config.robot_id or "a robot"
+            return Refusal(f"no tracker reports {robot}; start its tracker")
+        previous_ns = self._tried_ns
         self._tried_ns = self._newest_ray_ns
-        if self._tried_ns == before_ns:
+        if self._tried_ns == previous_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
-        self._forget_left(self._newest_ray_ns)
+
+        # One result for each robot. `_solve` also sets `_span_s`.
+        self._forget_unreported(self._newest_ray_ns)
         self._span_s = 0.0
         settings = self._rays.believed(self._settings)
-        solved = [(key[1], track, self._solve(key, track, settings)) for key, track in self._tracks.items()]
-        if not solved:
+        results: list[tuple[str, Solution | Refusal]] = []
+        tracks: list[Track] = []
+        for key, track in self._tracks.items():
+            _, object_id = key
+            results.append((object_id, self._solve(key, track, settings)))
+            tracks.append(track)
+        if not results:
             return Refusal("the robot is not tracked any more; check its tracker")
+
+        # The robot that is meant
         independent = 1.0 + settings.independent_hz * self._span_s
-        results = [(object_id, each) for object_id, _, each in solved]
         self._fits = rank_by_posterior(results, independent, settings.ray_sigma_rad)
         result = self._disambiguator.choose(self._fits)
         if self._surest is not None:  # a person who points elsewhere now has the same mounting as before
             return result
-        meant = next((track for _, track, each in solved if each is result), None)
-        if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
-            return result
-        pointings = self._rays.pointings(meant)
+        for (_, robot_result), track in zip(results, tracks, strict=True):
+            if robot_result is result:
+                return self._check_first_pose(result, track, settings)
+        return result  # refused because two robots move in the same way, not because of one robot's rays
+
+    def _check_first_pose(
+        self, result: Solution | Refusal, track: Track, settings: SolverSettings
+    ) -> Solution | Refusal:
+        """Return `result`, or the refusal of a wrong mounting or of too uncertain a pose.
+
+        An accepted pose is remembered for the bias.
+        """
+        # An arm that came late has just settled: without the older half the next solution may be accepted
+        pointings = self._rays.pointings(track)
         floor_m = self._config.floor_m
         if isinstance(result, Refusal) and has_settled(pointings, result, settings, floor_m=floor_m):
             self._rays.forget_older_half()
             return result
-        wrong = mounting_fault(pointings, result, settings, floor_m)
-        if not wrong and isinstance(result, Solution):
-            wrong = self._unsure(pointings, result)
-        if wrong:
-            return Refusal(wrong, result.residual_rad)
+
+        problem = mounting_fault(pointings, result, settings, floor_m)
+        if not problem and isinstance(result, Solution):
+            problem = self._uncertainty_problem(pointings, result)
+        if problem:
+            return Refusal(problem, result.residual_rad)
+
+        # A calibration leaves no bias to remember
         if isinstance(result, Solution) and settings is self._settings:
-            self._memory.learn(without_spikes(pointings), self._timed(settings, meant), floor_m)
+            self._memory.learn(without_spikes(pointings), self._timed(settings, track), floor_m)
         return result
 
-    def _unsure(self, pointings: Pointings, found: Solution) -> str:
-        x, y, _ = pointings.targets_m.mean(axis=0).tolist()
-        feet = (found.x_m, found.y_m, self._config.floor_m)
-        sigma_m = place_sigma_m((x, y, feet[2]), feet, found.covariance.ravel().tolist(), feet, 0.0)
+    def _uncertainty_problem(self, pointings: Pointings, solution: Solution) -> str:
+        """Return the reason to refuse a pose by which places at the robot are too uncertain, or `""`."""
+        x_m, y_m, _ = pointings.targets_m.mean(axis=0).tolist()
+        floor_m = self._config.floor_m
+        place_m = (x_m, y_m, floor_m)
+        feet_m = (solution.x_m, solution.y_m, floor_m)
+        covariance = solution.covariance.ravel().tolist()
+        sigma_m = place_sigma_m(place_m, feet_m, covariance, feet_m, 0.0)
         limit_m = self._config.max_place_sigma_m
         if sigma_m <= limit_m:
             return ""
-        how = f"sure to {round_beyond(sigma_m, limit_m, 2)} m only, limit {limit_m:g} m"
-        return f"a place at the robot is {how}: follow on, with the arm straight"
+        certainty = f"sure to {round_beyond(sigma_m, limit_m, 2)} m only, limit {limit_m:g} m"
+        return f"a place at the robot is {certainty}: follow on, with the arm straight"
 
-    def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
+    def _forget_unreported(self, now_ns: int, tracker: str | None = None) -> None:
         """Drop targets not reported for a window, of `tracker` or of all; their clocks may differ."""
         oldest_ns = now_ns - self._config.window_s * NS_PER_S
         for key, track in list(self._tracks.items()):
-            is_left = not track.is_reported if tracker is None else tracker == key[0]
-            if is_left and track.newest_ns < oldest_ns:
+            may_be_dropped = not track.is_reported if tracker is None else tracker == key[0]
+            if may_be_dropped and track.newest_ns < oldest_ns:
                 del self._tracks[key]
 
     def _solve(self, key: tuple[str, str], track: Track, settings: SolverSettings) -> Solution | Refusal:
@@ -530,13 +593,14 @@ class MovingTarget(Procedure):
 
     def _details(self, phase: Phase) -> dict[str, Any]:
         del phase
-        several = [fit for fit in self._fits if fit.probability > 0.0] if len(self._fits) > 1 else []
+        candidates: list[Candidate] = []
+        if len(self._fits) > 1:
+            for fit in sorted(self._fits, key=lambda fit: -fit.probability):
+                if fit.probability > 0.0:
+                    candidates.append(Candidate(object_id=fit.object_id, probability=fit.probability))
         return {
             "target_id": self._disambiguator.object_id,
             "target_count": len(self._tracks),
             "samples": len(self._rays),
-            "candidates": tuple(
-                Candidate(object_id=fit.object_id, probability=fit.probability)
-                for fit in sorted(several, key=lambda fit: -fit.probability)
-            ),
+            "candidates": tuple(candidates),
         }

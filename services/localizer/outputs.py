@@ -43,17 +43,22 @@ def pose_message(
 
     The feet are on the floor: an error of the eye height is not a height of the feet.
     """
-    c = [float(value) for value in solution.covariance.ravel()]
     return UserPose(
         stamp_ns=stamp_ns,
         position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(config.floor_m)),
         yaw_rad=solution.yaw_rad,
-        covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
+        covariance=_row_major(solution.covariance),
         method=method,
         elevation_bias_rad=solution.bias_rad,
         residual_rad=solution.residual_rad,
         samples=solution.samples,
     )
+
+
+def _row_major(covariance: Array) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return a covariance (3 x 3) as messages hold it."""
+    (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = covariance.tolist()
+    return xx, xy, xt, yx, yy, yt, tx, ty, tt
 
 
 def bounded(value: float) -> float:
@@ -68,13 +73,13 @@ def finite_or_none(value: float) -> float | None:
 
 def followed(base: UserPose, now: DriftPose) -> UserPose:
     """Return the pose `base` as estimated by the drift filter now."""
-    c = [float(value) for value in now.covariance.ravel()]
+    position_m = (bounded(now.x_m), bounded(now.y_m), base.position_m[2])
     return base.model_copy(
         update={
             "stamp_ns": now.stamp_ns,
-            "position_m": (bounded(now.x_m), bounded(now.y_m), base.position_m[2]),
+            "position_m": position_m,
             "yaw_rad": now.yaw_rad,
-            "covariance": (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
+            "covariance": _row_major(now.covariance),
             "yaw_rate_radps": now.yaw_rate_radps,
             "yaw_rate_sigma_radps": now.yaw_rate_sigma_radps,
             "anchored_ns": now.anchored_ns,
@@ -89,6 +94,7 @@ def covariance_of(pose: UserPose) -> Array:
 
 def anchor_message(lamp: Lamp, mean: Mean, before: UserPose, result: AnchorResult) -> Anchor:
     """Return the message of pointing at `lamp`; `before` is the pose at that time, without this anchor."""
+    reason = result.note if result.accepted else result.reason
     return Anchor(
         stamp_ns=mean.stamp_ns,
         target_id=lamp.id,
@@ -103,5 +109,5 @@ def anchor_message(lamp: Lamp, mean: Mean, before: UserPose, result: AnchorResul
         azimuth_error_rad=result.azimuth_error_rad,
         elevation_error_rad=result.elevation_error_rad,
         accepted=result.accepted,
-        reason=result.note if result.accepted else result.reason,
+        reason=reason,
     )

@@ -98,16 +98,22 @@ class YawOrigin:
 
     def add(self, sample: ImuSample) -> Change:
         """Return the change since the sample before."""
-        epoch = self._epoch
-        self._epoch = now = sample.yaw_epoch
-        before_ns = self._device_ns
+        previous_epoch = self._epoch
+        self._epoch = sample.yaw_epoch
+        previous_ns = self._device_ns
         device_ns = sample.device_time_ns
-        fallen_ns = 0 if before_ns is None or device_ns is None else before_ns - device_ns
+        fallen_ns = 0
+        if previous_ns is not None and device_ns is not None:
+            fallen_ns = previous_ns - device_ns
+
+        # A sample out of order leaves the time of the newest one
         if device_ns is not None and not 0 < fallen_ns <= BACK_NS:
             self._device_ns = device_ns
         if fallen_ns > BACK_NS:
             return "restarted"
-        return "set" if epoch is not None and epoch != now else ""
+        if previous_epoch is not None and previous_epoch != sample.yaw_epoch:
+            return "set"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -146,13 +152,13 @@ class PoseManager:
 
     def begin(self, now_ns: int) -> list[Output]:
         """Publish the idle phase, and start what the configuration starts automatically."""
-        out: list[Output] = [Localization(stamp_ns=now_ns, phase="idle")]
+        outputs: list[Output] = [Localization(stamp_ns=now_ns, phase="idle")]
         config = self._config
         if config.method == "fixed":
-            out.append(self._tracking.set_exact(config.fixed(now_ns), now_ns))
+            outputs.append(self._tracking.set_exact(config.fixed(now_ns), now_ns))
         elif config.method == "moving_target" and config.autostart:
-            out += self.procedures.start_moving_target(now_ns)
-        return out
+            outputs += self.procedures.start_moving_target(now_ns)
+        return outputs
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
         """Update the map."""
@@ -165,14 +171,17 @@ class PoseManager:
         if self._tracking.follows:  # no other pose is corrected by landings
             self._landing_detector.add(ray)
         self.procedures.on_ray(ray)
-        changed = self._tracking.on_ray(ray, now_ns)
-        return [] if changed is None else [changed]
+        changed_pose = self._tracking.on_ray(ray, now_ns)
+        return [] if changed_pose is None else [changed_pose]
 
     def on_robot(self, state: RobotState, robot: str, now_ns: int) -> list[Output]:
         """Correct a pose that drifts when the person takes a robot, at which they point then."""
-        before = self._drivers.get(robot)
+        previous_driver = self._drivers.get(robot)
         self._drivers[robot] = state.user
-        if before is None or before == self._user or state.user != self._user or not self._tracking.follows:
+        if previous_driver is None:  # it may have been taken long ago
+            return []
+        has_taken = state.user == self._user and previous_driver != self._user
+        if not has_taken or not self._tracking.follows:
             return []
         mean = self._heading_window.mean(now_ns)
         if self._config.anchor_at_robots is False or isinstance(mean, Refusal):
@@ -189,13 +198,17 @@ class PoseManager:
             return []
         landing = self._landing_detector.pop_landing()
         position_m = self._things_m.get(event.object_id)
-        is_confirmed = event.cause == "button" and self._has_names and not self.procedures.is_busy
-        if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:
+        if landing is None or position_m is None:
             return []
-        learned = self._tracking.learn_elevation(position_m, landing, now_ns)
-        if not self._config.anchor_at_things:
-            return learned
-        return [*learned, *self._tracking.anchor_at(event.object_id, position_m, landing, now_ns)]
+        is_confirmed = event.cause == "button" and self._has_names
+        if not is_confirmed or self.procedures.is_busy or not self._tracking.follows:
+            return []
+
+        # The elevation first: the anchor then has the new bias
+        outputs = self._tracking.learn_elevation(position_m, landing, now_ns)
+        if self._config.anchor_at_things:
+            outputs += self._tracking.anchor_at(event.object_id, position_m, landing, now_ns)
+        return outputs
 
     def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Process an orientation of the arm.
@@ -205,15 +218,19 @@ class PoseManager:
         """
         self.procedures.on_wrist(sample.latency_sigma_s, sample.mounting)
         change = self._origin.add(sample)
-        out: list[Output] = []
+        outputs: list[Output] = []
         if change:
             self._heading_window = HeadingWindow()
             self._landing_detector = LandingDetector()
+
+            # The tracking first, whose pose is published after the end of the procedure
             pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
-            out = [*self.procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
+            outputs += self.procedures.on_yaw_origin_changed(now_ns)
+            if pose is not None:
+                outputs.append(pose)
         if not self._is_cursor_shown and not self.procedures.is_following:
             self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
-        return out
+        return outputs
 
     def on_interaction(self, interaction: Interaction) -> None:
         """Update the interaction state of the person."""
@@ -229,10 +246,15 @@ class PoseManager:
         self._tracking.set_external(pose)
         if not is_first:
             return []
-        who = f"a tracker provides the pose of {self._user} now"
-        reason = f"{who}, so the localizer pauses; stop the tracker to localize"
-        stopped = self.procedures.stop(now_ns, reason)
-        return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), WithdrawPose()]
+        reason = (
+            f"a tracker provides the pose of {self._user} now, so the localizer pauses; "
+            "stop the tracker to localize"
+        )
+        outputs = self.procedures.stop(now_ns, reason)
+        if not outputs:
+            outputs.append(Localization(stamp_ns=now_ns, phase="idle", reason=reason))
+        outputs.append(WithdrawPose())
+        return outputs
 
     def due(self, now_ns: int) -> list[Output]:
         """Return the pose if it is time to publish it again."""
@@ -251,7 +273,7 @@ class PoseManager:
     def problem(self, now_ns: int) -> str:
         """Return a problem of the pose and what to do, or `""` if there is none."""
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
-            return self._silent(now_ns)
+            return self._silence_problem(now_ns)
         if self._tracking.has_lost_yaw:
             user = self._user
             return (
@@ -259,12 +281,15 @@ class PoseManager:
                 f"a lamp (`pointit person anchor {user}`), or face a known direction "
                 f"(`pointit person pose {user} --facing …`)"
             )
+
+        # Any configured limit, or somewhat more than was accepted
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        accepted = self._tracking.base
+        accepted_deg = 0.0
+        if self._tracking.base is not None:
+            accepted_deg = math.degrees(floor_sigma.yaw_sigma_rad(self._tracking.base.covariance))
+        grown_deg = min(MAX_SIGMA_GROWTH * accepted_deg, MAX_SIGMA_DEG)
         config = self._config
-        accepted_deg = math.degrees(floor_sigma.yaw_sigma_rad(accepted.covariance)) if accepted else 0.0
-        limits_deg = config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg
-        if sigma_deg <= max(*limits_deg, min(MAX_SIGMA_GROWTH * accepted_deg, MAX_SIGMA_DEG)):
+        if sigma_deg <= max(config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg, grown_deg):
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}°, since IMUs drift; have them "
@@ -274,42 +299,50 @@ class PoseManager:
     def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
         """Start localization by `method` or as configured. A refused start stops nothing."""
         method = method or self._config.method
-        if taken := self._external_pose.busy_reason(self._user, now_ns):
-            return Refusal(taken)
+        busy_reason = self._external_pose.busy_reason(self._user, now_ns)
+        if busy_reason:
+            return Refusal(busy_reason)
+
+        # The tracker's pose is discarded only if the localizer really starts
         if method == "fixed":
-            out = self.procedures.stop(now_ns)
+            outputs = self.procedures.stop(now_ns)
             self._external_pose.take_over()
-            out.append(self._tracking.set_exact(self._config.fixed(now_ns), now_ns))
-            out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
-            return Response("the pose is fixed by the configuration", out)
-        procedures = self.procedures
-        begun = (
-            procedures.start_moving_target(now_ns)
-            if method == "moving_target"
-            else procedures.start_static_targets(now_ns)
-        )
-        if isinstance(begun, Refusal):
-            return begun
+            outputs.append(self._tracking.set_exact(self._config.fixed(now_ns), now_ns))
+            outputs.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
+            return Response("the pose is fixed by the configuration", outputs)
+        started: list[Output] | Refusal
+        if method == "moving_target":
+            started = self.procedures.start_moving_target(now_ns)
+        else:
+            started = self.procedures.start_static_targets(now_ns)
+        if isinstance(started, Refusal):
+            return started
         self._external_pose.take_over()
-        return Response(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
+        message = self._queued() or f"localizing by {method.replace('_', ' ')}"
+        return Response(message, started)
 
     def cancel(self, now_ns: int, *, forget_bias: bool = False) -> Response:
         """Stop the running procedure. With `forget_bias`, also forget the person's elevation bias."""
-        out = self.procedures.stop(now_ns)
-        if forget_bias:
-            self.procedures.bias_memory.remembered = None
-            pose = self._tracking.pose(now_ns)
-            out += [] if pose is None else [pose]
-            if self._config.autostart and self._config.method == "moving_target":
-                out += self.procedures.start_moving_target(now_ns)
-            return Response("forgotten: the next localization expects no elevation bias", out)
-        return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
+        outputs = self.procedures.stop(now_ns)
+        if not forget_bias:
+            message = "cancelled; the last pose stays" if outputs else "nothing was going on"
+            return Response(message, outputs)
+
+        # The pose again, since its message holds the remembered bias
+        self.procedures.bias_memory.remembered = None
+        pose = self._tracking.pose(now_ns)
+        if pose is not None:
+            outputs.append(pose)
+        if self._config.autostart and self._config.method == "moving_target":
+            outputs += self.procedures.start_moving_target(now_ns)
+        return Response("forgotten: the next localization expects no elevation bias", outputs)
 
     def set_pose(self, query: SetPose, now_ns: int) -> Response | Refusal:
         """Set the pose on request."""
-        if taken := self._external_pose.busy_reason(self._user, now_ns):
-            return Refusal(taken)
-        out = self.procedures.stop(now_ns)
+        busy_reason = self._external_pose.busy_reason(self._user, now_ns)
+        if busy_reason:
+            return Refusal(busy_reason)
+        outputs = self.procedures.stop(now_ns)
         self._external_pose.take_over()
         if query.remembered_bias is not None:
             self.procedures.bias_memory.remembered = query.remembered_bias
@@ -322,20 +355,23 @@ class PoseManager:
             elevation_bias_rad=query.elevation_bias_rad,
         )
         if query.covariance is None:
-            out.append(self._tracking.set_exact(pose, now_ns))
+            outputs.append(self._tracking.set_exact(pose, now_ns))
         else:  # found by pointing before, and its localizer died
-            out.append(self._tracking.restore(pose, now_ns))
-        return Response(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
+            outputs.append(self._tracking.restore(pose, now_ns))
+        return Response(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", outputs)
 
     def set_heading(self, azimuth_rad: float, now_ns: int) -> Response | Refusal:
         """Set the yaw from the direction `azimuth_rad` at which the person points now."""
-        if taken := self._external_pose.busy_reason(self._user, now_ns):
-            return Refusal(taken)
+        busy_reason = self._external_pose.busy_reason(self._user, now_ns)
+        if busy_reason:
+            return Refusal(busy_reason)
         if self.procedures.is_busy:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         mean = self._heading_window.mean(now_ns)
         if isinstance(mean, Refusal):
             return mean
+
+        # A direction alone is no pose: without one, or with a silent tracker's, only a configured one will do
         if self._tracking.base is None or self._external_pose.pose is not None:
             if self._config.method != "fixed":
                 return Refusal(self._nowhere())
@@ -355,11 +391,12 @@ class PoseManager:
         if self._tracking.base is None:
             return Refusal(self._nowhere())
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
-            return Refusal(self._silent(now_ns))
-        out = self.procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
-        if isinstance(out, Refusal):
-            return out
-        return Response(self._queued() or f"point at {self.procedures.lit}", out)
+            return Refusal(self._silence_problem(now_ns))
+        outputs = self.procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
+        if isinstance(outputs, Refusal):
+            return outputs
+        message = self._queued() or f"point at {self.procedures.lit}"
+        return Response(message, outputs)
 
     def _queued(self) -> str:
         ahead = self.procedures.ahead
@@ -372,7 +409,7 @@ class PoseManager:
             f"{START_LOCALIZATION.at(user)}`), or set it (`pointit service call {SET_POSE.at(user)}`)"
         )
 
-    def _silent(self, now_ns: int) -> str:
+    def _silence_problem(self, now_ns: int) -> str:
         age_s = self._external_pose.age_s(now_ns)
         return (
             f"the tracker that gave the pose of {self._user} is silent for {age_s:.0f} s; start it again, or "

@@ -45,23 +45,28 @@ class PosePublishTimer:
         if last is None:
             return True
         passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
-        return passed_s >= LONGEST_S or (passed_s >= SHORTEST_S and _has_changed(last, now))
+        if passed_s >= LONGEST_S:
+            return True
+        return passed_s >= SHORTEST_S and _has_changed(last, now)
 
     def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
         """Return the time until the pose may be due, s; `at` returns the pose at a time."""
         last = self._last
         if last is not None:
             for wait_s in (SHORTEST_S, 0.5, 1.0):
-                if _has_changed(last, at(now_ns + round(wait_s * NS_PER_S))):
+                then_ns = now_ns + round(wait_s * NS_PER_S)
+                if _has_changed(last, at(then_ns)):
                     return wait_s
         return LONGEST_S
 
 
 def _has_changed(last: UserPose, now: DriftPose) -> bool:
-    yaw_sigma = yaw_sigma_rad(last.covariance)
-    position_sigma = position_sigma_m(last.covariance)
-    return (
-        abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
-        or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
-        or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
-    )
+    """Return True if the yaw or a sigma differs noticeably from the published one."""
+    turn_rad = math.remainder(now.yaw_rad - last.yaw_rad, math.tau)
+    if abs(turn_rad) >= NOTICEABLE_RAD:
+        return True
+    last_yaw_sigma = yaw_sigma_rad(last.covariance)
+    if abs(now.yaw_sigma_rad - last_yaw_sigma) > NOTICEABLE_SHARE * last_yaw_sigma:
+        return True
+    last_position_sigma = position_sigma_m(last.covariance)
+    return abs(now.position_sigma_m - last_position_sigma) > NOTICEABLE_SHARE * last_position_sigma

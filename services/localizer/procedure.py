@@ -114,17 +114,25 @@ class Procedure(ABC):
         reason: str = "",
     ) -> Localization:
         """Return a progress message; `progress` only if it is not that of `_share`."""
-        solution = self._solution
+        if progress is None:
+            progress = self._share(now_ns, phase)
+
+        # Of the rays so far. Messages have no infinity, which means the same as no value.
+        position_sigma_m: float | None = None
+        yaw_sigma_rad: float | None = None
+        if self._solution is not None:
+            position_sigma_m = finite_or_none(self._solution.position_sigma_m)
+            yaw_sigma_rad = finite_or_none(self._solution.yaw_sigma_rad)
         return Localization(
             stamp_ns=now_ns,
             phase=phase,
             purpose=self.purpose,
             since_ns=self.since_ns,
-            progress=self._share(now_ns, phase) if progress is None else progress,
+            progress=progress,
             residual_rad=residual_rad,
             reason=reason,
-            position_sigma_m=None if solution is None else finite_or_none(solution.position_sigma_m),
-            yaw_sigma_rad=None if solution is None else finite_or_none(solution.yaw_sigma_rad),
+            position_sigma_m=position_sigma_m,
+            yaw_sigma_rad=yaw_sigma_rad,
             **self._details(phase),
         )
 
@@ -160,9 +168,12 @@ class Hold:
                 self.rays.append(ray)
             return
         self._recent.append(ray)
-        while self._recent[0].stamp_ns < ray.stamp_ns - round(STEADY_S * NS_PER_S):
+        oldest_ns = ray.stamp_ns - round(STEADY_S * NS_PER_S)
+        while self._recent[0].stamp_ns < oldest_ns:
             self._recent.popleft()
-        if ray.stamp_ns > self._from_ns and (self._is_steady() or ray.stamp_ns >= self._latest_ns):
+        if ray.stamp_ns <= self._from_ns:
+            return
+        if self._is_steady() or ray.stamp_ns >= self._latest_ns:
             self._settle()
 
     def is_over(self, now_ns: int, enough: int) -> bool:
@@ -185,6 +196,7 @@ class Hold:
         return self._from_ns + round(self._config.hold_s * NS_PER_S)
 
     def _settle(self) -> None:
+        """Begin to count, with the recent rays after the reaction."""
         self._waits = False
         self._from_ns = max(self._from_ns, self._recent[0].stamp_ns - 1)
         self.rays = [ray for ray in self._recent if ray.stamp_ns > self._from_ns]
@@ -203,8 +215,10 @@ class Hold:
         half = len(recent) // 2
         before = directions[:half].sum(axis=0)
         after = directions[-half:].sum(axis=0)
-        angle_rad = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
-        return angle_rad <= math.radians(self._config.steady_degps) * span_s / 2.0
+        sine = float(np.linalg.norm(np.cross(before, after)))
+        angle_rad = math.atan2(sine, float(before @ after))
+        limit_rad = math.radians(self._config.steady_degps) * span_s / 2.0  # half of the span between them
+        return angle_rad <= limit_rad
 
 
 class LampProcedure(Procedure):
@@ -251,12 +265,11 @@ class LampProcedure(Procedure):
             return self._held(now_ns)
         if not hold.has_timed_out(now_ns):
             return self._progress(now_ns)
-        return self._end(
-            now_ns,
-            "refused",
+        reason = (
             f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._min_rays} are needed; "
-            f"check that the IMU is on and sends, then {self._then}",
+            f"check that the IMU is on and sends, then {self._then}"
         )
+        return self._end(now_ns, "refused", reason)
 
     def republish(self, now_ns: int) -> list[Output]:
         """Return the progress again, since led-driver forgets who is silent."""
@@ -284,13 +297,17 @@ class LampProcedure(Procedure):
         return 1
 
     def _details(self, phase: Phase) -> dict[str, Any]:
-        is_on = phase == "sampling"
+        target_id = ""
+        lamp_ids: tuple[str, ...] = ()
+        if phase == "sampling":
+            target_id = self._lamp.id
+            lamp_ids = self.lamp_ids
         return {
-            "target_id": self._lamp.id if is_on else "",
+            "target_id": target_id,
             "target_index": len(self._holds) - 1,
             "target_count": self._count,
             "samples": sum(len(hold.rays) for hold, _ in self._holds),
-            "lamps": self.lamp_ids if is_on else (),
+            "lamps": lamp_ids,
         }
 
     def _share(self, now_ns: int, phase: Phase) -> float:

@@ -136,7 +136,10 @@ class Anchoring(LampProcedure):
             occupies: ids of lamps that other people cannot use meanwhile, besides `lamp`.
             is_robot: `lamp` is the place of a robot, which several people may point at.
         """
-        super().__init__((*(() if is_robot else (lamp.id,)), *occupies), config, MIN_RAYS, "ask again")
+        lamp_ids = list(occupies)
+        if not is_robot:
+            lamp_ids.append(lamp.id)
+        super().__init__(lamp_ids, config, MIN_RAYS, "ask again")
         self._is_robot = is_robot
         self._target = lamp
         self._judge = judge
@@ -162,9 +165,9 @@ class Anchoring(LampProcedure):
                 f"the arm wandered by {round_beyond(spread_deg, MAX_SPREAD_DEG)}° while {self._lamp.id} was "
                 f"lit and at most {MAX_SPREAD_DEG:.1f}° is accepted; hold it still and try again"
             )
-        judged = self._judge(self._lamp, mean, problem, now_ns)
-        anchor = judged.anchor
-        if not judged.is_done:
+        outcome = self._judge(self._lamp, mean, problem, now_ns)
+        anchor = outcome.anchor
+        if not outcome.is_done:
             return [anchor, *self._end(now_ns, "refused", anchor.reason)]
         self._running = False
         return [anchor, self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason)]
@@ -202,11 +205,11 @@ class KnownRobots:
             return Refusal(f"robot {robot} is not tracked now; start its tracker, or point at a lamp")
         if math.hypot(*seen.robot.velocity_mps) > STANDS_MPS:
             return Refusal(f"robot {robot} moves; let it stand, then point at it")
-        if (sigma_m := seen.robot.position_sigma_m or 0.0) > MAX_SIGMA_M:
+        sigma_m = seen.robot.position_sigma_m or 0.0
+        if sigma_m > MAX_SIGMA_M:
             return Refusal(
                 f"the place of robot {robot} is uncertain by {round_beyond(sigma_m, MAX_SIGMA_M)} m and "
-                "at most "
-                f"{MAX_SIGMA_M:g} m is accepted; point at a lamp"
+                f"at most {MAX_SIGMA_M:g} m is accepted; point at a lamp"
             )
         return Lamp(id=robot, position_m=seen.robot.position_m)
 
@@ -217,11 +220,13 @@ class KnownRobots:
 
     def moved(self, target: Lamp, now_ns: int) -> str:
         """Return the reason not to measure by pointing at `target`, where a robot was, or `""`."""
-        now = self.target(target.id, now_ns)
-        if isinstance(now, Refusal):
-            return now.reason
-        moved_m = math.dist(now.position_m, target.position_m)
-        return f"robot {target.id} moved by {moved_m:.1f} m meanwhile; try again" if moved_m > STAYS_M else ""
+        current = self.target(target.id, now_ns)
+        if isinstance(current, Refusal):
+            return current.reason
+        moved_m = math.dist(current.position_m, target.position_m)
+        if moved_m <= STAYS_M:
+            return ""
+        return f"robot {target.id} moved by {moved_m:.1f} m meanwhile; try again"
 
 
 class ProcedureRunner:
@@ -279,16 +284,18 @@ class ProcedureRunner:
         self._room = room
         running = self._running
         if isinstance(running, QueuedPointing):
-            made = running.make(now_ns)
-            if isinstance(made, Refusal):
-                return self._process_outputs(running.refuse(now_ns, made.reason), now_ns)
-            running.lamp_ids = made.lamp_ids
+            procedure = running.make(now_ns)
+            if isinstance(procedure, Refusal):
+                return self._process_outputs(running.refuse(now_ns, procedure.reason), now_ns)
+            running.lamp_ids = procedure.lamp_ids
             return self._wait_on(running, running.ahead, now_ns)
-        if isinstance(running, LampProcedure):
-            change = lamp_choice.map_change_reason(running.targets, room)
-            reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
-            return self.stop(now_ns, reason) if change else []
-        return []
+        if not isinstance(running, LampProcedure):
+            return []
+        change = lamp_choice.map_change_reason(running.targets, room)
+        if not change:
+            return []
+        reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
+        return self.stop(now_ns, reason)
 
     def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
         """Begin to point if it is the person's turn, or wait if another request was earlier."""
@@ -297,13 +304,17 @@ class ProcedureRunner:
         running = self._running
         if not isinstance(running, QueuedPointing | LampProcedure):
             return []
-        ours = (self._user, running.since_ns)
-        ahead = next((lease.ahead for lease in self._leases if (lease.user, lease.since_ns) == ours), None)
-        if ahead is None:  # led-driver has not heard of the request yet
+        request = (self._user, running.since_ns)
+        lease = next((lease for lease in self._leases if (lease.user, lease.since_ns) == request), None)
+        if lease is None:  # led-driver has not heard of the request yet
             return []
         if isinstance(running, QueuedPointing):
-            return self._wait_on(running, ahead, now_ns)
-        return self._queue(running, running.since_ns, ahead, now_ns) if ahead else []
+            return self._wait_on(running, lease.ahead, now_ns)
+        if not lease.ahead:
+            return []
+
+        # Both of two people began at the same time: the later one waits
+        return self._queue(running, running.since_ns, lease.ahead, now_ns)
 
     def on_leases_gone(self, now_ns: int) -> None:
         """Forget the order of people, as led-driver has ended. Those who wait give it time to come back."""
@@ -344,30 +355,32 @@ class ProcedureRunner:
         if isinstance(running, QueuedPointing):
             is_alone = self._gone_ns is not None and now_ns - self._gone_ns > ARBITER_TIMEOUT_NS
             return self._wait_on(running, () if is_alone else running.ahead, now_ns)
-        out = self._process_outputs(running.step(now_ns), now_ns)
+        outputs = self._process_outputs(running.step(now_ns), now_ns)
+
+        # The step may have ended the procedure, so ask again which one runs
         if isinstance(self._running, LampProcedure) and abs(now_ns - self._published_ns) >= REPUBLISH_NS:
             self._published_ns = now_ns
-            out += self._running.republish(now_ns)
-        return out
+            outputs += self._running.republish(now_ns)
+        return outputs
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
-        out = self.stop(now_ns)
+        outputs = self.stop(now_ns)
         self._running = MovingTarget(self._config, self.bias_memory)
         self._running.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
-        return [*out, *self._running.start(now_ns)]
+        return [*outputs, *self._running.start(now_ns)]
 
     def start_static_targets(self, now_ns: int) -> list[Output] | Refusal:
         """Start pointing at lamps, or wait for them, instead of the running procedure; or refuse."""
-        return self._ask(self._static, now_ns)
+        return self._start_or_queue(self._static, now_ns)
 
     def anchor(self, lamp_id: str, eyes_m: float, now_ns: int) -> list[Output] | Refusal:
         """Start pointing at lamp `lamp_id` (`""`: the most informative one), or wait for it.
 
         A pose must be known.
         """
-        return self._ask(lambda then_ns: self._anchoring(lamp_id, eyes_m, then_ns), now_ns)
+        return self._start_or_queue(lambda then_ns: self._anchoring(lamp_id, eyes_m, then_ns), now_ns)
 
     def taken_robot(self, state: RobotState, robot: str, mean: Mean, now_ns: int) -> list[Output]:
         """Correct the pose by the rays with which the person has just taken `robot`.
@@ -375,28 +388,33 @@ class ProcedureRunner:
         Not while a procedure runs, nor if the robot moved, nor where the person sees a cursor on a strip: who
         steers a cursor onto a thing points there whatever the drift.
         """
-        is_seen = self._config.anchor_at_robots is None and (self._room is None or bool(self._room.strips))
-        if self._running is not None or is_seen or math.hypot(*state.velocity_mps) > STANDS_MPS:
+        if self._running is not None or math.hypot(*state.velocity_mps) > STANDS_MPS:
+            return []
+        may_have_strips = self._room is None or bool(self._room.strips)
+        if self._config.anchor_at_robots is None and may_have_strips:
             return []
         return self._tracking.anchor_at(robot, state.position_m, mean, now_ns)
 
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop the running procedure, lamps off."""
         running = self._running
-        return [] if running is None else self._process_outputs(running.cancel(now_ns, reason), now_ns)
+        if running is None:
+            return []
+        return self._process_outputs(running.cancel(now_ns, reason), now_ns)
 
-    def _ask(self, make: Make, now_ns: int) -> list[Output] | Refusal:
+    def _start_or_queue(self, make: Make, now_ns: int) -> list[Output] | Refusal:
+        """Stop what runs, and start the procedure of `make` or wait for its lamps. Refusals stop nothing."""
         procedure = make(now_ns)
         if isinstance(procedure, Refusal):
             return procedure
-        out = self.stop(now_ns)
+        outputs = self.stop(now_ns)
         self._make = make
         lamps = set(procedure.lamp_ids)
         others = [lease for lease in self._leases if lease.user != self._user]
         ahead = tuple(lease.user for lease in others if not lamps.isdisjoint(lease.lamps))
         if ahead:
-            return [*out, *self._queue(procedure, now_ns, ahead, now_ns)]
-        return [*out, *self._begin(procedure, now_ns, now_ns)]
+            return [*outputs, *self._queue(procedure, now_ns, ahead, now_ns)]
+        return [*outputs, *self._begin(procedure, now_ns, now_ns)]
 
     def _queue(
         self, procedure: LampProcedure, since_ns: int, ahead: tuple[str, ...], now_ns: int
@@ -436,7 +454,11 @@ class ProcedureRunner:
     def _anchoring(self, lamp_id: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
         lamps = lamp_choice.lamp_for_anchor(self._room, config.lamps, lamp_id)
-        robots = self._anchoring_robots(lamp_id, now_ns) if isinstance(lamps, Refusal) else []
+
+        # A robot that stands, if there is no such lamp
+        robots: list[Lamp] | Refusal = []
+        if isinstance(lamps, Refusal):
+            robots = self._anchoring_robots(lamp_id, now_ns)
         if isinstance(robots, Refusal):
             return robots
         if robots:
@@ -444,6 +466,7 @@ class ProcedureRunner:
             return Anchoring(robot, self._judge_robot, config, is_robot=True)
         if isinstance(lamps, Refusal):
             return lamps
+
         occupied = set(config.lamps)
         if not occupied and self._room is not None:  # all: another lit lamp would mislead
             occupied = {lamp.id for lamp in self._room.lamps}
@@ -454,33 +477,42 @@ class ProcedureRunner:
         """Return the robot `asked`, or those that stand if `""`; `[]` if it is no robot."""
         if not asked:
             return self._robots.standing(now_ns)
-        target = self._robots.target(asked, now_ns) if asked in self._robots else None
-        return [target] if isinstance(target, Lamp) else target or []
+        if asked not in self._robots:
+            return []
+        target = self._robots.target(asked, now_ns)
+        return target if isinstance(target, Refusal) else [target]
 
     def _judge_robot(self, robot: Lamp, mean: Mean, problem: str, now_ns: int) -> AnchorOutcome:
-        return self._tracking.anchor(robot, mean, problem or self._robots.moved(robot, now_ns), now_ns)
+        """Apply the anchor of a robot, unless it has moved since the person was asked to point at it."""
+        rejection = problem or self._robots.moved(robot, now_ns)
+        return self._tracking.anchor(robot, mean, rejection, now_ns)
 
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
-        place, covariance = self._tracking.uncertainty(now_ns)
+        place_m, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
         observation_model = ObservationModel(
             ray_sigma_rad=drift.anchor_sigma_rad, elevation_sigma_rad=drift.elevation_sigma_rad, eyes_m=eyes_m
         )
-        places = [lamp.position_m for lamp in lamps]
-        return lamps[best_for_yaw(places, place, covariance, observation_model, floor_m=self._config.floor_m)]
+        lamps_m = [lamp.position_m for lamp in lamps]
+        floor_m = self._config.floor_m
+        best = best_for_yaw(lamps_m, place_m, covariance, observation_model, floor_m=floor_m)
+        return lamps[best]
 
     def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""
         running = self._running
-        out = list[Output]()
+        processed = list[Output]()
         for output in outputs:
             if isinstance(output, UserPose) and running is not None:
-                out.append(self._tracking.set_localized(output, *running.times_ns, now_ns))
+                since_ns, middle_ns = running.times_ns
+                pose = self._tracking.set_localized(output, since_ns, middle_ns, now_ns)
+                processed.append(pose)
                 continue
-            out.append(output)
+            processed.append(output)
             if isinstance(output, Anchor) and output.accepted:
-                pose = self._tracking.pose(now_ns)
-                out += [] if pose is None else [pose]
+                corrected_pose = self._tracking.pose(now_ns)
+                if corrected_pose is not None:
+                    processed.append(corrected_pose)
         if running is not None and not running.running:
             self._running = None
-        return out
+        return processed

@@ -59,12 +59,13 @@ class Localizer(Service[LocalizerConfig]):
         Raises:
             ConfigError: If people are localized by lamps and there are fewer.
         """
-        if config.method == "static_targets" and len(room.lamps) < MIN_LAMPS:
-            raise ConfigError(
-                f"map {room.name!r} has {len(room.lamps) or 'no'} "
-                f"lamp{'' if len(room.lamps) == 1 else 's'} and pointing at lamps needs {MIN_LAMPS}; "
-                "leave --localize out, or add lamps to the map"
-            )
+        if config.method != "static_targets" or len(room.lamps) >= MIN_LAMPS:
+            return
+        lamps = {0: "no lamps", 1: "1 lamp"}.get(len(room.lamps), f"{len(room.lamps)} lamps")
+        raise ConfigError(
+            f"map {room.name!r} has {lamps} and pointing at lamps needs {MIN_LAMPS}; "
+            "leave --localize out, or add lamps to the map"
+        )
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
@@ -78,7 +79,11 @@ class Localizer(Service[LocalizerConfig]):
         """Keys that were ahead of this machine's clock when they were read last."""
         self._progress = self.bus.publisher(topics.LOCALIZATION, self.user)
         self._anchors = self.bus.publisher(topics.ANCHOR, self.user)
+
+        # The idle phase, or the configured pose, is published before anything is received
         self._emit(self._pose_manager.begin(self.clock.now_ns()))
+
+        # Lamps that people share; then map, person and robots
         self.bus.subscribe(topics.LAMP_LEASES, self._on_leases)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(topics.MAP, self._on_map)
@@ -88,9 +93,13 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
         self.bus.subscribe(topics.IMU, self._on_imu, self.user)
         self.bus.subscribe(topics.RAY, self._on_ray, self.user)
+
+        # Landings of reaches; they may also only be measured, as by default
         if config.anchor_at_things is not False:
             self.bus.subscribe(topics.ANNOUNCED, self._pose_manager.on_announced, self.user)
             self.bus.subscribe(topics.SELECTION_EVENTS, self._on_selection)
+
+        # Requests
         self.bus.serve(topics.START_LOCALIZATION, self._start, self.user)
         self.bus.serve(topics.CANCEL_LOCALIZATION, self._cancel, self.user)
         self.bus.serve(topics.SET_POSE, self._set_pose, self.user)
@@ -226,16 +235,17 @@ class Localizer(Service[LocalizerConfig]):
 
     @staticmethod
     def _set(event: asyncio.Event, *, is_on: bool) -> None:
-        if is_on != event.is_set():
-            (event.set if is_on else event.clear)()
+        if is_on:
+            event.set()
+        else:
+            event.clear()
 
     def _publish_pose(self, pose: UserPose) -> None:
         if self._poses is None:
             self._poses = self.bus.publisher(topics.POSE, self.user)
         remembered = self._pose_manager.procedures.bias_memory.remembered
-        self._poses.put(
-            pose.model_copy(update={"seq": self._next(topics.POSE.key), "remembered_bias": remembered})
-        )
+        update = {"seq": self._next(topics.POSE.key), "remembered_bias": remembered}
+        self._poses.put(pose.model_copy(update=update))
         self._set_metrics(self.clock.now_ns())
 
     def _withdraw_pose(self) -> None:
@@ -247,8 +257,9 @@ class Localizer(Service[LocalizerConfig]):
 
     def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(topics.LOCALIZATION.key)}))
+        reason = progress.reason if progress.phase == "refused" else ""
         purpose = "anchor" if progress.purpose == "anchor" else "localization"
-        self.bus.warn("refused", progress.reason if progress.phase == "refused" else "", purpose)
+        self.bus.warn("refused", reason, purpose)
 
     def _next(self, key: str) -> int:
         self._sent[key] += 1

@@ -68,14 +68,16 @@ def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp
     """Return the lamps called `wanted`, in that order, or all if none are named; or a refusal."""
     if room is None:
         return Refusal("there is no map yet; start pui, which publishes it")
-    known = {lamp.id: lamp for lamp in room.lamps}
-    missing = [lamp_id for lamp_id in wanted if lamp_id not in known]
+    lamp_of_id = {lamp.id: lamp for lamp in room.lamps}
+    missing = [lamp_id for lamp_id in wanted if lamp_id not in lamp_of_id]
     if missing:
+        lamp_ids = ", ".join(lamp_of_id) or "none"
         return Refusal(
-            f"lamps {', '.join(missing)} are not on map {room.name!r}, which has "
-            f"{', '.join(known) or 'none'}; correct `lamps`"
+            f"lamps {', '.join(missing)} are not on map {room.name!r}, which has {lamp_ids}; correct `lamps`"
         )
-    return [known[lamp_id] for lamp_id in wanted] if wanted else list(known.values())
+    if not wanted:
+        return list(lamp_of_id.values())
+    return [lamp_of_id[lamp_id] for lamp_id in wanted]
 
 
 def max_holds(config: LocalizerConfig, lamps: int) -> int:
@@ -87,7 +89,9 @@ def max_holds(config: LocalizerConfig, lamps: int) -> int:
 
 def usable(config: LocalizerConfig, lamps: Sequence[Lamp]) -> Sequence[Lamp]:
     """Return those of `lamps` that may be lit."""
-    return lamps[: max_holds(config, len(lamps))] if config.order == "given" else lamps
+    if config.order != "given":
+        return lamps
+    return lamps[: max_holds(config, len(lamps))]
 
 
 def lamps_for_pose(room: Environment | None, config: LocalizerConfig) -> list[Lamp] | Refusal:
@@ -133,9 +137,9 @@ def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: st
     """Return the lamp `asked`, or those to choose from if `""`; or a refusal."""
     lamps = select_lamps(room, (asked,) if asked else wanted)
     if isinstance(lamps, Refusal):
-        return (
-            Refusal(lamps.reason.replace("; correct `lamps`", "; ask for one of those")) if asked else lamps
-        )
+        if not asked:
+            return lamps
+        return Refusal(lamps.reason.replace("; correct `lamps`", "; ask for one of those"))
     if not lamps:
         name = "" if room is None else room.name
         return Refusal(f"pointing at a lamp needs one, map {name!r} has none; add it to the map")
@@ -169,24 +173,30 @@ def fisher_information(targets_m: Array, eyes_m: Array, observation_model: Obser
     Returns:
         p x n x 4 x 4, in 1/m², 1/(m·rad), 1/rad².
     """
-    reach = targets_m[None, :, :] - eyes_m[:, None, :]
-    distance = np.maximum(np.linalg.norm(reach, axis=2), 1e-3)
-    level = np.maximum(np.hypot(reach[..., 0], reach[..., 1]), 1e-3)
-    east = reach[..., 0] / level
-    north = reach[..., 1] / level
+    # Bearing of each target from each pair of eyes
+    offsets = targets_m[None, :, :] - eyes_m[:, None, :]
+    distance = np.maximum(np.linalg.norm(offsets, axis=2), 1e-3)
+    level = np.maximum(np.hypot(offsets[..., 0], offsets[..., 1]), 1e-3)
+    east = offsets[..., 0] / level
+    north = offsets[..., 1] / level
     cos_el = level / distance
-    sin_el = reach[..., 2] / distance
+    sin_el = offsets[..., 2] / distance
+
+    # Derivatives of the angles sideways (row 0) and upwards (row 1)
     slopes = np.zeros((*distance.shape, 2, 4))
-    slopes[..., 0, 0] = north / distance  # sideways
+    slopes[..., 0, 0] = north / distance
     slopes[..., 0, 1] = -east / distance
     slopes[..., 0, 2] = -cos_el
-    slopes[..., 1, 0] = sin_el * east / distance  # upwards
+    slopes[..., 1, 0] = sin_el * east / distance
     slopes[..., 1, 1] = sin_el * north / distance
     slopes[..., 1, 3] = 1.0
+
+    # The eyes' position is uncertain, which turns rays at near targets more
     sigmas = np.array([observation_model.ray_sigma_rad, observation_model.elevation_sigma_rad])
-    variance = sigmas**2 + (observation_model.body_sigma_m / distance[..., None]) ** 2
-    gained: Array = np.einsum("pnij,pnik,pni->pnjk", slopes, slopes, 1.0 / variance)
-    return gained
+    body_sigmas = observation_model.body_sigma_m / distance[..., None]
+    variance = sigmas**2 + body_sigmas**2
+    information: Array = np.einsum("pnij,pnik,pni->pnjk", slopes, slopes, 1.0 / variance)
+    return information
 
 
 def log_det_information(information_of_pose: Array) -> Array:
@@ -218,22 +228,30 @@ def next_target(
         floor_m: height of the floor in {W}.
         place_m: x and y of the person. None if unknown: anywhere in the room.
     """
+    # Information of one hold at each lamp from each place, and what there is after it (places x lamps)
     lamps = np.array(lamps_m, dtype=np.float64)
     counts = np.array(visits)
     places = _room(lamps) if place_m is None else np.array([place_m])
-    eyes = np.column_stack([places, np.full(len(places), floor_m + observation_model.eyes_m)])
+    eyes_z_m = np.full(len(places), floor_m + observation_model.eyes_m)
+    eyes = np.column_stack([places, eyes_z_m])
     gained = fisher_information(lamps, eyes, observation_model)
-    sofar = np.einsum("n,pnij->pij", counts, gained) + prior(observation_model)
-    after = sofar[:, None] + gained  # places x lamps
-    if not counts.any():  # of the best pair, the more informative one by itself
-        pairs = log_det_information(after[:, :, None] + gained[:, None, :]).mean(axis=0)
-        np.fill_diagonal(pairs, -np.inf)
-        best = np.unravel_index(int(np.argmax(pairs)), pairs.shape) if len(lamps) > 1 else (0, 0)
-        alone = log_det_information(after).mean(axis=0)
-        return max(sorted(int(index) for index in best), key=lambda index: float(alone[index]))
+    visited = np.einsum("n,pnij->pij", counts, gained)
+    so_far = visited + prior(observation_model)
+    after = so_far[:, None] + gained
     gains = log_det_information(after).mean(axis=0)
-    fewest = counts == counts.min()
-    return int(np.argmax(np.where(fewest, gains, -np.inf)))
+
+    # One hold determines no pose: the first lamp is the more informative one of the best pair
+    if not counts.any():
+        if len(lamps) == 1:
+            return 0
+        after_pair = after[:, :, None] + gained[:, None, :]
+        pair_gains = log_det_information(after_pair).mean(axis=0)
+        np.fill_diagonal(pair_gains, -np.inf)
+        row, column = np.unravel_index(int(np.argmax(pair_gains)), pair_gains.shape)
+        first, second = sorted((int(row), int(column)))
+        return second if gains[second] > gains[first] else first
+    is_least_visited = counts == counts.min()
+    return int(np.argmax(np.where(is_least_visited, gains, -np.inf)))
 
 
 def prior(observation_model: ObservationModel) -> Array:
@@ -245,10 +263,12 @@ def _room(lamps: Array) -> Array:
     """Return possible positions of people (p x 2), evenly over the room but not close to a lamp."""
     low = lamps[:, :2].min(axis=0) - AROUND_M
     high = lamps[:, :2].max(axis=0) + AROUND_M
-    east, north = (np.linspace(float(low[axis]), float(high[axis]), PLACES) for axis in (0, 1))
-    places: Array = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    away = np.linalg.norm(places[:, None, :] - lamps[None, :, :2], axis=2).min(axis=1)
-    free: Array = places[away >= NEAREST_M]
+    east = np.linspace(float(low[0]), float(high[0]), PLACES)
+    north = np.linspace(float(low[1]), float(high[1]), PLACES)
+    grid = np.stack(np.meshgrid(east, north), axis=-1)
+    places: Array = grid.reshape(-1, 2)
+    distances_m = np.linalg.norm(places[:, None, :] - lamps[None, :, :2], axis=2)
+    free: Array = places[distances_m.min(axis=1) >= NEAREST_M]
     return free if len(free) else places
 
 
@@ -274,12 +294,18 @@ def best_for_yaw(
     """
     lamps = np.array(lamps_m, dtype=np.float64)
     eyes = np.array([[*place_m, floor_m + observation_model.eyes_m]])
-    gained: Array = fisher_information(lamps, eyes, observation_model)[0][:, :3, :3]
-    left = np.linalg.solve(np.eye(3) + covariance @ gained, np.broadcast_to(covariance, gained.shape))
-    near: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
-    return (
-        int(np.argmin(np.where(near >= NEAREST_M, left[:, 2, 2], np.inf))) if near.max() >= NEAREST_M else 0
-    )
+    distances_m: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
+    is_usable = distances_m >= NEAREST_M
+    if not is_usable.any():
+        return 0
+
+    # Covariance after one hold at each lamp, (I + C F)⁻¹ C: unlike C⁻¹ it exists for an exact pose, too
+    information: Array = fisher_information(lamps, eyes, observation_model)[0]
+    gained = information[:, :3, :3]
+    covariances = np.broadcast_to(covariance, gained.shape)
+    remaining = np.linalg.solve(np.eye(3) + covariance @ gained, covariances)
+    yaw_variances = remaining[:, 2, 2]
+    return int(np.argmin(np.where(is_usable, yaw_variances, np.inf)))
 
 
 class StaticTargets(LampProcedure):
@@ -290,10 +316,10 @@ class StaticTargets(LampProcedure):
         self._lamps = tuple(lamps)
         self._settings = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
-        shared = self._max_holds if config.order == "given" or config.targets else MIN_LAMPS
-        super().__init__(
-            (lamp.id for lamp in lamps), config, -(-self._settings.min_samples // shared), "start again"
-        )
+        is_fixed_number = config.order == "given" or bool(config.targets)
+        fewest_holds = self._max_holds if is_fixed_number else MIN_LAMPS
+        min_rays = -(-self._settings.min_samples // fewest_holds)
+        super().__init__((lamp.id for lamp in lamps), config, min_rays, "start again")
 
     @property
     def targets(self) -> Sequence[Lamp]:
@@ -304,11 +330,17 @@ class StaticTargets(LampProcedure):
     def times_ns(self) -> tuple[int, int]:
         """Return the stamps of the first and the middle ray, -1 if there are none."""
         rays = self._rays
-        return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
+        if not rays:
+            return -1, -1
+        middle = rays[len(rays) // 2]
+        return rays[0].stamp_ns, middle.stamp_ns
 
     @property
     def _rays(self) -> list[PointingRay]:
-        return [ray for hold, _ in self._holds for ray in hold.rays]
+        rays: list[PointingRay] = []
+        for hold, _ in self._holds:
+            rays += hold.rays
+        return rays
 
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
@@ -323,13 +355,14 @@ class StaticTargets(LampProcedure):
             body_sigma_m=settings.body_sigma_m,
             eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )
-        chosen = [lamp.id for _, lamp in self._holds]
+        held_ids = [lamp.id for _, lamp in self._holds]
+        place_m = None if solution is None else (solution.x_m, solution.y_m)
         best = next_target(
             [lamp.position_m for lamp in self._lamps],
-            [chosen.count(lamp.id) for lamp in self._lamps],
+            [held_ids.count(lamp.id) for lamp in self._lamps],
             observation_model,
             floor_m=self._config.floor_m,
-            place_m=None if solution is None else (solution.x_m, solution.y_m),
+            place_m=place_m,
         )
         return self._lamps[best]
 
@@ -339,10 +372,15 @@ class StaticTargets(LampProcedure):
             if count < self._max_holds:
                 return self._light(now_ns)
             return self._finish(now_ns, self._solve())
+
+        # A pose that is refused as uncertain still helps to choose the next lamp
         result = self._solve() if count >= MIN_LAMPS else None
-        sofar = self._so_far() if isinstance(result, Refusal) else result
-        self._solution = sofar if isinstance(sofar, Solution) else None
-        if result is None or (count < self._max_holds and self._goes_on(result)):
+        so_far = self._so_far() if isinstance(result, Refusal) else result
+        self._solution = so_far if isinstance(so_far, Solution) else None
+
+        if result is None:
+            return self._light(now_ns)
+        if count < self._max_holds and self._goes_on(result):
             return self._light(now_ns)
         return self._finish(now_ns, result)
 
@@ -350,10 +388,11 @@ class StaticTargets(LampProcedure):
         """Return True if another hold is useful. A second one at a lamp, if accepted, has the same error."""
         if isinstance(result, Refusal) or self._config.targets:
             return True
-        is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
-        turned_deg = math.degrees(result.yaw_sigma_rad)
+        if len(self._lit) >= len(self._lamps):
+            return False
         enough = self._config.enough
-        return is_new and (result.position_sigma_m > enough.position_m or turned_deg > enough.yaw_deg)
+        yaw_sigma_deg = math.degrees(result.yaw_sigma_rad)
+        return result.position_sigma_m > enough.position_m or yaw_sigma_deg > enough.yaw_deg
 
     def _solve(self) -> Solution | Refusal:
         return held(self._pointings(), self._believed(), floor_m=self._config.floor_m, lamps=self._lit)
@@ -367,10 +406,14 @@ class StaticTargets(LampProcedure):
 
     def _pointings(self) -> Pointings:
         rays = self._rays
-        targets = [lamp.position_m for hold, lamp in self._holds for _ in hold.rays]
-        stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
-        positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
-        return Pointings(stamps, unfiltered_rays.origins(rays), unfiltered_rays.directions(rays), positions)
+        stamps_s = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
+        origins_m = unfiltered_rays.origins(rays)
+        directions = unfiltered_rays.directions(rays)
+        lamps_m: list[Vec3] = []
+        for hold, lamp in self._holds:
+            lamps_m += [lamp.position_m] * len(hold.rays)
+        targets_m = np.array(lamps_m, dtype=np.float64).reshape(-1, 3)
+        return Pointings(stamps_s, origins_m, directions, targets_m)
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
@@ -381,20 +424,18 @@ class StaticTargets(LampProcedure):
             return self._end(now_ns, "refused", reason, result.residual_rad)
         self._solution = result
         self._running = False
-        return [
-            pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
-            self._localization(
-                now_ns, "solved", residual_rad=result.residual_rad, reason=self._left_out(), progress=1.0
-            ),
-        ]
-
-    def _left_out(self) -> str:
-        outliers = outlier_lamps(self._pointings(), self._believed(), floor_m=self._config.floor_m)
-        return (
-            f"the pointing at {self._lit[outliers[0]]} missed it by far and does not count"
-            if outliers
-            else ""
+        pose = pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config)
+        localization = self._localization(
+            now_ns, "solved", residual_rad=result.residual_rad, reason=self._outlier_note(), progress=1.0
         )
+        return [pose, localization]
+
+    def _outlier_note(self) -> str:
+        """Return a note that a lamp was missed and left out, or `""`."""
+        outliers = outlier_lamps(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+        if not outliers:
+            return ""
+        return f"the pointing at {self._lit[outliers[0]]} missed it by far and does not count"
 
     @property
     def _lit(self) -> list[str]:
@@ -403,6 +444,7 @@ class StaticTargets(LampProcedure):
 
     @property
     def _count(self) -> int:
-        config = self._config
-        expected = (config.targets or len(self._lamps)) if config.order == "informative" else self._max_holds
+        expected = self._max_holds
+        if self._config.order == "informative":
+            expected = self._config.targets or len(self._lamps)
         return max(len(self._holds), expected)

@@ -185,7 +185,9 @@ class PoseTracker:
         """Update the person's offset from `ray`. Return the pose to publish, or None if it did not change."""
         bias_rad = self._bias.on_ray(ray)
         base = self._base
-        if bias_rad is None or base is None or self._is_outside or bias_rad == base.elevation_bias_rad:
+        if bias_rad is None or base is None or self._is_outside:
+            return None
+        if bias_rad == base.elevation_bias_rad:
             return None
         self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
         return self._message(now_ns, now_ns)
@@ -214,7 +216,9 @@ class PoseTracker:
         else:
             self.end_rest()
         base = self._base
-        if base is None or self._is_outside or (is_exact(base) and not self._follows):
+        if base is None or self._is_outside:
+            return None
+        if is_exact(base) and not self._follows:
             return None
         if self._filter is None:
             self._filter = DriftFilter(to_fix(base, covariance_of(base), now_ns), self._settings)
@@ -245,12 +249,15 @@ class PoseTracker:
             return AnchorOutcome(anchor_message(lamp, mean, unknown_pose, result), is_done=False)
         before = self._at(base, mean.stamp_ns)
         is_only_measured = self._is_outside and not rejection
-        rejection = MEASURED if is_only_measured else rejection
-        # a rejected anchor is only measured, by a filter that is discarded
-        measured = (
-            self._doubtful(before, mean.stamp_ns) if rejection else self._believing(base, mean.stamp_ns)
-        )
-        result = measured.update_anchor(
+        if is_only_measured:
+            rejection = MEASURED
+
+        # A rejected anchor is only measured, by a filter that is discarded
+        if rejection:
+            drift_filter = self._temporary_filter(before, mean.stamp_ns)
+        else:
+            drift_filter = self._present_filter(base, mean.stamp_ns)
+        result = drift_filter.update_anchor(
             mean.stamp_ns,
             lamp.position_m,
             mean.origin_m,
@@ -263,16 +270,18 @@ class PoseTracker:
         if rejection:
             result = replace(result, accepted=False, reason=rejection)
         elif result.accepted:
-            self._believe()
-        return AnchorOutcome(
-            anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured
-        )
+            self._follow_filter()
+        anchor = anchor_message(lamp, mean, before, result)
+        return AnchorOutcome(anchor, is_done=result.accepted or is_only_measured)
 
     def anchor_at(self, target_id: str, position_m: Vec3, mean: Mean, now_ns: int) -> list[Output]:
         """Apply one pointing at a target that is no lamp, as `anchor`. Return the messages to publish."""
         outcome = self.anchor(Lamp(id=target_id, position_m=position_m), mean, "", now_ns)
+        outputs: list[Output] = [outcome.anchor]
         pose = self.pose(now_ns) if outcome.anchor.accepted else None
-        return [outcome.anchor, *([] if pose is None else [pose])]
+        if pose is not None:
+            outputs.append(pose)
+        return outputs
 
     def learn_elevation(self, position_m: Vec3, mean: Mean, now_ns: int) -> list[Output]:
         """Update the bias by a landing at a known position. Return the messages to publish."""
@@ -283,8 +292,11 @@ class PoseTracker:
         eyes_m = vector.add(pose.position_m, vector.rotate_z(mean.origin_m, pose.yaw_rad))
         target_rad = vector.elevation(vector.subtract(position_m, eyes_m))
         error_rad = vector.elevation(mean.direction) - target_rad - base.elevation_bias_rad
-        if abs(error_rad) > MAX_ERROR_RAD or now_ns - mean.stamp_ns > self._settings.max_late_s * NS_PER_S:
+        max_age_ns = self._settings.max_late_s * NS_PER_S
+        if abs(error_rad) > MAX_ERROR_RAD or now_ns - mean.stamp_ns > max_age_ns:
             return []
+
+        # Mean of the measurements, of the last ones once there are many
         self._elevations = min(self._elevations + 1, MAX_ELEVATIONS)
         bias_rad = base.elevation_bias_rad + error_rad / self._elevations
         self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
@@ -296,10 +308,10 @@ class PoseTracker:
         base = self._base
         if base is None or self._is_outside:
             return AnchorResult(accepted=False, reason=NO_POSE)
-        measured = self._believing(base, mean.stamp_ns)
-        result = measured.update_heading(mean.stamp_ns, azimuth_rad, mean.direction, now_ns=now_ns)
+        drift_filter = self._present_filter(base, mean.stamp_ns)
+        result = drift_filter.update_heading(mean.stamp_ns, azimuth_rad, mean.direction, now_ns=now_ns)
         if result.accepted:
-            self._believe()
+            self._follow_filter()
         return result
 
     def pose(self, now_ns: int) -> UserPose | None:
@@ -312,12 +324,15 @@ class PoseTracker:
         """Return the pose if it is time to publish it again, else None."""
         if self._filter is None or not self._follows:
             return None
-        is_due = self._publish_timer.is_due(self._filter.predict(now_ns))
-        return self._message(now_ns, now_ns) if is_due else None
+        if not self._publish_timer.is_due(self._filter.predict(now_ns)):
+            return None
+        return self._message(now_ns, now_ns)
 
     def wait_s(self, now_ns: int) -> float:
         """Return the time until the next check of `due`, s."""
-        return math.inf if self._filter is None else self._publish_timer.wait_s(now_ns, self._filter.at)
+        if self._filter is None:
+            return math.inf
+        return self._publish_timer.wait_s(now_ns, self._filter.at)
 
     def uncertainty(self, now_ns: int) -> tuple[tuple[float, float], Array]:
         """Return x and y, and the covariance of (x, y, yaw) with the uncertainty of a pose that was set.
@@ -327,18 +342,22 @@ class PoseTracker:
         """
         if self._base is None:
             raise ValueError(NO_POSE)
-        now = self._at(self._base, now_ns)
-        covariance = nearest_psd(covariance_of(now)) + (0.0 if self._is_estimated else FIX_COVARIANCE)
-        return now.position_m[:2], bounded_covariance(covariance, self._settings)
+        pose = self._at(self._base, now_ns)
+        covariance = nearest_psd(covariance_of(pose))
+        covariance = covariance + (0.0 if self._is_estimated else FIX_COVARIANCE)
+        return pose.position_m[:2], bounded_covariance(covariance, self._settings)
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
         """Yield name, value and unit of the health metrics, None if nothing is estimated."""
         values: tuple[float | None, ...] = (None,) * len(FIGURES)
         if self._filter is not None and self._is_estimated:
             pose = self._filter.at(now_ns)
+            anchor_age_s: float | None = None
+            if pose.anchored_ns:
+                anchor_age_s = max(0, now_ns - pose.anchored_ns) / NS_PER_S
             values = (
                 math.degrees(pose.yaw_rate_radps) * 60.0,
-                max(0, now_ns - pose.anchored_ns) / NS_PER_S if pose.anchored_ns else None,
+                anchor_age_s,
                 pose.position_sigma_m,
                 math.degrees(pose.yaw_sigma_rad),
             )
@@ -347,7 +366,9 @@ class PoseTracker:
 
     def yaw_sigma_rad(self, now_ns: int) -> float:
         """Return the standard deviation of the yaw; 0 if nothing is estimated."""
-        return self._filter.at(now_ns).yaw_sigma_rad if self._filter and self._is_estimated else 0.0
+        if self._filter is None or not self._is_estimated:
+            return 0.0
+        return self._filter.at(now_ns).yaw_sigma_rad
 
     def _set(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
@@ -359,21 +380,29 @@ class PoseTracker:
         self._rest_detector = RestDetector()
 
     def _rested(self, rest: RestYawRate | None, now_ns: int | None = None) -> None:
-        if rest is not None and self._filter is not None and self._follows:
-            rate = rest.yaw_rate_radps
-            sigma = rest.sigma_radps
-            is_raised = rest.is_raised
-            self._filter.update_rest_rate(rest.stamp_ns, rate, sigma, is_raised=is_raised, now_ns=now_ns)
+        """Apply the rate of a rest, if there is one and the pose follows the drift."""
+        if rest is None or self._filter is None or not self._follows:
+            return
+        self._filter.update_rest_rate(
+            rest.stamp_ns,
+            rest.yaw_rate_radps,
+            rest.sigma_radps,
+            is_raised=rest.is_raised,
+            now_ns=now_ns,
+        )
 
-    def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
-        self._filter = self._filter or self._doubtful(base, stamp_ns)
+    def _present_filter(self, base: UserPose, stamp_ns: int) -> DriftFilter:
+        """Return the filter of the pose, which starts at `base` if there was none."""
+        self._filter = self._filter or self._temporary_filter(base, stamp_ns)
         return self._filter
 
-    def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
+    def _temporary_filter(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
         """Return a filter that starts at `pose` with the uncertainty `FIX_COVARIANCE`."""
-        return DriftFilter(to_fix(pose, covariance_of(pose) + FIX_COVARIANCE, stamp_ns), self._settings)
+        covariance = covariance_of(pose) + FIX_COVARIANCE
+        return DriftFilter(to_fix(pose, covariance, stamp_ns), self._settings)
 
-    def _believe(self) -> None:
+    def _follow_filter(self) -> None:
+        """Publish what the filter estimates from now on, as pointing has corrected it."""
         self._is_estimated = True
         self._has_lost_yaw = False
         self._follows = self._may_follow is not False
@@ -390,4 +419,5 @@ class PoseTracker:
         if self._filter is not None:
             self._filter.set_time(now_ns)
         pose = self._at(base, stamp_ns)
-        return self._publish_timer.stamped(pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)}), now_ns)
+        pose = pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)})
+        return self._publish_timer.stamped(pose, now_ns)

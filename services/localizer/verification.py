@@ -94,19 +94,29 @@ def held(
     """
     steady = without_spikes(pointings)
     result = solve(steady, settings, floor_m=floor_m, start=start)
+
+    # The mounting first: a sensor across the arm makes the pointings contradict one another, too
     numbers = lamp_numbers(steady)
-    wrong = mounting_fault(steady, result, settings, floor_m, holds=len(np.unique(numbers)))
-    if wrong:
-        return Refusal(wrong, result.residual_rad)
+    lamp_count = len(np.unique(numbers))
+    fault = mounting_fault(steady, result, settings, floor_m, holds=lamp_count)
+    if fault:
+        return Refusal(fault, result.residual_rad)
     if result.residual_rad is None or result.residual_rad <= AGREEING * settings.act_sigma_rad:
         return result
+
+    # The pointings contradict one another: look for a lamp that is missed, or two that are swapped
     outliers = outlier_lamps(pointings, settings, floor_m=floor_m)
     if len(outliers) == 2:
-        first, second = (lamps[each] if lamps else f"number {each + 1}" for each in outliers)
-        return Refusal(SWAPPED.format(first, second), result.residual_rad)
+        names = [f"number {number + 1}" for number in outliers]
+        if lamps:
+            names = [lamps[number] for number in outliers]
+        return Refusal(SWAPPED.format(*names), result.residual_rad)
     if outliers:
-        return solve(steady.only(numbers != outliers[0]), settings, floor_m=floor_m, start=start)
-    return result if isinstance(result, Refusal) else Refusal(CONTRADICT, result.residual_rad)
+        others = steady.only(numbers != outliers[0])
+        return solve(others, settings, floor_m=floor_m, start=start)
+    if isinstance(result, Refusal):
+        return result
+    return Refusal(CONTRADICT, result.residual_rad)
 
 
 def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: float = 0.0) -> tuple[int, ...]:
@@ -114,40 +124,57 @@ def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: fl
 
     They are numbered by their first holds. Empty if neither explains the rays by far.
     """
+    # All lamps, however far they are missed
     steady = without_spikes(pointings)
     numbers = lamp_numbers(steady)
     count = int(numbers.max(initial=-1)) + 1
-    unlimited = replace(settings.unlimited(), max_act_residual_rad=math.inf)
-    whole = solve(steady, settings.any_fit(), floor_m=floor_m) if count > MIN_OTHER_LAMPS else None
-    if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * settings.act_sigma_rad:
+    if count <= MIN_OTHER_LAMPS:
         return ()
-    places_m = steady.targets_m[np.unique(numbers, return_index=True)[1]]
-    limit_rad = min(AGREEING * settings.act_sigma_rad, IMPROVED * whole.residual_rad)
-    for size, most in ((1, count), (2, min(count, MAX_LAMPS))):
-        found: list[tuple[float, tuple[int, ...], Solution]] = []
-        for outliers in combinations(range(most), size):
-            order = np.arange(count)
-            order[list(outliers)] = outliers[::-1]
-            swapped = replace(steady, targets_m=places_m[order][numbers])
-            fit = solve(
-                steady.only(numbers != outliers[0]) if size == 1 else swapped, unlimited, floor_m=floor_m
-            )
-            if isinstance(fit, Solution):
-                found.append((fit.residual_rad, outliers, fit))
-        rms, best, fit = min(found, key=lambda each: each[0], default=(math.inf, (), whole))
-        missed = (_miss_rad(steady.only(numbers == number), fit, floor_m) for number in best)
-        if rms <= limit_rad and min(missed) >= MISSED_RAD:
+    whole = solve(steady, settings.any_fit(), floor_m=floor_m)
+    agreeing_rad = AGREEING * settings.act_sigma_rad
+    if not isinstance(whole, Solution) or whole.residual_rad <= agreeing_rad:
+        return ()
+
+    unlimited = replace(settings.unlimited(), max_act_residual_rad=math.inf)
+    limit_rad = min(agreeing_rad, IMPROVED * whole.residual_rad)
+    _, first_samples = np.unique(numbers, return_index=True)
+    places_m = steady.targets_m[first_samples]
+
+    # One lamp left out, before two swapped: a mistake of the person is likelier than one of the map
+    for size, lamp_count in ((1, count), (2, min(count, MAX_LAMPS))):
+        best: tuple[int, ...] = ()
+        best_fit: Solution | None = None
+        for outliers in combinations(range(lamp_count), size):
+            if size == 1:
+                explained = steady.only(numbers != outliers[0])
+            else:
+                order = np.arange(count)
+                order[list(outliers)] = outliers[::-1]
+                explained = replace(steady, targets_m=places_m[order][numbers])
+            fit = solve(explained, unlimited, floor_m=floor_m)
+            if not isinstance(fit, Solution):
+                continue
+            if best_fit is None or fit.residual_rad < best_fit.residual_rad:
+                best = outliers
+                best_fit = fit
+        if best_fit is None or not best_fit.residual_rad <= limit_rad:
+            continue
+
+        # Only if the pose of the others shows that they are missed by far
+        misses_rad = [_miss_rad(steady.only(numbers == number), best_fit, floor_m) for number in best]
+        if min(misses_rad) >= MISSED_RAD:
             return best
     return ()
 
 
-def _miss_rad(hold: Pointings, pose: Solution, floor_m: float) -> float:
-    """Return the median angle between the rays of `hold` and its target, as seen from `pose`."""
-    place_m = np.array([pose.x_m, pose.y_m, floor_m])
+def _miss_rad(hold: Pointings, solution: Solution, floor_m: float) -> float:
+    """Return the median angle between the rays of `hold` and its target, as seen from `solution`."""
+    place_m = np.array([solution.x_m, solution.y_m, floor_m])
     rays = Rays.of(hold.origins_m, hold.directions, hold.targets_m - place_m)
-    turned = np.array([[0.0, 0.0, pose.yaw_rad, pose.bias_rad, pose.z_m]])
-    left, above = angular_errors(rays, turned)
-    return float(np.median(2.0 * np.arctan(0.5 * np.hypot(left, above))))
+    pose = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad, solution.z_m]])
+    left, above = angular_errors(rays, pose)
+    angles_rad = 2.0 * np.arctan(0.5 * np.hypot(left, above))
+    return float(np.median(angles_rad))
 
 
 def without_spikes(pointings: Pointings) -> Pointings:
@@ -156,11 +183,12 @@ def without_spikes(pointings: Pointings) -> Pointings:
     if len(pointings) < width:
         return pointings
     rays = np.pad(pointings.directions, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
-    middles = np.median(np.lib.stride_tricks.sliding_window_view(rays, width, axis=0), axis=2)
-    lengths = np.maximum(np.linalg.norm(middles, axis=1), 1e-9)
-    along = np.einsum("ij,ij->i", pointings.directions, middles) / lengths
-    near = along >= math.cos(SPIKE_RAD)
-    return pointings if near.all() else pointings.only(near)
+    windows = np.lib.stride_tricks.sliding_window_view(rays, width, axis=0)
+    medians = np.median(windows, axis=2)
+    lengths = np.maximum(np.linalg.norm(medians, axis=1), 1e-9)
+    cosines = np.einsum("ij,ij->i", pointings.directions, medians) / lengths
+    is_near = cosines >= math.cos(SPIKE_RAD)
+    return pointings if is_near.all() else pointings.only(is_near)
 
 
 def followed(
@@ -171,12 +199,16 @@ def followed(
     result = solve(pointings, settings, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
         return result
+
+    # A person who misses by as much in the newest half points badly, one who misses by less came late
     half = solve(newest_half(pointings), settings.unlimited(), floor_m=floor_m, start=result)
-    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * result.residual_rad
+    half_residual_rad = half.residual_rad or 0.0
+    is_noisy = pointings.span_s >= NOISY_S and half_residual_rad >= AS_MUCH * result.residual_rad
     if not is_settled(pointings, result.residual_rad, settings, NOISY if is_noisy else CLOSE):
         return Refusal(UNSETTLED, result.residual_rad)
-    is_same = isinstance(half, Refusal) or half.differs(result) <= FOLLOWING_AGREEING
-    return result if is_same else Refusal(CHANGED, result.residual_rad)
+    if isinstance(half, Refusal) or half.differs(result) <= FOLLOWING_AGREEING:
+        return result
+    return Refusal(CHANGED, result.residual_rad)
 
 
 def is_settled(
@@ -191,8 +223,9 @@ def is_settled(
     azimuths = np.angle(headings * np.conj(headings.mean()))
     elevations = np.arctan2(pointings.directions[:, 2], level)
     variance = float(np.var(azimuths * level) + np.var(elevations))
+    unexplained = (1.0 - EXPLAINED) * variance
     limit_rad = settings.ray_sigma_rad * max(min_sigmas, CLOSE_PER_S * pointings.span_s)
-    return residual_rad**2 <= min(limit_rad**2, (1.0 - EXPLAINED) * variance)
+    return residual_rad**2 <= min(limit_rad**2, unexplained)
 
 
 def has_settled(

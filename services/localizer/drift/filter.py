@@ -45,11 +45,12 @@ MAX_REST_AGE_S = 60.0
 
 def innovation(means: Array, measurement: AnchorMeasurement, late_s: float) -> Innovation:
     """Return azimuth and elevation of a pointing, `late_s` old, minus those that each state expects."""
-    then = means.copy()
-    then[:, YAW] -= late_s * then[:, RATE]
-    expected, slope, _ = predicted_bearing(then, measurement)
+    means_then = means.copy()
+    means_then[:, YAW] -= late_s * means_then[:, RATE]
+    expected_rad, slope, _ = predicted_bearing(means_then, measurement)
     slope[:, :, RATE] = -late_s * slope[:, :, YAW]
-    value = np.array([measurement.azimuth_rad, measurement.elevation_rad]) - expected
+    measured_rad = np.array([measurement.azimuth_rad, measurement.elevation_rad])
+    value = measured_rad - expected_rad
     value[:, 0] = np.remainder(value[:, 0] + math.pi, math.tau) - math.pi
     return Innovation(value, slope)
 
@@ -65,25 +66,35 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
         azimuth and elevation in {H} (n x 2), their derivatives by the states (n x 2 x 5), horizontal
         distances (n), m.
     """
+    # Eyes relative to the feet, turned from {H} to {W}
     yaw = means[:, YAW]
     cos_yaw = np.cos(yaw)
     sin_yaw = np.sin(yaw)
-    eye_x = cos_yaw * measurement.origin_m[0] - sin_yaw * measurement.origin_m[1]
-    eye_y = sin_yaw * measurement.origin_m[0] + cos_yaw * measurement.origin_m[1]
-    east = measurement.target_m[0] - means[:, X] - eye_x
-    north = measurement.target_m[1] - means[:, Y] - eye_y
-    up = measurement.target_m[2] - measurement.origin_m[2]
+    origin_x, origin_y, origin_z = measurement.origin_m
+    eye_x = cos_yaw * origin_x - sin_yaw * origin_y
+    eye_y = sin_yaw * origin_x + cos_yaw * origin_y
+
+    # Target relative to the eyes. A person exactly below the target has no bearing, but must not divide by 0.
+    target_x, target_y, target_z = measurement.target_m
+    east = target_x - means[:, X] - eye_x
+    north = target_y - means[:, Y] - eye_y
+    up = target_z - origin_z
     away = np.maximum(np.hypot(east, north), 1e-9)
     square = away * away
-    lower = -up / (square + up * up)
+
+    # Derivatives of the azimuth (row 0) and of the elevation (row 1)
     slope = np.zeros((len(means), 2, means.shape[1]))
     slope[:, 0, X] = north / square
     slope[:, 0, Y] = -east / square
     slope[:, 0, YAW] = -1.0 - (east * eye_x + north * eye_y) / square
-    slope[:, 1, X] = -lower * east / away
-    slope[:, 1, Y] = -lower * north / away
-    slope[:, 1, YAW] = lower * (east * eye_y - north * eye_x) / away
-    return np.stack([np.arctan2(north, east) - yaw, np.arctan2(up, away)], axis=1), slope, away
+    elevation_slope = -up / (square + up * up)
+    slope[:, 1, X] = -elevation_slope * east / away
+    slope[:, 1, Y] = -elevation_slope * north / away
+    slope[:, 1, YAW] = elevation_slope * (east * eye_y - north * eye_x) / away
+
+    azimuths = np.arctan2(north, east) - yaw
+    elevations = np.arctan2(up, away)
+    return np.stack([azimuths, elevations], axis=1), slope, away
 
 
 class DriftFilter:
@@ -99,7 +110,7 @@ class DriftFilter:
         """Time of the newest rest that was accepted, or 0."""
         self._contradiction: tuple[int, float, float] | None = None
         """Time, yaw rate and its sigma of the last rest, if that was beside the known drift."""
-        self._took(fix)
+        self._store_fix_times(fix)
 
     def set_time(self, now_ns: int | None) -> None:
         """Set the time. A clock step back beyond the age limit of measurements moves the state back, too.
@@ -110,7 +121,10 @@ class DriftFilter:
         Args:
             now_ns: None if not known.
         """
-        if now_ns is None or now_ns >= self._state.stamp_ns - self._settings.max_late_s * NS_PER_S:
+        if now_ns is None:
+            return
+        max_late_ns = self._settings.max_late_s * NS_PER_S
+        if now_ns >= self._state.stamp_ns - max_late_ns:
             return
         self._state.stamp_ns = now_ns
         self._anchored_ns = min(self._anchored_ns, now_ns)
@@ -134,20 +148,33 @@ class DriftFilter:
         state = self._state
         state.advance(fix.stamp_ns)
         late_s = state.late_s(fix.stamp_ns)
-        is_new = (fix.since_ns if fix.since_ns is not None else fix.stamp_ns) > self._fixed_ns
+        since_ns = fix.stamp_ns if fix.since_ns is None else fix.since_ns
+        is_new = since_ns > self._fixed_ns
+
+        # What is known of the position is dropped, of the yaw only if the same rays gave it
         state.forget(X, ANYWHERE_M, fix.x_m)
         state.forget(Y, ANYWHERE_M, fix.y_m)
         if not is_new:
             state.forget(YAW, ANY_YAW_RAD)
             state.means[:, YAW] = fix.yaw_rad + late_s * state.means[:, RATE]
-        yaw = self._yaw_innovation(fix.yaw_rad, late_s)
-        value = np.zeros((len(yaw.value), 3))
-        slope = np.zeros((len(yaw.value), 3, 5))
+
+        # The states were just set to the measured position, so that its innovation is 0
+        yaw_innovation = self._yaw_innovation(fix.yaw_rad, late_s)
+        components = len(yaw_innovation.value)
+        value = np.zeros((components, 3))
+        slope = np.zeros((components, 3, 5))
         slope[:, [0, 1], [X, Y]] = 1.0
-        value[:, 2:], slope[:, 2:] = yaw
-        noise = bounded(nearest_psd(fix.covariance), self._settings) + state.walked(late_s)[:3, :3]
-        state.update(Innovation(value, slope), self._cases(noise, moved_m=0.0)[: 2 if is_new else 1])
-        self._took(fix)
+        value[:, 2:] = yaw_innovation.value
+        slope[:, 2:] = yaw_innovation.slope
+        noise = bounded(nearest_psd(fix.covariance), self._settings)
+        noise = noise + state.walked(late_s)[:3, :3]
+
+        # A yaw that replaces the old one cannot show a leap: only the usual case is left
+        cases = self._cases(noise, moved_m=0.0)
+        if not is_new:
+            cases = cases[:1]
+        state.update(Innovation(value, slope), cases)
+        self._store_fix_times(fix)
 
     def reset_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
         """Make the yaw unknown because the IMU's yaw origin changes at `stamp_ns`.
@@ -210,35 +237,41 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        rejection = self._untimely(stamp_ns) or self._unusable(measurement)
+        rejection = self._lateness_problem(stamp_ns) or self._geometry_problem(measurement)
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
         state = self._state
         state.advance(stamp_ns)
         late_s = state.late_s(stamp_ns)
-        level = math.cos(measurement.elevation_rad)
-        azimuth_sigma = math.hypot(sigma_rad or settings.anchor_sigma_rad, spread_rad) / level
-        noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
-        sideways = settings.turned_sigma_rad / level
-        elsewhere = np.diag([sideways**2, settings.outlier_elevation_sigma_rad**2])
-        seen = innovation(state.means, measurement, late_s)
-        off = -innovation(state.moments()[0][None], measurement, late_s).value[0]
-        sigmas = state.innovation_sigmas(seen, noise)
-        usual, moved, missed = state.update(
-            seen,
-            [
-                *self._cases(noise, settings.moved_sigma_m),
-                Case(settings.rare_share, noise + elsewhere, np.zeros(5)),
-            ],
-        )
+
+        # Noise of a pointing at the target, and the additional one of a pointing elsewhere. An angle sideways
+        # is a larger azimuth the steeper the ray is.
+        cos_elevation = math.cos(measurement.elevation_rad)
+        sideways_sigma = math.hypot(sigma_rad or settings.anchor_sigma_rad, spread_rad)
+        azimuth_sigma = sideways_sigma / cos_elevation
+        elevation_variance = settings.elevation_sigma_rad**2 + spread_rad**2
+        noise = np.diag([azimuth_sigma**2, elevation_variance])
+        elsewhere_azimuth_sigma = settings.turned_sigma_rad / cos_elevation
+        elsewhere_noise = np.diag([elsewhere_azimuth_sigma**2, settings.outlier_elevation_sigma_rad**2])
+
+        # Errors are reported relative to the pose before the update, and so are their sigmas
+        innovations = innovation(state.means, measurement, late_s)
+        likeliest_mean, _ = state.moments()
+        errors = -innovation(likeliest_mean[None], measurement, late_s).value[0]
+        sigmas = state.innovation_sigmas(innovations, noise)
+
+        # The update keeps all three explanations. The pointing is accepted if nothing unusual is likeliest.
+        cases = self._cases(noise, settings.moved_sigma_m)
+        cases.append(Case(settings.rare_share, noise + elsewhere_noise, np.zeros(5)))
+        usual, moved, missed = state.update(innovations, cases)
         accepted = bool(usual >= max(moved, missed))
         if accepted:
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
         return AnchorResult(
             accepted=accepted,
-            azimuth_error_rad=float(off[0]),
-            elevation_error_rad=float(off[1]),
-            reason="" if accepted else _sentence(off, sigmas),
+            azimuth_error_rad=float(errors[0]),
+            elevation_error_rad=float(errors[1]),
+            reason="" if accepted else _rejection_reason(errors, sigmas),
         )
 
     def update_heading(
@@ -263,7 +296,7 @@ class DriftFilter:
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
-        rejection = self._untimely(stamp_ns)
+        rejection = self._lateness_problem(stamp_ns)
         if not rejection and abs(vector.elevation(direction_h)) > self._settings.max_elevation_rad:
             rejection = "the arm points too steeply for a direction; point level at the wall"
         if rejection:
@@ -271,15 +304,20 @@ class DriftFilter:
         state = self._state
         state.advance(stamp_ns)
         late_s = state.late_s(stamp_ns)
+
+        # The error is that of the likeliest state before the update
         yaw_rad = azimuth_w_rad - vector.azimuth(direction_h)
         mean, _ = state.moments()
-        away = math.remainder(yaw_rad - float(mean[YAW] - late_s * mean[RATE]), math.tau)
-        _, moved = state.update(
-            self._yaw_innovation(yaw_rad, late_s), self._cases(np.array([[sigma_rad**2]]), moved_m=0.0)
-        )
+        expected_yaw_rad = float(mean[YAW] - late_s * mean[RATE])
+        error_rad = math.remainder(yaw_rad - expected_yaw_rad, math.tau)
+
+        cases = self._cases(np.array([[sigma_rad**2]]), moved_m=0.0)
+        _, leaped = state.update(self._yaw_innovation(yaw_rad, late_s), cases)
         self._anchored_ns = max(self._anchored_ns, stamp_ns)
-        note = f"the yaw was off by {math.degrees(away):+.0f}° and was replaced" if moved > 0.5 else ""
-        return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
+        note = ""
+        if leaped > 0.5:
+            note = f"the yaw was off by {math.degrees(error_rad):+.0f}° and was replaced"
+        return AnchorResult(accepted=True, azimuth_error_rad=error_rad, note=note)
 
     def update_rest_rate(
         self,
@@ -307,82 +345,117 @@ class DriftFilter:
         settings = self._settings
         state = self._state
         noise = np.array([[sigma_radps**2]])
-        allowed = settings.gate * (sigma_radps + (settings.creep_sigma_radps if is_raised else 0.0))
-        if abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
+        creep_sigma_radps = settings.creep_sigma_radps if is_raised else 0.0
+        allowed_radps = settings.gate * (sigma_radps + creep_sigma_radps)
+        if abs(yaw_rate_radps) > settings.max_rate_radps + allowed_radps:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
         if stamp_ns < state.stamp_ns - MAX_REST_AGE_S * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
+
+        # Rate that the states do not expect
         state.advance(stamp_ns)
         slope = np.zeros((len(state.means), 1, 5))
         slope[:, 0, RATE] = 1.0
         slope[:, 0, CREEP] = float(is_raised)
-        seen = Innovation(yaw_rate_radps - np.einsum("nki,ni->nk", slope, state.means), slope)
-        away = float(state.weights @ seen.value[:, 0])
-        last = self._contradiction
+        expected_radps = np.einsum("nki,ni->nk", slope, state.means)
+        innovations = Innovation(yaw_rate_radps - expected_radps, slope)
+        error_radps = float(state.weights @ innovations.value[:, 0])
+        error_sigma_radps = float(state.innovation_sigmas(innovations, noise)[0])
+
+        # A contradiction is forgotten by the next rest, whatever that shows: two must follow one another
+        previous = self._contradiction
         self._contradiction = None
-        if abs(away) > settings.gate * float(state.innovation_sigmas(seen, noise)[0]):
-            is_confirmed = (
-                last is not None
-                and 0 < stamp_ns - last[0] <= MAX_REST_AGE_S * NS_PER_S
-                and abs(yaw_rate_radps - last[1]) <= settings.gate * math.hypot(sigma_radps, last[2])
-            )
-            if not is_confirmed:
+        if abs(error_radps) > settings.gate * error_sigma_radps:
+            if not self._confirms(previous, stamp_ns, yaw_rate_radps, sigma_radps):
                 self._contradiction = (stamp_ns, yaw_rate_radps, sigma_radps)
                 reason = (
-                    f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
-                    "drift; rest it on something that does not move"
+                    f"the resting arm turned {math.degrees(error_radps) * 60:+.0f}° a minute beside the "
+                    "known drift; rest it on something that does not move"
                 )
                 return AnchorResult(accepted=False, reason=reason)
-            known_ns = max(self._rested_ns, self._anchored_ns, self._fixed_ns)
+
+            # The rate has changed at an unknown time since the yaw was last confirmed
+            confirmed_ns = max(self._rested_ns, self._anchored_ns, self._fixed_ns)
             state.forget(RATE, settings.rate_sigma_radps)
-            state.covariances[:, YAW, YAW] += (away * max(0, stamp_ns - known_ns) / NS_PER_S) ** 2
+            missed_rad = error_radps * max(0, stamp_ns - confirmed_ns) / NS_PER_S
+            state.covariances[:, YAW, YAW] += missed_rad**2
         self._rested_ns = max(self._rested_ns, stamp_ns)
-        state.update(seen, [Case(1.0, noise, np.zeros(5))])
+        state.update(innovations, [Case(1.0, noise, np.zeros(5))])
         return AnchorResult(accepted=True)
+
+    def _confirms(
+        self,
+        contradiction: tuple[int, float, float] | None,
+        stamp_ns: int,
+        yaw_rate_radps: float,
+        sigma_radps: float,
+    ) -> bool:
+        """Return True if a rest at `stamp_ns` agrees with a `contradiction` shortly before it."""
+        if contradiction is None:
+            return False
+        previous_ns, previous_radps, previous_sigma_radps = contradiction
+        if not 0 < stamp_ns - previous_ns <= MAX_REST_AGE_S * NS_PER_S:
+            return False
+        difference_sigma_radps = math.hypot(sigma_radps, previous_sigma_radps)
+        return abs(yaw_rate_radps - previous_radps) <= self._settings.gate * difference_sigma_radps
 
     def _cases(self, noise: Array, moved_m: float) -> list[Case]:
         """Return the cases that nothing unusual happened, and that the yaw leaped or the person moved."""
         settings = self._settings
-        moved = np.zeros(5)
-        moved[[X, Y, YAW]] = moved_m**2, moved_m**2, settings.turned_sigma_rad**2
-        rare = settings.rare_share
-        return [Case(1.0 - 2.0 * rare, noise, np.zeros(5)), Case(rare, noise, moved)]
+        widened = np.zeros(5)
+        widened[[X, Y, YAW]] = moved_m**2, moved_m**2, settings.turned_sigma_rad**2
+        rare_share = settings.rare_share
+        usual = Case(1.0 - 2.0 * rare_share, noise, np.zeros(5))
+        return [usual, Case(rare_share, noise, widened)]
 
     def _yaw_innovation(self, yaw_rad: float, late_s: float) -> Innovation:
         """Return the comparison of a yaw that was measured `late_s` ago with the state."""
         means = self._state.means
-        away = yaw_rad - means[:, YAW] + late_s * means[:, RATE]
+        difference = yaw_rad - means[:, YAW] + late_s * means[:, RATE]
+        value = np.remainder(difference + math.pi, math.tau) - math.pi
         slope = np.zeros((len(means), 1, 5))
         slope[:, 0, YAW] = 1.0
         slope[:, 0, RATE] = -late_s
-        return Innovation((np.remainder(away + math.pi, math.tau) - math.pi)[:, None], slope)
+        return Innovation(value[:, None], slope)
 
-    def _took(self, fix: Fix) -> None:
+    def _store_fix_times(self, fix: Fix) -> None:
+        """Store the floor of `fix`, and the times up to which its rays gave yaw and anchor."""
         self._floor_m = fix.floor_m
         self._fixed_ns = fix.until_ns if fix.until_ns is not None else fix.stamp_ns
         if fix.is_anchored:
             self._anchored_ns = fix.stamp_ns
 
-    def _untimely(self, stamp_ns: int) -> str:
+    def _lateness_problem(self, stamp_ns: int) -> str:
+        """Return the reason to reject a pointing at `stamp_ns` as too old, or `""`."""
         late_s = self._state.late_s(stamp_ns)
         if late_s <= self._settings.max_late_s:
             return ""
         return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
-    def _unusable(self, measurement: AnchorMeasurement) -> str:
+    def _geometry_problem(self, measurement: AnchorMeasurement) -> str:
+        """Return the reason to reject a target that is too steep or too near, or `""`."""
         if abs(measurement.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
-        if predicted_bearing(self._state.moments()[0][None], measurement)[2][0] < NEAREST_M:
+        mean, _ = self._state.moments()
+        _, _, distances_m = predicted_bearing(mean[None], measurement)
+        if distances_m[0] < NEAREST_M:
             return "the person would stand on the target; choose one farther away"
         return ""
 
 
-def _sentence(off: Array, sigmas: Array) -> str:
-    """Return the reason to reject a pointing `off` by azimuth and elevation, rad; 1 sigma of each."""
-    worst = int(np.argmax(np.abs(off) / sigmas))
-    by = math.degrees(off[worst])
-    side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]
+def _rejection_reason(errors: Array, sigmas: Array) -> str:
+    """Return the reason to reject a pointing by its errors of azimuth and elevation, rad; 1 sigma of each."""
+    azimuth, elevation = 0, 1
+    worst = int(np.argmax(np.abs(errors) / sigmas))
+    error_deg = math.degrees(errors[worst])
+    sides = {
+        (azimuth, True): "to the left of",
+        (azimuth, False): "to the right of",
+        (elevation, True): "above",
+        (elevation, False): "below",
+    }
+    side = sides[worst, error_deg > 0]
     return (
-        f"the target was {abs(by):.0f}° {side} the ray; see which target is meant, and point at that target "
-        "again, arm straight"
+        f"the target was {abs(error_deg):.0f}° {side} the ray; see which target is meant, and point at that "
+        "target again, arm straight"
     )

@@ -107,23 +107,35 @@ class RestDetector:
                 step back by more than `GAP_S` starts a new rest.
         """
         passed_ns = stamp_ns - self._last_ns
-        if self._last_ns < 0 or not -self._gap_ns <= passed_ns <= self._gap_ns:
-            rate = self._finish() if self._last_ns >= 0 and passed_ns > 0 else None
+        is_first = self._last_ns < 0
+        if is_first or not -self._gap_ns <= passed_ns <= self._gap_ns:
+            # A gap ends the rest before it. After a clock step back its times are of no use.
+            rate = None
+            if not is_first and passed_ns > 0:
+                rate = self._finish()
             self._begin()
             self._last = orientation_xyzw
             self._last_ns = stamp_ns
             return rate
         if passed_ns <= 0:
             return None
-        # rotation vector of new ⊗ old⁻¹ in {H}; it is small, so twice the sine approximates it
+
+        # Rotation vector of new ⊗ old⁻¹ in {H}. It is small, so twice the sine approximates it. q and -q are
+        # the same orientation: the sign of the dot product chooses the shorter rotation.
         x, y, z, w = orientation_xyzw
         a, b, c, d = self._last
-        twice = 2.0 if w * d + x * a + y * b + z * c >= 0.0 else -2.0
-        self._tilt_x += twice * (d * x - a * w - y * c + z * b)
-        self._tilt_y += twice * (d * y - b * w - z * a + x * c)
-        self._yaw += twice * (d * z - c * w - x * b + y * a)
+        dot = w * d + x * a + y * b + z * c
+        twice = 2.0 if dot >= 0.0 else -2.0
+        turn_x = d * x - a * w - y * c + z * b
+        turn_y = d * y - b * w - z * a + x * c
+        turn_z = d * z - c * w - x * b + y * a
+        self._tilt_x += twice * turn_x
+        self._tilt_y += twice * turn_y
+        self._yaw += twice * turn_z
         self._last = orientation_xyzw
         self._last_ns = stamp_ns
+
+        # The sample belongs to the present bin, or ends it and begins the next one
         if stamp_ns - self._bin_start_ns < self._bin_ns and self._count:
             self._count += 1
             self._sum_ns += stamp_ns - self._bin_start_ns
@@ -149,18 +161,25 @@ class RestDetector:
         self._to_settle = self._delay
 
     def _close(self) -> RestYawRate | None:
-        n = self._count
-        newest = (self._bin_start_ns + self._sum_ns // n, self._sum_x / n, self._sum_y / n, self._sum_yaw / n)
+        """Process the present bin. Return a rate if it ends a rest or makes one long enough."""
+        count = self._count
+        bin_ns = self._bin_start_ns + self._sum_ns // count
+        newest = (bin_ns, self._sum_x / count, self._sum_y / count, self._sum_yaw / count)
         recent = self._recent
         recent.append(newest)
         oldest = recent[0]
-        if math.hypot(newest[1] - oldest[1], newest[2] - oldest[2], newest[3] - oldest[3]) > MAX_STEP_RAD:
+
+        # A movement ends the rest. Bins reach `_turns` after `SETTLE_S`, so that its beginning is left out.
+        step_rad = math.hypot(newest[1] - oldest[1], newest[2] - oldest[2], newest[3] - oldest[3])
+        if step_rad > MAX_STEP_RAD:
             rate = self._finish()
             self._begin()
             return rate
         if self._to_settle > 0:
             self._to_settle -= 1
             return None
+
+        # A long rest is measured in parts
         self._turns.append(oldest)
         if oldest[0] - self._turns[0][0] < LONGEST_S * NS_PER_S:
             return None
@@ -169,6 +188,7 @@ class RestDetector:
         return rate
 
     def _finish(self) -> RestYawRate | None:
+        """Return the rate of the bins in `turns`, or None if they are too few or the arm moved."""
         turns = self._turns
         if len(turns) < 3:
             return None
@@ -176,39 +196,48 @@ class RestDetector:
         span_s = (turns[-1][0] - start_ns) / NS_PER_S
         if span_s < SHORTEST_S:
             return None
-        times = [(turn[0] - start_ns) / NS_PER_S for turn in turns]
-        rates, spreads = zip(
-            *(_line(times, [turn[axis] for turn in turns]) for axis in (1, 2, 3)), strict=True
-        )
-        share = math.sqrt(24.0 * CORRELATION_S / span_s) / span_s
-        """Standard deviation of the rate per rms of a correlated wander: least squares over `span_s`."""
-        tilting = GATE * share
-        if (
-            abs(rates[2]) > MAX_RATE_RADPS
-            or max(spreads) > MAX_SPREAD_RAD
-            or math.hypot(rates[0], rates[1]) > tilting * max(TILT_SIGMA_RAD, spreads[0], spreads[1])
-        ):
+
+        # Rate about each axis, by a straight line
+        times_s = [(turn[0] - start_ns) / NS_PER_S for turn in turns]
+        tilt_x_rate, tilt_x_spread = _fit_line(times_s, [turn[1] for turn in turns])
+        tilt_y_rate, tilt_y_spread = _fit_line(times_s, [turn[2] for turn in turns])
+        yaw_rate, yaw_spread = _fit_line(times_s, [turn[3] for turn in turns])
+
+        # Standard deviation of the rate per rms of a correlated wander: least squares over `span_s`
+        rate_share = math.sqrt(24.0 * CORRELATION_S / span_s) / span_s
+
+        # Drift neither tilts the arm nor is as fast as this
+        if abs(yaw_rate) > MAX_RATE_RADPS:
             return None
-        sigma = share * max(HOLD_SIGMA_RAD, spreads[2])
+        if max(tilt_x_spread, tilt_y_spread, yaw_spread) > MAX_SPREAD_RAD:
+            return None
+        max_tilt_rate = GATE * rate_share * max(TILT_SIGMA_RAD, tilt_x_spread, tilt_y_spread)
+        if math.hypot(tilt_x_rate, tilt_y_rate) > max_tilt_rate:
+            return None
+
+        wander_sigma = rate_share * max(HOLD_SIGMA_RAD, yaw_spread)
         x, y, z, w = self._last
-        is_raised = 2.0 * (x * z - w * y) >= math.sin(HANGING_RAD)  # height of the arm's x axis
-        turn = RAISED_SIGMA_RADPS if is_raised else TURN_SIGMA_RADPS
+        x_axis_height = 2.0 * (x * z - w * y)  # of the arm
+        is_raised = x_axis_height >= math.sin(HANGING_RAD)
+        turn_sigma = RAISED_SIGMA_RADPS if is_raised else TURN_SIGMA_RADPS
         return RestYawRate(
             stamp_ns=start_ns + round(span_s / 2 * NS_PER_S),
-            yaw_rate_radps=-rates[2],
-            sigma_radps=math.hypot(sigma, turn),
+            yaw_rate_radps=-yaw_rate,
+            sigma_radps=math.hypot(wander_sigma, turn_sigma),
             is_raised=is_raised,
             span_s=span_s,
         )
 
 
-def _line(times: list[float], values: list[float]) -> tuple[float, float]:
+def _fit_line(times: list[float], values: list[float]) -> tuple[float, float]:
     """Return slope and rms about the straight line through `values`."""
     n = len(times)
     mean_t = math.fsum(times) / n
     mean_v = math.fsum(values) / n
-    tt = math.fsum((t - mean_t) ** 2 for t in times)
-    tv = math.fsum((t - mean_t) * (v - mean_v) for t, v in zip(times, values, strict=True))
-    vv = math.fsum((v - mean_v) ** 2 for v in values)
+    time_offsets = [t - mean_t for t in times]
+    value_offsets = [v - mean_v for v in values]
+    tt = math.fsum(t**2 for t in time_offsets)
+    tv = math.fsum(t * v for t, v in zip(time_offsets, value_offsets, strict=True))
+    vv = math.fsum(v**2 for v in value_offsets)
     slope = tv / tt
     return slope, math.sqrt(max(0.0, vv - slope * tv) / n)

@@ -178,7 +178,8 @@ class DriftState:
         self._settings = settings
         self.weights: Array = np.ones(1)
         """n, sum 1, the largest first."""
-        self.means: Array = np.array([[fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0, 0.0]])
+        yaw_rad = math.remainder(fix.yaw_rad, math.tau)
+        self.means: Array = np.array([[fix.x_m, fix.y_m, yaw_rad, 0.0, 0.0]])
         """n x 5."""
         self.covariances: Array = np.zeros((1, 5, 5))
         """n x 5 x 5."""
@@ -198,15 +199,17 @@ class DriftState:
 
     def at(self, now_ns: int, anchored_ns: int) -> DriftPose:
         """Return the pose at `now_ns` or the last measurement, whichever is later; the state stays."""
-        means, covariances = self._predicted(max(0, now_ns - self.stamp_ns) / NS_PER_S)
+        passed_s = max(0, now_ns - self.stamp_ns) / NS_PER_S
+        means, covariances = self._predicted(passed_s)
         mean, covariance = _moments(self.weights, means, covariances, self._settings)
+        rate_variance = max(0.0, float(covariance[RATE, RATE]))
         return DriftPose(
             x_m=float(mean[X]),
             y_m=float(mean[Y]),
             yaw_rad=float(mean[YAW]),
             covariance=covariance[:3, :3].copy(),
             yaw_rate_radps=float(mean[RATE]),
-            yaw_rate_sigma_radps=math.sqrt(max(0.0, float(covariance[RATE, RATE]))),
+            yaw_rate_sigma_radps=math.sqrt(rate_variance),
             anchored_ns=anchored_ns,
             stamp_ns=max(now_ns, self.stamp_ns),
         )
@@ -219,10 +222,11 @@ class DriftState:
 
     def innovation_sigmas(self, seen: Innovation, noise: Array) -> Array:
         """Return the standard deviations (k) of an innovation in the whole mixture; `noise` is k x k."""
-        total = seen.slope @ self.covariances @ seen.slope.swapaxes(1, 2) + noise
-        variances = np.diagonal(total, axis1=1, axis2=2)
+        totals = seen.slope @ self.covariances @ seen.slope.swapaxes(1, 2) + noise
+        variances = np.diagonal(totals, axis1=1, axis2=2)
         mean = self.weights @ seen.value
-        return np.asarray(np.sqrt(self.weights @ (variances + (seen.value - mean) ** 2)))
+        squares = variances + (seen.value - mean) ** 2
+        return np.asarray(np.sqrt(self.weights @ squares))
 
     def update(self, seen: Innovation, cases: Sequence[Case]) -> Array:
         """Apply a measurement (Joseph form: stays symmetric and positive).
@@ -235,27 +239,39 @@ class DriftState:
             posterior probabilities of the cases.
         """
         value, slope = seen
-        across = slope.swapaxes(1, 2)
-        means = list[Array]()
-        covariances = list[Array]()
-        scores = list[Array]()
+        slope_transposed = slope.swapaxes(1, 2)
+        case_means = list[Array]()
+        case_covariances = list[Array]()
+        case_scores = list[Array]()
         for case in cases:
+            # Kalman gain of each component, widened by what happened before in this case
             noise = case.noise + np.eye(len(case.noise)) * MIN_SIGMA**2
             widened = self.covariances + np.diag(case.widened)
-            total = slope @ widened @ across + noise
+            total = slope @ widened @ slope_transposed + noise
             gain = np.linalg.solve(total, slope @ widened).swapaxes(1, 2)
+
             keep = np.eye(5) - gain @ slope
-            means.append(self.means + np.einsum("nik,nk->ni", gain, value))
-            covariances.append(keep @ widened @ keep.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2))
-            away = np.linalg.solve(total, value[..., None])[..., 0]
-            likelihood = -0.5 * (np.sum(away * value, axis=1) + np.linalg.slogdet(total)[1])
-            scores.append(np.log(self.weights) + math.log(case.share) + likelihood)
-        score = np.concatenate(scores)
-        weights = np.exp(score - score.max())
+            kept = keep @ widened @ keep.swapaxes(1, 2)
+            added = gain @ noise @ gain.swapaxes(1, 2)
+            case_means.append(self.means + np.einsum("nik,nk->ni", gain, value))
+            case_covariances.append(kept + added)
+
+            # Log of the posterior weight, up to a common constant
+            whitened = np.linalg.solve(total, value[..., None])[..., 0]
+            mahalanobis = np.sum(whitened * value, axis=1)
+            _, log_det = np.linalg.slogdet(total)
+            log_likelihood = -0.5 * (mahalanobis + log_det)
+            case_scores.append(np.log(self.weights) + math.log(case.share) + log_likelihood)
+
+        # Components grow by the number of cases in each update: the improbable ones are dropped. The stable
+        # order makes components of equal weight the same ones on every machine.
+        scores = np.concatenate(case_scores)
+        weights = np.exp(scores - scores.max())
         likeliest = np.argsort(-weights, kind="stable")[:MAX_COMPONENTS]
         indices = likeliest[weights[likeliest] >= MIN_WEIGHT * weights.sum()]
         self.weights = weights[indices] / weights[indices].sum()
-        self.means, self.covariances = np.concatenate(means)[indices], np.concatenate(covariances)[indices]
+        self.means = np.concatenate(case_means)[indices]
+        self.covariances = np.concatenate(case_covariances)[indices]
         self._bound()
         return np.asarray(weights.reshape(len(cases), -1).sum(axis=1) / weights.sum())
 
@@ -269,12 +285,13 @@ class DriftState:
     def walked(self, passed_s: float) -> Array:
         """Return the covariance (5 x 5) that random walks add in `passed_s`."""
         settings = self._settings
-        walk = settings.rate_walk_radps**2 * passed_s
+        rate_variance = settings.rate_walk_radps**2 * passed_s
+        yaw_variance = settings.yaw_walk_rad**2 * passed_s
         added = np.zeros((5, 5))
         added[[X, Y], [X, Y]] = settings.position_walk_m**2 * passed_s
-        added[YAW, YAW] = settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
-        added[YAW, RATE] = added[RATE, YAW] = walk * passed_s / 2.0
-        added[RATE, RATE] = walk
+        added[YAW, YAW] = yaw_variance + rate_variance * passed_s**2 / 3.0
+        added[YAW, RATE] = added[RATE, YAW] = rate_variance * passed_s / 2.0
+        added[RATE, RATE] = rate_variance
         return added
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
@@ -295,11 +312,12 @@ def _moments(
     weights: Array, means: Array, covariances: Array, settings: DriftSettings
 ) -> tuple[Array, Array]:
     """Return the first component's mean (5) and the covariance (5 x 5) of a mixture about it."""
-    away = means - means[0]
+    offsets = means - means[0]
     mean = means[0].copy()
-    away[:, YAW] = np.remainder(away[:, YAW] + math.pi, math.tau) - math.pi
+    offsets[:, YAW] = np.remainder(offsets[:, YAW] + math.pi, math.tau) - math.pi
     mean[YAW] = math.remainder(float(mean[YAW]), math.tau)
-    covariance = np.einsum("n,nij->ij", weights, covariances + away[:, :, None] * away[:, None, :])
+    spreads = offsets[:, :, None] * offsets[:, None, :]
+    covariance = np.einsum("n,nij->ij", weights, covariances + spreads)
     return mean, bounded(covariance, settings)
 
 
@@ -308,13 +326,15 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
 
     Correlations stay.
     """
-    away = settings.max_position_sigma_m
+    position = settings.max_position_sigma_m
     rate = settings.max_rate_radps
-    largest = np.array([away, away, settings.max_yaw_sigma_rad, rate, rate])[: covariance.shape[-1]]
-    sigmas = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-300))
-    shrink = np.minimum(1.0, largest / sigmas)
-    both = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-    return np.asarray(both * (shrink[..., :, None] * shrink[..., None, :]))
+    max_sigmas = np.array([position, position, settings.max_yaw_sigma_rad, rate, rate])
+    max_sigmas = max_sigmas[: covariance.shape[-1]]
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    sigmas = np.sqrt(np.maximum(variances, 1e-300))
+    shrink = np.minimum(1.0, max_sigmas / sigmas)
+    symmetric = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+    return np.asarray(symmetric * (shrink[..., :, None] * shrink[..., None, :]))
 
 
 def nearest_psd(covariance: Array) -> Array:

@@ -34,7 +34,8 @@ def expected_bias(remembered: RememberedBias, elevation_rad: float) -> tuple[flo
     """Return mean and standard deviation (rad) of the next bias of rays at `elevation_rad`."""
     row = np.array([1.0, elevation_rad - REFERENCE_RAD])
     mean_rad = float(row @ (remembered.bias_rad, remembered.slope))
-    return mean_rad, math.sqrt(max(0.0, float(row @ _covariance(remembered) @ row)) + WANDER_RAD**2)
+    variance = float(row @ _covariance(remembered) @ row)
+    return mean_rad, math.sqrt(max(0.0, variance) + WANDER_RAD**2)
 
 
 def updated(
@@ -51,15 +52,18 @@ def updated(
     row = np.array([1.0, elevation_rad - REFERENCE_RAD])
     covariance = _covariance(remembered)
     mean_rad, spread_rad = expected_bias(remembered, elevation_rad)
+
+    # `spread_rad` includes what the bias wanders between localizations, the covariance does not
     gain = covariance @ row / (spread_rad**2 + sigma_rad**2)
-    left = covariance - np.outer(gain, row @ covariance)
-    moved = gain * (bias_rad - mean_rad)
+    step = gain * (bias_rad - mean_rad)
+    new_covariance = covariance - np.outer(gain, row @ covariance)
+    localizations = min(remembered.localizations + 1, 2**31 - 1)  # as a message can hold
     return remembered.model_copy(
         update={
-            "localizations": min(remembered.localizations + 1, 2**31 - 1),  # as a message can hold
-            "bias_rad": remembered.bias_rad + float(moved[0]),
-            "slope": remembered.slope + float(moved[1]),
-            "covariance": tuple(left.ravel().tolist()),
+            "localizations": localizations,
+            "bias_rad": remembered.bias_rad + float(step[0]),
+            "slope": remembered.slope + float(step[1]),
+            "covariance": tuple(new_covariance.ravel().tolist()),
         }
     )
 
@@ -84,16 +88,20 @@ class BiasMemory:
         remembered = self.remembered
         if remembered is None or len(pointings) < settings.min_samples:
             return settings
-        found = solve(pointings, settings.any_bias(), floor_m=floor_m)
-        if not isinstance(found, Solution) or self._contradicts(remembered, found.bias_rad, pointings):
+        solution = solve(pointings, settings.any_bias(), floor_m=floor_m)
+        if not isinstance(solution, Solution):
+            return settings
+        if self._contradicts(remembered, solution.bias_rad, pointings):
             return settings
         mean_rad, sigma_rad = expected_bias(remembered, _mean_elevation(pointings))
-        # no larger bias is pointing than without memory
-        left_rad = settings.bias_sigma_limit * settings.bias_sigma_rad - abs(mean_rad - settings.bias_rad)
-        if sigma_rad >= settings.bias_sigma_rad or left_rad <= 0.0:
+
+        # The limit of the bias stays where it is without memory, however the expected bias moves
+        limit_rad = settings.bias_sigma_limit * settings.bias_sigma_rad
+        remaining_rad = limit_rad - abs(mean_rad - settings.bias_rad)
+        if sigma_rad >= settings.bias_sigma_rad or remaining_rad <= 0.0:
             return settings
         return replace(
-            settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=left_rad / sigma_rad
+            settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=remaining_rad / sigma_rad
         )
 
     def learn(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> bool:
@@ -107,16 +115,21 @@ class BiasMemory:
         Returns:
             True if the bias was measured.
         """
-        found = solve(pointings, settings.any_bias(), floor_m=floor_m)
-        if not isinstance(found, Solution) or pointings.span_s < MIN_SPAN_S:
+        solution = solve(pointings, settings.any_bias(), floor_m=floor_m)
+        if not isinstance(solution, Solution) or pointings.span_s < MIN_SPAN_S:
             return False
-        if self.remembered is not None and self._contradicts(self.remembered, found.bias_rad, pointings):
+        if self.remembered is not None and self._contradicts(self.remembered, solution.bias_rad, pointings):
             self.remembered = None
-        # what the rays say without the prior: the filter has it already
-        information = found.bias_sigma_rad**-2 - settings.bias_sigma_rad**-2
+
+        # What the rays say without the prior, which the filter has already
+        information = solution.bias_sigma_rad**-2 - settings.bias_sigma_rad**-2
         if information <= 0.0:
             return False
-        before = self.remembered or RememberedBias(
+        shift_rad = (solution.bias_rad - settings.bias_rad) / solution.bias_sigma_rad**2 / information
+        bias_rad = settings.bias_rad + shift_rad
+        sigma_rad = information**-0.5
+
+        previous = self.remembered or RememberedBias(
             localizations=0,
             origin_height_m=_origin_height_m(pointings),
             bias_rad=settings.bias_rad,
@@ -124,21 +137,18 @@ class BiasMemory:
             covariance=(settings.bias_sigma_rad**2, 0.0, 0.0, settings.elevation_slope_sigma**2),
             mounting=self.mounting,
         )
-        shift_rad = (found.bias_rad - settings.bias_rad) / found.bias_sigma_rad**2 / information
-        bias_rad = settings.bias_rad + shift_rad
-        sigma_rad = information**-0.5
-        self.remembered = updated(before, bias_rad, sigma_rad, _mean_elevation(pointings))
+        self.remembered = updated(previous, bias_rad, sigma_rad, _mean_elevation(pointings))
         return True
 
     def _contradicts(self, remembered: RememberedBias, bias_rad: float, pointings: Pointings) -> bool:
         """Return True if who points so, with this bias found without memory, is not the remembered one."""
+        if self.mounting != remembered.mounting:
+            return True
+        height_change_m = abs(_origin_height_m(pointings) - remembered.origin_height_m)
+        if height_change_m > MAX_HEIGHT_CHANGE_M:
+            return True
         mean_rad, sigma_rad = expected_bias(remembered, _mean_elevation(pointings))
-        change_m = abs(_origin_height_m(pointings) - remembered.origin_height_m)
-        return (
-            self.mounting != remembered.mounting
-            or change_m > MAX_HEIGHT_CHANGE_M
-            or abs(bias_rad - mean_rad) > MAX_SIGMAS * sigma_rad
-        )
+        return abs(bias_rad - mean_rad) > MAX_SIGMAS * sigma_rad
 
 
 def _covariance(remembered: RememberedBias) -> Array:

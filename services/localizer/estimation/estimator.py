@@ -93,35 +93,46 @@ def solve(
         return Refusal(
             f"only {count} rays were gathered and {settings.min_samples} are needed; check the IMU"
         )
+
+    # Targets at one place, or above one another, leave the pose open
     targets = pointings.targets_m
     spread_m = np.ptp(targets, axis=0)
     if float(spread_m.max()) < SAME_PLACE_M:
         return Refusal("all pointing was at one place; point at two or more different ones")
     if float(spread_m[:2].max()) < SAME_PLACE_M:
         return Refusal("all targets are above one another, so the direction is open; add one to the side")
+
+    # Minima of the means of blocks, about the centre, which keeps numbers small wherever the origin is
     timely = in_time(pointings, settings.latency_s)
     summary = blocks(timely)
-    centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # keeps numbers small wherever the origin is
+    centre = np.array([*targets[:, :2].mean(axis=0), floor_m])
     rays = settings.rays(summary.pointings, centre)
     weights = settings.weights()
-    found = () if start is None else (_pose_of(start, centre, settings),)
-    first = np.vstack([initial_poses(rays, weights), *found])
-    poses = _out_of_reach(rays, minimize(rays, first, weights))
+    starts = [initial_poses(rays, weights)]
+    if start is not None:
+        starts.append(_pose_of(start, centre, settings)[None])
+    minima = minimize(rays, np.vstack(starts), weights)
+    poses = _out_of_reach(rays, minima)
     if not len(poses):
         return Refusal(NO_COMMON_POINT)
     solution = _solution(rays, summary, poses, settings)
-    missed = _missed_rad(settings.rays(timely, centre), poses[0])
+
+    # Angles by which all samples miss. If they show a latency, with it or without, whichever fits better.
+    missed_rad = _missed_rad(settings.rays(timely, centre), poses[0])
     if solution.late_s:
-        late = settings.rays(in_time(timely, solution.late_s, summary), centre)
-        late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), settings))
-        missed = min(missed, late_rad, key=lambda each: float(each @ each))
-    residual_rad = math.sqrt(float(np.mean(missed * missed)))
+        late_rays = settings.rays(in_time(timely, solution.late_s, summary), centre)
+        late_missed_rad = _missed_rad(late_rays, _pose_of(solution, np.zeros(3), settings))
+        if float(late_missed_rad @ late_missed_rad) < float(missed_rad @ missed_rad):
+            missed_rad = late_missed_rad
+    residual_rad = math.sqrt(float(np.mean(missed_rad * missed_rad)))
+
+    # Once more without the worst samples if they miss by too much
     limit_rad = settings.residual_limit_rad(is_still=summary.is_still)
     if residual_rad > limit_rad and settings.trims:
-        kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
-        again = solve(pointings.only(kept), settings.trimmed(LESS), floor_m=floor_m, start=start)
-        if isinstance(again, Solution):
-            return again
+        is_kept = missed_rad <= np.quantile(missed_rad, 1.0 - TRIMMED)
+        trimmed = solve(pointings.only(is_kept), settings.trimmed(LESS), floor_m=floor_m, start=start)
+        if isinstance(trimmed, Solution):
+            return trimmed
     solution = replace(
         solution,
         x_m=float(solution.x_m + centre[0]),
@@ -135,8 +146,10 @@ def solve(
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
     """Return those of `poses` (k x 5) in which no target is nearer to the eyes than `NEAREST_M`."""
-    turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.inverse_azimuth))
-    level = np.abs(rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None] - turned)
+    origins = rays.origins * np.conj(rays.inverse_azimuth)
+    turned_origins = np.exp(1j * poses[:, 2])[:, None] * origins
+    places = (poses[:, 0] + 1j * poses[:, 1])[:, None]
+    level = np.abs(rays.targets - places - turned_origins)
     nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
     return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
 
@@ -144,35 +157,43 @@ def _out_of_reach(rays: Rays, poses: Array) -> Array:
 def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSettings) -> Solution:
     """Return the likeliest of `poses` about the centre; its covariance includes the alternatives."""
     noise = settings.noise_model(is_still=summary.is_still)
-    probabilities = _probabilities(rays, summary, poses, settings, noise) if len(poses) > 1 else np.ones(1)
-    likely = probabilities >= NEGLIGIBLE
-    likely[0] = True
-    found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
-    best = found[0][0]
-    spread = np.zeros_like(found[0][1])
-    for (state, covariance, _), share in zip(found, probabilities[likely], strict=True):
-        off = state - best
-        off[2] = math.remainder(float(off[2]), math.tau)
-        spread += share * (covariance + np.outer(off, off))
+    probabilities = np.ones(1)
+    if len(poses) > 1:
+        probabilities = _probabilities(rays, summary, poses, settings, noise)
+    is_likely = probabilities >= NEGLIGIBLE
+    is_likely[0] = True
+    refined = [refine(rays, pose, summary, noise) for pose in poses[is_likely]]
+
+    # Covariance of the mixture about the likeliest pose
+    best, best_covariance, scatter = refined[0]
+    mixed = np.zeros_like(best_covariance)
+    for (state, covariance, _), probability in zip(refined, probabilities[is_likely], strict=True):
+        offset = state - best
+        offset[2] = math.remainder(float(offset[2]), math.tau)
+        mixed += probability * (covariance + np.outer(offset, offset))
+
+    # A latency that the rays show is one beyond 2 sigma
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
-    sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
+    sigmas = np.sqrt(np.maximum(np.diag(mixed), 0.0)).tolist()
+    latency_sigma_s = sigmas[LATENCY]
+    late_s = latency_s if abs(latency_s) > 2.0 * latency_sigma_s else 0.0
     return Solution(
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
         bias_rad=settings.bias_rad + bias_rad,
-        bias_sigma_rad=sigma[3],
-        covariance=spread[:3, :3],
+        bias_sigma_rad=sigmas[3],
+        covariance=mixed[:3, :3],
         residual_rad=0.0,
         samples=0,
         z_m=z_m,
-        z_sigma_m=sigma[4],
+        z_sigma_m=sigmas[4],
         latency_s=settings.latency_s + latency_s,
-        late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
-        latency_sigma_s=sigma[LATENCY],
-        of_latency=spread[:3, LATENCY],
+        late_s=late_s,
+        latency_sigma_s=latency_sigma_s,
+        of_latency=mixed[:3, LATENCY],
         alternative=float(1.0 - probabilities[0]),
-        scatter=0.0 if summary.is_still else found[0][2],
+        scatter=0.0 if summary.is_still else scatter,
     )
 
 
@@ -194,8 +215,11 @@ def _missed_rad(rays: Rays, pose: Array) -> Array:
 
 
 def _pose_of(solution: Solution, centre: Array, settings: SolverSettings) -> Array:
-    place = [solution.x_m - centre[0], solution.y_m - centre[1]]
-    return np.array([*place, solution.yaw_rad, solution.bias_rad - settings.bias_rad, solution.z_m])
+    """Return `solution` as a pose (5) of the descent, about `centre`."""
+    x_m = solution.x_m - centre[0]
+    y_m = solution.y_m - centre[1]
+    bias_rad = solution.bias_rad - settings.bias_rad
+    return np.array([x_m, y_m, solution.yaw_rad, bias_rad, solution.z_m])
 
 
 def check_solution(
@@ -203,21 +227,23 @@ def check_solution(
 ) -> Solution | Refusal:
     """Return `solution`, or the refusal if it is not good enough."""
     residual_rad = solution.residual_rad
-    away_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
-    is_finite = math.isfinite(away_m + residual_rad) and bool(np.isfinite(solution.covariance).all())
-    if away_m > FARTHEST_TARGET_M or not is_finite:
+    distance_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
+    is_finite = math.isfinite(distance_m + residual_rad)
+    is_finite = is_finite and bool(np.isfinite(solution.covariance).all())
+    if distance_m > FARTHEST_TARGET_M or not is_finite:
         return Refusal(ONE_VIEW if _is_one_view(rays) else NO_COMMON_POINT)
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
-    if abs(solution.bias_rad - settings.bias_rad) > settings.bias_sigma_limit * settings.bias_sigma_rad:
+    max_bias_rad = settings.bias_sigma_limit * settings.bias_sigma_rad
+    if abs(solution.bias_rad - settings.bias_rad) > max_bias_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is not "
             "pointing; point at each target, arm straight",
             residual_rad,
         )
-    return (
-        solution if settings.accepts(solution) else Refusal(_unsure(solution, rays, settings), residual_rad)
-    )
+    if not settings.accepts(solution):
+        return Refusal(_unsure(solution, rays, settings), residual_rad)
+    return solution
 
 
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
@@ -266,6 +292,6 @@ def _stated(solution: Solution, settings: SolverSettings) -> str:
 
 
 def _is_one_view(rays: Rays) -> bool:
-    turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
-    spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
-    return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD
+    turns_rad = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
+    spread_rad = float(np.ptp(turns_rad)) * float(np.min(rays.elevation_phasor.real))
+    return spread_rad < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

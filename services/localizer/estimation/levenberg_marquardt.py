@@ -84,7 +84,8 @@ class Rays:
         azimuths = np.arctan2(directions[:, 1], directions[:, 0])
         elevations = np.arctan2(directions[:, 2], level)
         # vertical rays have no azimuth but that of rounding: use any that turns with the others
-        azimuths[np.abs(elevations) > PLUMB_RAD] = azimuths[np.argmin(np.abs(elevations))]
+        steepness = np.abs(elevations)
+        azimuths[steepness > PLUMB_RAD] = azimuths[np.argmin(steepness)]
         return cls(origins_m, azimuths, elevations, targets_m)
 
     @cached_property
@@ -107,7 +108,8 @@ class Rays:
     @cached_property
     def origins(self) -> Complex:
         """Return the origins in the horizontal plane, each with its ray turned forward, n."""
-        return np.asarray((self.origins_m[:, 0] + 1j * self.origins_m[:, 1]) * self.inverse_azimuth)
+        origins = self.origins_m[:, 0] + 1j * self.origins_m[:, 1]
+        return np.asarray(origins * self.inverse_azimuth)
 
     @cached_property
     def heights(self) -> Array:
@@ -117,15 +119,22 @@ class Rays:
 
 def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
     """Return the residual angles without derivatives: to the left of the rays and above them, k x n each."""
+    # Targets relative to the eyes, turned so that the measured azimuth is forward
+    place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
     turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
-    flat = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * turn - rays.origins
-    up = rays.heights - poses[:, 4, None]
-    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
+    flat = (rays.targets - place) * turn - rays.origins
     ahead = flat.real
     left = flat.imag
-    along = tilt.real * ahead + tilt.imag * up
-    above = tilt.real * up - tilt.imag * ahead
-    gain = 2.0 / np.maximum(np.sqrt(left * left + ahead * ahead + up * up) + along, _TINY)
+    up = rays.heights - poses[:, 4, None]
+
+    # Tilted so that the measured elevation is forward, too
+    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
+    cos_el = tilt.real
+    sin_el = tilt.imag
+    along = cos_el * ahead + sin_el * up
+    above = cos_el * up - sin_el * ahead
+    reach = np.sqrt(left * left + ahead * ahead + up * up)
+    gain = 2.0 / np.maximum(reach + along, _TINY)
     return np.asarray(gain * left, dtype=np.float64), np.asarray(gain * above, dtype=np.float64)
 
 
@@ -143,14 +152,17 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     Returns:
         k x 2 x n angles, rad (to the left of the ray, above it), and their k x 5 x 2 x n derivatives.
     """
+    # Targets relative to the eyes, turned so that the measured azimuth is forward
     place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
     turns = np.exp(-1j * poses[:, 2:4])
     turn = turns[:, :1] * rays.inverse_azimuth
-    seen = (rays.targets - place) * turn
-    flat = seen - rays.origins
+    turned_targets = (rays.targets - place) * turn
+    flat = turned_targets - rays.origins
     ahead = flat.real
     left = flat.imag
     up = rays.heights - poses[:, 4, None]
+
+    # Tilted so that the measured elevation is forward, too, and projected
     tilt = rays.elevation_phasor * turns[:, 1:]
     cos_el = tilt.real
     sin_el = tilt.imag
@@ -158,31 +170,36 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     above = cos_el * up - sin_el * ahead
     reach = np.sqrt(left * left + ahead * ahead + up * up)
     gain = 2.0 / np.maximum(reach + along, _TINY)
-    out = np.empty((len(poses), 2, left.shape[1]))
-    out[:, 0] = gain * left
-    out[:, 1] = gain * above
+    samples = left.shape[1]
+    angles = np.empty((len(poses), 2, samples))
+    angles[:, 0] = gain * left
+    angles[:, 1] = gain * above
 
-    # derivatives of (left, above, along + reach) by each parameter, then of the quotients
-    d_flat = np.empty((len(poses), 3, left.shape[1]), dtype=np.complex128)
+    # Derivatives of ahead + i left by x, y and yaw
+    d_flat = np.empty((len(poses), 3, samples), dtype=np.complex128)
     d_flat[:, 0] = -turn
     d_flat[:, 1] = -1j * turn
-    d_flat[:, 2] = -1j * seen
+    d_flat[:, 2] = -1j * turned_targets
     d_ahead = d_flat.real
     d_left = d_flat.imag
-    slope = np.zeros((len(poses), PARAMETERS, 2, left.shape[1]))
+
+    # Derivatives of the numerators (left, above) by each parameter
+    slope = np.zeros((len(poses), PARAMETERS, 2, samples))
     slope[:, :3, 0] = d_left
     slope[:, :3, 1] = -sin_el[:, None] * d_ahead
     slope[:, 3, 1] = along
     slope[:, 4, 1] = -cos_el
-    d_reach = np.empty((len(poses), PARAMETERS, left.shape[1]))
-    far = np.maximum(reach, _TINY)
-    d_reach[:, :3] = (left[:, None] * d_left + ahead[:, None] * d_ahead) / far[:, None]
-    d_reach[:, :3] += cos_el[:, None] * d_ahead
-    d_reach[:, 3] = -above
-    d_reach[:, 4] = -up / far - sin_el
-    slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
+
+    # Derivatives of the denominator (reach + along), then of the quotients
+    d_denominator = np.empty((len(poses), PARAMETERS, samples))
+    safe_reach = np.maximum(reach, _TINY)
+    d_denominator[:, :3] = (left[:, None] * d_left + ahead[:, None] * d_ahead) / safe_reach[:, None]
+    d_denominator[:, :3] += cos_el[:, None] * d_ahead
+    d_denominator[:, 3] = -above
+    d_denominator[:, 4] = -up / safe_reach - sin_el
+    slope -= (0.5 * angles)[:, None] * d_denominator[:, :, None]
     slope *= gain[:, None, None]
-    return out, slope
+    return angles, slope
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,39 +218,49 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     In {H} turned to the yaw, the place τ minimises Σ |(I - v vᵀ)(p - τ - o)|². Each yaw is evaluated with
     elevations as measured, and raised and lowered by one sigma of the bias, which moves the place.
     """
-    biases = np.array([-1.0, 0.0, 1.0]) / math.sqrt(max(float(weights.prior[3]), 1.0))
+    # Projections I - v vᵀ of each bias and ray (b x 3 x 3 x n)
+    bias_information = max(float(weights.prior[3]), 1.0)
+    biases = np.array([-1.0, 0.0, 1.0]) / math.sqrt(bias_information)
     elevations = rays.elevations_rad - biases[:, None]
     level = np.cos(elevations)
-    directions = np.stack(
-        [level * np.cos(rays.azimuths_rad), level * np.sin(rays.azimuths_rad), np.sin(elevations)], axis=1
-    )
-    across = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]  # b x 3 x 3 x n
-    # relative to the ray with the best defined azimuth, so that the result does not depend on the IMU's yaw
+    x = level * np.cos(rays.azimuths_rad)
+    y = level * np.sin(rays.azimuths_rad)
+    z = np.sin(elevations)
+    directions = np.stack([x, y, z], axis=1)
+    projections = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]
+
+    # Yaws relative to the ray with the best defined azimuth, so that the result does not depend on the IMU's
+    # yaw. The targets from the origins at each of them (starts x 3 x n).
     first = float(rays.azimuths_rad[np.argmax(rays.elevation_phasor.real)])
     yaws = np.arange(STARTS) * (math.tau / STARTS) - first
-    turned = np.exp(-1j * yaws)[:, None] * rays.targets
-    seen = np.empty((STARTS, 3, len(rays.heights)))
-    seen[:, 0] = turned.real - rays.origins_m[:, 0]
-    seen[:, 1] = turned.imag - rays.origins_m[:, 1]
-    seen[:, 2] = rays.heights
-    flat: Array = across[:, :2].reshape(len(biases), 2, -1)
-    pulled = seen.reshape(STARTS, -1) @ flat.transpose(0, 2, 1)  # b x starts x 2
-    normal: Array = across[:, :2, :2].sum(axis=3)
-    # when all rays are parallel, the place nearest to the targets
-    place: Array = pulled @ np.linalg.inv(normal + PARALLEL * len(rays.heights) * np.eye(2))
-    spot: Complex = (place[..., 0] + 1j * place[..., 1]) * np.exp(1j * yaws)
+    turned_targets = np.exp(-1j * yaws)[:, None] * rays.targets
+    offsets = np.empty((STARTS, 3, len(rays.heights)))
+    offsets[:, 0] = turned_targets.real - rays.origins_m[:, 0]
+    offsets[:, 1] = turned_targets.imag - rays.origins_m[:, 1]
+    offsets[:, 2] = rays.heights
+
+    # Normal equations of the place. When all rays are parallel, it is that nearest to the targets.
+    flat_projections: Array = projections[:, :2].reshape(len(biases), 2, -1)
+    right_sides = offsets.reshape(STARTS, -1) @ flat_projections.transpose(0, 2, 1)  # b x starts x 2
+    normal: Array = projections[:, :2, :2].sum(axis=3)
+    regularized = normal + PARALLEL * len(rays.heights) * np.eye(2)
+    places_h: Array = right_sides @ np.linalg.inv(regularized)
+    places: Complex = (places_h[..., 0] + 1j * places_h[..., 1]) * np.exp(1j * yaws)
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
-    poses[..., 0] = spot.real
-    poses[..., 1] = spot.imag
+    poses[..., 0] = places.real
+    poses[..., 1] = places.imag
     poses[..., 2] = yaws
     poses[..., 3] = biases[:, None]
-    costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
-    best = np.argmin(costs, axis=0)
+
+    # The best bias of each yaw, and the lowest yaws among those that are lower than their neighbours
+    costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights)
+    costs = costs.reshape(len(biases), STARTS)
+    best_biases = np.argmin(costs, axis=0)
     lowest = costs.min(axis=0)
-    valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
-    chosen = np.flatnonzero(valley)
-    chosen = chosen[np.argsort(lowest[chosen])][:MAX_POSES]
-    return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
+    is_valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
+    valleys = np.flatnonzero(is_valley)
+    valleys = valleys[np.argsort(lowest[valleys])][:MAX_POSES]
+    return np.asarray(poses[best_biases[valleys], valleys], dtype=np.float64)
 
 
 def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
@@ -245,6 +272,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
     damping = np.full(len(poses), _DAMPING)
     costs, slopes, hessians = _linearized(rays, poses, weights)
     for number in range(ITERATIONS):
+        # Hopeless descents cost as much as the others: drop them once they can be told
         if number == SETTLED:
             indices = _apart(poses, costs)
             poses = poses[indices]
@@ -252,46 +280,63 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
             slopes = slopes[indices]
             hessians = hessians[indices]
             damping = damping[indices]
-        diagonal = hessians.diagonal(axis1=1, axis2=2)
-        damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
+
+        # Damped step of each
+        diagonals = hessians.diagonal(axis1=1, axis2=2)
+        added = damping[:, None] * diagonals + _TINY
+        damped = hessians + added[:, :, None] * _EYE
         try:
             solved = np.asarray(np.linalg.solve(damped, -slopes[:, :, None]), dtype=np.float64)
         except np.linalg.LinAlgError:  # a pose lies exactly in a target, where the slope vanishes
             break
         steps: Array = solved[:, :, 0]
-        tried: Array = poses + steps
-        new_costs, new_slopes, new_hessians = _linearized(rays, tried, weights)
-        better = new_costs <= costs
-        if better.all():
-            poses = tried
+        new_poses: Array = poses + steps
+        new_costs, new_slopes, new_hessians = _linearized(rays, new_poses, weights)
+
+        # Steps that do not lower the cost are rejected. Mostly there are none, and `where` takes time.
+        is_better = new_costs <= costs
+        if is_better.all():
+            poses = new_poses
             costs = new_costs
             slopes = new_slopes
             hessians = new_hessians
         else:
-            poses = np.where(better[:, None], tried, poses)
-            costs = np.where(better, new_costs, costs)
-            slopes = np.where(better[:, None], new_slopes, slopes)
-            hessians = np.where(better[:, None, None], new_hessians, hessians)
-        # a rejected step does not count as convergence, however small; growing damping ends such descents
-        sizes = np.where(better | (damping > _STUCK), np.abs(steps).max(axis=1), np.inf)
-        damping = np.where(
-            better, np.maximum(damping * 0.1, _MIN_DAMPING), np.maximum(damping * 10.0, _AGAIN)
-        )
-        if number >= SETTLED and sizes[np.argmin(costs)] < CONVERGED and sizes.max() < NEARLY:
+            poses = np.where(is_better[:, None], new_poses, poses)
+            costs = np.where(is_better, new_costs, costs)
+            slopes = np.where(is_better[:, None], new_slopes, slopes)
+            hessians = np.where(is_better[:, None, None], new_hessians, hessians)
+
+        # A rejected step does not count as convergence, however small. Growing damping ends such descents.
+        counts = is_better | (damping > _STUCK)
+        sizes = np.where(counts, np.abs(steps).max(axis=1), np.inf)
+        less_damping = np.maximum(damping * 0.1, _MIN_DAMPING)
+        more_damping = np.maximum(damping * 10.0, _AGAIN)
+        damping = np.where(is_better, less_damping, more_damping)
+        if number < SETTLED:
+            continue
+        has_converged = sizes[np.argmin(costs)] < CONVERGED
+        if has_converged and sizes.max() < NEARLY:
             break
     return np.asarray(poses[_apart(poses, costs)], dtype=np.float64)
 
 
 def _apart(poses: Array, costs: Array) -> list[int]:
     """Return the indices of distinct poses up to `RIVAL_COST` above the lowest, in order of cost."""
+    order = np.argsort(costs)
     indices: list[int] = []
-    for index in np.argsort(costs):
-        if costs[index] > costs[indices[0] if indices else index] + RIVAL_COST:
+    for index in order:
+        if costs[index] > costs[order[0]] + RIVAL_COST:
             break
-        steps = [np.abs(poses[index, :3] - poses[other, :3]) for other in indices]
-        if all(max(dx, dy, abs(math.remainder(turn, math.tau))) > SAME_POSE for dx, dy, turn in steps):
+        if not any(_is_same(poses[index], poses[other]) for other in indices):
             indices.append(int(index))
     return indices
+
+
+def _is_same(pose: Array, other: Array) -> bool:
+    """Return True if two poses (5) are within `SAME_POSE` along each of x, y and yaw."""
+    dx, dy, turn = np.abs(pose[:3] - other[:3])
+    difference = max(dx, dy, abs(math.remainder(turn, math.tau)))
+    return not difference > SAME_POSE
 
 
 def huber_weight(sizes: Array) -> Array:
@@ -306,13 +351,15 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     jacobian /= weights.sigma_rad
     squares = angles[:, 0] ** 2 + angles[:, 1] ** 2
     weight = huber_weight(np.sqrt(squares))
-    flat = jacobian.reshape(len(poses), PARAMETERS, -1)
-    weighted = (jacobian * weight[:, None, None]).reshape(flat.shape)
-    hessian = weighted @ flat.transpose(0, 2, 1)
-    gradient = (weighted @ angles.reshape(len(poses), -1, 1))[:, :, 0]
+    losses = _loss(squares, weight)
+    flat_jacobian = jacobian.reshape(len(poses), PARAMETERS, -1)
+    weighted = (jacobian * weight[:, None, None]).reshape(flat_jacobian.shape)
+    hessian = weighted @ flat_jacobian.transpose(0, 2, 1)
     hessian += weights.prior * _EYE
+    column = angles.reshape(len(poses), -1, 1)
+    gradient = (weighted @ column)[:, :, 0]
     gradient += weights.prior * poses
-    return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
+    return losses.sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
 def evaluate_costs(rays: Rays, poses: Array, weights: Weights, sample_weights: Array | float = 1.0) -> Array:

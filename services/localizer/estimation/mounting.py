@@ -96,6 +96,7 @@ def mounting_fault(
     A wrong mounting may also be the reason why the rays miss, so refused rays are examined, too, if their
     azimuths fit the targets. `holds`: number of targets at rest; 0 of a moving one.
     """
+    # Rays that miss get the pose that fits them best, however far they miss
     fit = result
     if isinstance(result, Refusal) and result.residual_rad is not None:
         fit = solve(pointings, settings.any_fit(), floor_m=floor_m)
@@ -105,51 +106,71 @@ def mounting_fault(
     slope = mounting_slope(pointings, fit, settings, floor_m, independent=independent)
     if slope is None:
         return ""
-    sigma_rad = settings.act_sigma_rad if holds else settings.ray_sigma_rad
-    is_enough = holds >= FEWEST_HOLDS if holds else slope.freedom >= FOLLOWS_FREEDOM
-    if fit is not result and not (is_enough and slope.sideways_rad <= FOLLOWS * sigma_rad):
-        return ""
+
+    # Azimuths that do not fit either show an arm that pointed elsewhere, which says nothing of the sensor
+    if fit is not result:
+        sigma_rad = settings.act_sigma_rad if holds else settings.ray_sigma_rad
+        is_enough = holds >= FEWEST_HOLDS if holds else slope.freedom >= FOLLOWS_FREEDOM
+        is_following = slope.sideways_rad <= FOLLOWS * sigma_rad
+        if not (is_enough and is_following):
+            return ""
+
     if holds:
         is_wrong = slope.value < MIN_HELD_SLOPE
-        is_back = slope.value < -MIN_HELD_SLOPE
+        is_backwards = slope.value < -MIN_HELD_SLOPE
         target = "lamps"
-        back = "are low at high ones"
-        across = "do not rise to high ones"
+        sinking = "are low at high ones"
+        level = "do not rise to high ones"
     else:
         is_wrong = slope.is_wrong
-        is_back = slope.value < BACKWARDS_SLOPE
+        is_backwards = slope.value < BACKWARDS_SLOPE
         target = "robot"
-        back = "sink where it rises"
-        across = "do not rise with it"
+        sinking = "sink where it rises"
+        level = "do not rise with it"
+    if is_wrong and is_backwards:
+        return MOUNTED.format(target, sinking, "backwards on")
     if is_wrong:
-        return MOUNTED.format(target, *((back, "backwards on") if is_back else (across, "across")))
-    is_doubtful = not holds and fit is result and slope.is_doubtful
-    return SUSPECTED.format(max(slope.value, 0.0)) if is_doubtful else ""
+        return MOUNTED.format(target, level, "across")
+
+    # Longer following can resolve a doubt. Holds at lamps are all there will be.
+    is_doubtful = fit is result and slope.is_doubtful
+    if is_doubtful and not holds:
+        return SUSPECTED.format(max(slope.value, 0.0))
+    return ""
 
 
 def mounting_slope(
     pointings: Pointings, solution: Solution, settings: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
     """Return the slope by least squares, or None if the target's elevation hardly changes or is not known."""
+    # Pose by the azimuths alone, from the solution
     freedom = independent - FEWEST
-    means = blocks(in_time(pointings, settings.latency_s + solution.late_s)).pointings
+    timely = in_time(pointings, settings.latency_s + solution.late_s)
+    means = blocks(timely).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
     rays = settings.rays(means, place_m)
     weights = settings.weights()
     weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
-    start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad - settings.bias_rad, solution.z_m]])
+    bias_rad = solution.bias_rad - settings.bias_rad
+    start = np.array([[0.0, 0.0, solution.yaw_rad, bias_rad, solution.z_m]])
     pose = minimize(rays, start, weights)[0]
-    turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.inverse_azimuth)
-    eyes = complex(float(pose[0]), float(pose[1])) + turned
-    seen: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))
-    seen -= seen.mean()
-    spread_rad = float(np.sqrt(np.mean(seen**2)))
+
+    # Elevations of the target from its eyes, about their mean
+    x_m, y_m, yaw_rad, _, _ = pose.tolist()
+    turned_origins: Complex = np.exp(1j * yaw_rad) * rays.origins * np.conj(rays.inverse_azimuth)
+    eyes = complex(x_m, y_m) + turned_origins
+    expected_rad: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))
+    expected_rad -= expected_rad.mean()
+    spread_rad = float(np.sqrt(np.mean(expected_rad**2)))
     if spread_rad < MIN_SPREAD_RAD or freedom <= 0.0:
         return None
-    measured: Array = rays.elevations_rad - rays.elevations_rad.mean()
-    value = float(np.mean(seen * measured)) / spread_rad**2
-    scatter_rad = float(np.sqrt(np.mean((measured - value * seen) ** 2)))
-    left, _ = angular_errors(rays, pose[None])
-    return Slope(
-        value, scatter_rad / (spread_rad * math.sqrt(freedom)), freedom, float(np.sqrt(np.mean(left**2)))
-    )
+
+    # Regression of the measured elevations on these
+    measured_rad: Array = rays.elevations_rad - rays.elevations_rad.mean()
+    slope = float(np.mean(expected_rad * measured_rad)) / spread_rad**2
+    residuals_rad = measured_rad - slope * expected_rad
+    scatter_rad = float(np.sqrt(np.mean(residuals_rad**2)))
+    sigma = scatter_rad / (spread_rad * math.sqrt(freedom))
+    sideways_errors, _ = angular_errors(rays, pose[None])
+    sideways_rad = float(np.sqrt(np.mean(sideways_errors**2)))
+    return Slope(slope, sigma, freedom, sideways_rad)

@@ -81,48 +81,58 @@ class Blocks:
 
 def blocks(pointings: Pointings) -> Blocks:
     """Return `pointings` in blocks; needs at least one sample and stamps that never fall."""
-    t = pointings.stamps_s
+    # Holds: stretches without a pause at one target
+    stamps_s = pointings.stamps_s
     targets = pointings.targets_m
     begins = _begins(pointings)
     hold = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(t)) - 1
-    held_s = t[last] - t[first]
+    last = np.append(first[1:], len(stamps_s)) - 1
+    held_s = stamps_s[last] - stamps_s[first]
+
+    # A block ends with its hold, after its time, or where the ray leaps
     block_s = max(BLOCK_S, float(held_s.sum()) / MAX_BLOCKS)
-    number = np.floor((t - t[first][hold]) / block_s)
-    turned = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
-    begins[1:] |= (number[1:] > number[:-1]) | (turned < math.cos(LEAP_RAD))
-    where = np.flatnonzero(begins)
-    count = np.diff(np.append(where, len(t))).astype(np.float64)
+    since_first_s = stamps_s - stamps_s[first][hold]
+    block_number = np.floor(since_first_s / block_s)
+    is_next_block = block_number[1:] > block_number[:-1]
+    turn_cosines = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
+    begins[1:] |= is_next_block | (turn_cosines < math.cos(LEAP_RAD))
+    block_starts = np.flatnonzero(begins)
+    samples = np.diff(np.append(block_starts, len(stamps_s))).astype(np.float64)
 
     def mean(values: Array) -> Array:
-        return np.asarray(np.add.reduceat(values, where, axis=0) / count[:, None], dtype=np.float64)
+        sums = np.add.reduceat(values, block_starts, axis=0)
+        return np.asarray(sums / samples[:, None], dtype=np.float64)
 
     directions = mean(pointings.directions)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
     means_m = mean(targets)
-    return Blocks(
-        Pointings(t[where], mean(pointings.origins_m), directions, means_m),
-        count,
-        (_lamp_numbers(targets[first])[hold] if is_still else hold)[where].astype(np.float64),
-        held_s,
-        _velocities(mean(t[:, None]), means_m, hold[where]),
-        is_still=is_still,
-    )
+    means = Pointings(stamps_s[block_starts], mean(pointings.origins_m), directions, means_m)
+    velocities_mps = _velocities(mean(stamps_s[:, None]), means_m, hold[block_starts])
+
+    # At rest, all holds at a target are one
+    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
+    if is_still:
+        hold = _lamp_numbers(targets[first])[hold]
+    block_hold = hold[block_starts].astype(np.float64)
+    return Blocks(means, samples, block_hold, held_s, velocities_mps, is_still=is_still)
 
 
 def lamp_numbers(pointings: Pointings) -> NDArray[np.intp]:
     """Return the number (n) of the target of each sample, from 0, in the order of the first holds there."""
     begins = _begins(pointings)
-    return _lamp_numbers(pointings.targets_m[begins]).take(np.cumsum(begins) - 1)
+    hold = np.cumsum(begins) - 1
+    return _lamp_numbers(pointings.targets_m[begins]).take(hold)
 
 
 def _lamp_numbers(targets_m: Array) -> NDArray[np.intp]:
     """Return the number of the target of each hold, of targets `targets_m` (holds x 3)."""
-    known: dict[tuple[float, ...], int] = {}
-    places = map(tuple, np.round(targets_m / STILL_M).tolist())
-    return np.array([known.setdefault(place, len(known)) for place in places], dtype=np.intp)
+    number_of_place: dict[tuple[float, ...], int] = {}
+    numbers: list[int] = []
+    for place in np.round(targets_m / STILL_M).tolist():
+        number = number_of_place.setdefault(tuple(place), len(number_of_place))
+        numbers.append(number)
+    return np.array(numbers, dtype=np.intp)
 
 
 def _begins(pointings: Pointings) -> NDArray[np.bool_]:

@@ -352,9 +352,10 @@ class SolverSettings:
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough: by `right_probability`, a pose of lamps by its sigmas."""
         if pose.scatter:
-            needed = self.min_right_probability
+            if self.min_right_probability == 0.0:
+                return True
             is_timely = float(np.linalg.norm(pose.latency_shift[:2])) <= MAX_LATENCY_SHIFT_M
-            return needed == 0.0 or (is_timely and pose.right_probability >= needed)
+            return is_timely and pose.right_probability >= self.min_right_probability
         is_certain = pose.position_sigma_m <= self.max_position_sigma_m
         return is_certain and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
@@ -367,26 +368,37 @@ class SolverSettings:
 
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""
-        sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
-        sigmas = (
-            *(self.bias_sigma_rad, self.height_sigma_m),
-            self.rate_sigma_radps,
-            0.0 if is_still else self.latency_sigma_s,
-        )
+        # At rest a reach errs until the next one, and a latency changes nothing
+        sideways_rad = self.act_sigma_rad if is_still else self.ray_sigma_rad
+        independent_hz = 0.0 if is_still else self.independent_hz
+        latency_sigma_s = 0.0 if is_still else self.latency_sigma_s
+
+        # x, y and yaw have no prior
+        prior = np.zeros(STATES)
+        sigmas = (self.bias_sigma_rad, self.height_sigma_m, self.rate_sigma_radps, latency_sigma_s)
+        for state, sigma in enumerate(sigmas, start=3):
+            prior[state] = max(sigma, KNOWN) ** -2
+        finger_sigma_rad = self.model_sigma_rad
+        considered = [
+            finger_sigma_rad,
+            finger_sigma_rad,
+            self.elevation_slope_sigma,
+            self.azimuth_slope_sigma,
+        ]
         return NoiseModel(
-            sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
-            independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
+            sigma_rad=np.array([sideways_rad, self.elevation_sigma_rad]),
+            independent_hz=independent_hz,
             body_sigma_m=self.body_sigma_m,
-            considered=np.array(
-                [self.model_sigma_rad] * 2 + [self.elevation_slope_sigma, self.azimuth_slope_sigma]
-            ),
-            prior=np.array([0.0, 0.0, 0.0, *(max(sigma, KNOWN) ** -2 for sigma in sigmas)]),
+            considered=np.array(considered),
+            prior=prior,
         )
 
     def rays(self, pointings: Pointings, centre: Array) -> Rays:
         """Return `pointings` less what is expected of the person, with targets relative to `centre` (3)."""
         rays = Rays.of(pointings.origins_m, pointings.directions, pointings.targets_m - centre)
-        return replace(rays, elevations_rad=rays.elevations_rad - self.bias_rad) if self.bias_rad else rays
+        if not self.bias_rad:
+            return rays
+        return replace(rays, elevations_rad=rays.elevations_rad - self.bias_rad)
 
     def residual_limit_rad(self, *, is_still: bool) -> float:
         """Return the rms angle up to which the person pointed at the targets, at rest or moving."""
@@ -478,8 +490,10 @@ class Solution:
 
 def right_share(shift_m: Complex, turned_rad: Array) -> float:
     """Return the share of `THINGS` that people select who stand and are turned otherwise than assumed (k)."""
-    rays: Complex = (THINGS[:, None] - shift_m) * np.exp(-1j * turned_rad) * np.conj(THINGS)[:, None]
-    return float(np.mean(rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)))
+    things: Complex = THINGS[:, None]
+    rays: Complex = (things - shift_m) * np.exp(-1j * turned_rad) * np.conj(things)
+    min_cosine = math.cos(math.pi / len(THINGS))
+    return float(np.mean(rays.real >= min_cosine * np.abs(rays)))
 
 
 @dataclass(frozen=True)

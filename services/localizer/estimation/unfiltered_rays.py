@@ -23,9 +23,9 @@ def unfiltered(ray: PointingRay) -> Vec3:
         return ray.direction
     if ray.azimuth_correction_rad == 0.0 and ray.elevation_correction_rad == 0.0:
         return raw
-    return vector.direction(
-        vector.azimuth(raw) + ray.azimuth_correction_rad, vector.elevation(raw) + ray.elevation_correction_rad
-    )
+    azimuth_rad = vector.azimuth(raw) + ray.azimuth_correction_rad
+    elevation_rad = vector.elevation(raw) + ray.elevation_correction_rad
+    return vector.direction(azimuth_rad, elevation_rad)
 
 
 def directions(rays: Sequence[PointingRay]) -> Array:
@@ -43,11 +43,14 @@ def believed(settings: SolverSettings, rays: Iterable[PointingRay]) -> SolverSet
 
     Only if all rays are of a calibrated person; the largest sigma counts.
     """
-    sigmas = [ray.elevation_sigma_rad for ray in rays]
-    known = [sigma for sigma in sigmas if sigma is not None]
-    if not known or len(known) < len(sigmas):
+    sigmas: list[float] = []
+    for ray in rays:
+        if ray.elevation_sigma_rad is None:
+            return settings
+        sigmas.append(ray.elevation_sigma_rad)
+    if not sigmas:
         return settings
-    sigma_rad = max(MIN_BIAS_SIGMA_RAD, min(max(known), settings.bias_sigma_rad))
+    sigma_rad = max(MIN_BIAS_SIGMA_RAD, min(max(sigmas), settings.bias_sigma_rad))
     return replace(settings, bias_rad=0.0, bias_sigma_rad=sigma_rad)
 
 
@@ -73,27 +76,31 @@ def mean(rays: Sequence[PointingRay]) -> Mean | None:
     """Return the mean of `rays`, in order of time, or None if there are none or they cancel each other."""
     if not rays:
         return None
-    all_directions = directions(rays)
-    middle = _unit(all_directions)
-    raw = _unit(np.array([ray.raw_direction or ray.direction for ray in rays]))
-    if middle is None or raw is None:
+    ray_directions = directions(rays)
+    raw_directions = np.array([ray.raw_direction or ray.direction for ray in rays])
+    mean_direction = _unit(ray_directions)
+    mean_raw_direction = _unit(raw_directions)
+    if mean_direction is None or mean_raw_direction is None:
         return None
-    across = np.linalg.norm(np.cross(all_directions, middle), axis=1)
-    angles = np.arctan2(across, all_directions @ middle)
+    sines = np.linalg.norm(np.cross(ray_directions, mean_direction), axis=1)
+    angles = np.arctan2(sines, ray_directions @ mean_direction)
+    mean_origin = origins(rays).mean(axis=0)
+    first_ns = rays[0].stamp_ns
+    last_ns = rays[-1].stamp_ns
     return Mean(
-        origin_m=_vec3(np.clip(origins(rays).mean(axis=0), -FARTHEST, FARTHEST)),
-        direction=_vec3(middle),
-        raw_direction=_vec3(raw),
+        origin_m=_vec3(np.clip(mean_origin, -FARTHEST, FARTHEST)),
+        direction=_vec3(mean_direction),
+        raw_direction=_vec3(mean_raw_direction),
         spread_rad=float(np.sqrt(np.mean(angles**2))),
-        stamp_ns=rays[0].stamp_ns + (rays[-1].stamp_ns - rays[0].stamp_ns) // 2,
+        stamp_ns=first_ns + (last_ns - first_ns) // 2,
         samples=len(rays),
     )
 
 
 def _unit(vectors: Array) -> Array | None:
-    total: Array = vectors.mean(axis=0)
-    length = float(np.linalg.norm(total))
-    return total / length if length > 1e-6 else None
+    vector_mean: Array = vectors.mean(axis=0)
+    length = float(np.linalg.norm(vector_mean))
+    return vector_mean / length if length > 1e-6 else None
 
 
 def _vec3(values: Array) -> Vec3:

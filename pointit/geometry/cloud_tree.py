@@ -78,21 +78,27 @@ class CloudTree:
         """
         direction = vector.normalized(direction)
         ray = _Ray(np.array(origin_m)[:, None], np.array(direction), reach_m)
+
+        # From the top down: the nodes whose balls come within the best miss so far
         remaining: Indices = np.zeros(1, dtype=np.intp)
         bound = tolerance
         for level in self._levels[:-1]:
-            rows, columns, bound = self._look(level, remaining, ray, bound)
+            rows, columns, bound = self._search_level(level, remaining, ray, bound)
             if not len(rows):
                 return None
-            remaining = remaining[rows] * level.radii.shape[1] + columns
+            fan = level.radii.shape[1]
+            remaining = remaining[rows] * fan + columns
+
+        # The closest point of the leaves that remain
         index, cost = self._best(remaining, ray)
         if index < 0 or cost > tolerance:
             return None
-        leaf, column = divmod(index, self._levels[-1].radii.shape[1])
-        x, y, z = self._levels[-1].places[leaf, :, column].tolist()
+        leaves = self._levels[-1]
+        leaf, column = divmod(index, leaves.radii.shape[1])
+        x, y, z = leaves.places[leaf, :, column].tolist()
         return make_hit(int(self._order[index]), 0.0, (x, y, z), origin_m, direction)
 
-    def _look(
+    def _search_level(
         self, level: _Level, remaining: Indices, ray: _Ray, bound: float
     ) -> tuple[Indices, Indices, float]:
         """Return the children of `remaining` that may hold the closest point, and a bound of its miss."""
@@ -103,10 +109,13 @@ class CloudTree:
         best = int(costs.argmin())
         bound = min(bound, float(costs.ravel()[best]))
         rows, columns = self._open(along, square, radii, ray, bound)
+
+        # Costs of the centres are a loose bound, the points of the best leaf a tight one
         if level is self._levels[-2] and len(rows) > MANY:
-            # costs of the centres are a loose bound, the points of the best leaf a tight one
-            row, column = divmod(best, costs.shape[1])
-            _, cost = self._best(remaining[[row]] * costs.shape[1] + column, ray)
+            fan = costs.shape[1]
+            row, column = divmod(best, fan)
+            best_leaf = remaining[[row]] * fan + column
+            _, cost = self._best(best_leaf, ray)
             bound = min(bound, cost)
             rows, columns = self._open(along, square, radii, ray, bound)
         return rows, columns, bound
@@ -115,10 +124,12 @@ class CloudTree:
         """Return the index (in leaf order) of the closest point of `leaves` and its miss, or -1."""
         points = self._levels[-1].places.take(leaves, axis=0)
         costs = self._costs(*_seen(points, ray), ray)
-        best = int(costs.argmin())
-        row, column = divmod(best, costs.shape[1])
+        leaf_points = costs.shape[1]
+        row, column = divmod(int(costs.argmin()), leaf_points)
         cost = float(costs[row, column])
-        return (-1 if math.isinf(cost) else int(leaves[row]) * costs.shape[1] + column), cost
+        if math.isinf(cost):
+            return -1, cost
+        return int(leaves[row]) * leaf_points + column, cost
 
     def _costs(self, along: Array, square: Array, ray: _Ray) -> Array:
         """Return the misses of points, rad, infinite beyond the reach."""
@@ -135,10 +146,11 @@ class CloudTree:
         cone = min(bound, math.pi)
         across = np.sqrt(np.maximum(square - along * along, 0.0))
         # the centre's distance to the cone if that is in front, otherwise a smaller value
-        near = across * math.cos(cone) - along * math.sin(cone) <= radii
+        to_cone = across * math.cos(cone) - along * math.sin(cone)
+        is_near = to_cone <= radii
         if ray.reach_m < math.inf:
-            near &= along - radii <= ray.reach_m
-        rows, columns = near.nonzero()
+            is_near &= along - radii <= ray.reach_m
+        rows, columns = is_near.nonzero()
         return rows, columns
 
 
@@ -175,26 +187,33 @@ def _halved(points: Array) -> tuple[Indices, int]:
     for halving in range(halvings):
         nodes = order.reshape(2**halving, -1)
         places = points[nodes]
-        longest = np.ptp(places, axis=1).argmax(axis=1)
-        keys = np.take_along_axis(places, longest[:, None, None], axis=2)[:, :, 0]
-        parts = np.argpartition(keys, nodes.shape[1] // 2, axis=1)
-        order = np.take_along_axis(nodes, parts, axis=1).ravel()
+        longest_axis = np.ptp(places, axis=1).argmax(axis=1)
+        coordinates = np.take_along_axis(places, longest_axis[:, None, None], axis=2)[:, :, 0]
+        halves = np.argpartition(coordinates, nodes.shape[1] // 2, axis=1)
+        order = np.take_along_axis(nodes, halves, axis=1).ravel()
     return order, halvings
 
 
 def _levels(points: Array, halvings: int) -> list[_Level]:
     """Return the levels from the topmost down to the points, which are in leaf order."""
     leaves = points.reshape(2**halvings, -1, 3)
-    levels = [_Level(np.ascontiguousarray(leaves.transpose(0, 2, 1)), np.zeros(leaves.shape[:2]))]
+    leaf_places = np.ascontiguousarray(leaves.transpose(0, 2, 1))
+    levels = [_Level(leaf_places, np.zeros(leaves.shape[:2]))]
     while True:
+        # Balls of the nodes, each around its own point that is nearest to the middle of its box
         nodes = points.reshape(2**halvings, -1, 3)
         middles = (nodes.min(axis=1) + nodes.max(axis=1)) / 2.0
-        own = np.linalg.norm(nodes - middles[:, None], axis=2).argmin(axis=1)
-        centres = nodes[np.arange(len(nodes)), own]
-        radii = np.linalg.norm(nodes - centres[:, None], axis=2).max(axis=1) + SLACK_M
+        from_middles = np.linalg.norm(nodes - middles[:, None], axis=2)
+        central = from_middles.argmin(axis=1)
+        centres = nodes[np.arange(len(nodes)), central]
+        from_centres = np.linalg.norm(nodes - centres[:, None], axis=2)
+        radii = from_centres.max(axis=1) + SLACK_M
+
+        # They are the children of the level above
         is_top = halvings <= TOP_HALVINGS
         halvings = 0 if is_top else halvings - FAN_HALVINGS
-        places = np.ascontiguousarray(centres.reshape(2**halvings, -1, 3).transpose(0, 2, 1))
+        grouped_centres = centres.reshape(2**halvings, -1, 3)
+        places = np.ascontiguousarray(grouped_centres.transpose(0, 2, 1))
         levels.append(_Level(places, radii.reshape(2**halvings, -1)))
         if is_top:
             return levels[::-1]

@@ -92,8 +92,9 @@ class Colormap:
 
         NaN has the colour of 0.
         """
-        inside = np.clip(np.nan_to_num(np.asarray(fractions, dtype=np.float64), nan=0.0), 0.0, 1.0)
-        return self._colors[np.rint(inside * 255.0).astype(np.intp)]
+        finite = np.nan_to_num(np.asarray(fractions, dtype=np.float64), nan=0.0)
+        clipped = np.clip(finite, 0.0, 1.0)
+        return self._colors[np.rint(clipped * 255.0).astype(np.intp)]
 
     def rgb(self, fraction: float) -> tuple[int, int, int]:
         """Return the colour at `fraction`."""
@@ -119,7 +120,11 @@ def colormap(name: str) -> Colormap:
             f"there is no colormap {name!r}; use one of {', '.join(_TABLES)}, with _r for reversed"
         )
     nodes = np.frombuffer(bytes.fromhex(table), dtype=np.uint8).reshape(NODES, 3)
-    at = np.linspace(0.0, 1.0, 256)
-    places = np.linspace(0.0, 1.0, NODES)
-    colors = np.column_stack([np.rint(np.interp(at, places, nodes[:, channel])) for channel in range(3)])
-    return Colormap(name, (colors[::-1] if name.endswith(REVERSED) else colors).astype(np.uint8))
+    node_fractions = np.linspace(0.0, 1.0, NODES)
+    fractions = np.linspace(0.0, 1.0, 256)
+    colors = np.empty((len(fractions), 3), dtype=np.uint8)
+    for channel in range(3):
+        colors[:, channel] = np.rint(np.interp(fractions, node_fractions, nodes[:, channel]))
+    if name.endswith(REVERSED):
+        colors = np.ascontiguousarray(colors[::-1])
+    return Colormap(name, colors)

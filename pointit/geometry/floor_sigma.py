@@ -19,7 +19,8 @@ def position_sigma_m(covariance: ArrayLike) -> float:
         covariance: of (x, y, yaw) of the pose, (3, 3), or row by row: 9 numbers.
     """
     xx, xy, _, _, yy = np.ravel(covariance)[:5].tolist()
-    return math.sqrt(max(0.0, (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)))
+    largest_eigenvalue = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
+    return math.sqrt(max(0.0, largest_eigenvalue))
 
 
 def yaw_sigma_rad(covariance: Sequence[float]) -> float:
@@ -50,9 +51,12 @@ def place_sigma_m(
         aim_sigma_rad: 1 sigma of the person's aim.
         is_level: False for a surface that faces the person.
     """
-    over = np.array(place_m) - np.array(position_m)
-    turn = np.array([[1.0, 0.0, -over[1]], [0.0, 1.0, over[0]]])
-    spread = turn @ np.array(covariance).reshape(3, 3) @ turn.T
+    # Position and yaw of the person: a turn moves the place sideways by its distance
+    offset = np.array(place_m) - np.array(position_m)
+    jacobian = np.array([[1.0, 0.0, -offset[1]], [0.0, 1.0, offset[0]]])
+    place_covariance = jacobian @ np.array(covariance).reshape(3, 3) @ jacobian.T
+
+    # Aim, along the ray and across it
     reach = np.array(place_m) - np.array(origin_m)
     range_m = float(np.linalg.norm(reach))
     level_m = float(np.hypot(reach[0], reach[1]))
@@ -63,5 +67,11 @@ def place_sigma_m(
             return math.inf
         ahead = reach[:2] / level_m if level_m > 0.0 else np.array([1.0, 0.0])
         across = np.array([-ahead[1], ahead[0]])
-        spread += (aim_m / slope) ** 2 * np.outer(ahead, ahead) + aim_m**2 * np.outer(across, across)
-    return math.sqrt(max(0.0, float(np.linalg.eigvalsh((spread + spread.T) / 2.0)[-1])))
+        variance_ahead = (aim_m / slope) ** 2 * np.outer(ahead, ahead)
+        variance_across = aim_m**2 * np.outer(across, across)
+        place_covariance += variance_ahead + variance_across
+
+    # Rounding may leave it unsymmetric, and an exact one slightly negative
+    symmetric = (place_covariance + place_covariance.T) / 2.0
+    largest_eigenvalue = float(np.linalg.eigvalsh(symmetric)[-1])
+    return math.sqrt(max(0.0, largest_eigenvalue))

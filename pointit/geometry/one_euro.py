@@ -33,8 +33,8 @@ class OneEuro:
     def reset(self) -> None:
         """Reset to the initial state: the next direction is returned unchanged."""
         self._at_s: float | None = None
-        self._came: Vec3 = _STILL
-        self._gave: Vec3 = _STILL
+        self._last_input: Vec3 = _STILL
+        self._last_output: Vec3 = _STILL
         self._rate: Vec3 = _STILL
         """Low-passed angular velocity, rad/s. A vector, so that alternating noise cancels."""
 
@@ -48,39 +48,47 @@ class OneEuro:
         passed_s = None if self._at_s is None else at_s - self._at_s
         if passed_s is None or not 0.0 <= passed_s <= GAP_S:
             self._at_s = at_s
-            self._came = direction
-            self._gave = direction
+            self._last_input = direction
+            self._last_output = direction
             self._rate = _STILL
             return direction
         if passed_s == 0.0:  # same time: only the position is updated
-            self._came = direction
-            return self._gave
+            self._last_input = direction
+            return self._last_output
         self._at_s = at_s
-        turn = math.tau * SPEED_CUTOFF_HZ * passed_s
-        weight = turn / (1.0 + turn)  # 1/(1 + 1/(2π f Δt)), here and below
-        # cross and dot products are written out: this runs for every sample
-        (x, y, z), (ax, ay, az) = direction, self._came
+
+        # Rotation since the last input. Cross and dot products are written out: this runs for every sample.
+        x, y, z = direction
+        ax, ay, az = self._last_input
         turn_x = ay * z - az * y
         turn_y = az * x - ax * z
         turn_z = ax * y - ay * x
         sine = math.hypot(turn_x, turn_y, turn_z)
         angle = math.atan2(sine, ax * x + ay * y + az * z)
-        gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
+
+        # Low-pass of its angular velocity. The weight is 1/(1 + 1/(2π f Δt)), here and below.
+        phase = math.tau * SPEED_CUTOFF_HZ * passed_s
+        weight = phase / (1.0 + phase)
+        angle_per_sine = angle / sine if sine > 0.0 else 0.0
+        gain = weight * angle_per_sine / passed_s
         keep = 1.0 - weight
-        x, y, z = self._rate
-        x = keep * x + gain * turn_x
-        y = keep * y + gain * turn_y
-        z = keep * z + gain * turn_z
-        self._rate = (x, y, z)
-        self._came = direction
-        turn = (self._min_cutoff + RISE * math.hypot(x, y, z)) * passed_s
-        self._gave = gave = _between(self._gave, direction, turn / (1.0 + turn))
-        return gave
+        rate_x, rate_y, rate_z = self._rate
+        rate_x = keep * rate_x + gain * turn_x
+        rate_y = keep * rate_y + gain * turn_y
+        rate_z = keep * rate_z + gain * turn_z
+        self._rate = (rate_x, rate_y, rate_z)
+        self._last_input = direction
+
+        # The faster the hand, the higher the cut-off
+        phase = (self._min_cutoff + RISE * math.hypot(rate_x, rate_y, rate_z)) * passed_s
+        self._last_output = smoothed = _between(self._last_output, direction, phase / (1.0 + phase))
+        return smoothed
 
 
 def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
     """Return the unit vector at `share` of the arc, or `end` if the two are opposite."""
-    (ax, ay, az), (bx, by, bz) = start, end
+    ax, ay, az = start
+    bx, by, bz = end
     sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     cosine = ax * bx + ay * by + az * bz
     if sine < 1e-9:  # no arc, or not a unique one
@@ -88,4 +96,7 @@ def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
     angle = math.atan2(sine, cosine)
     first = math.sin((1.0 - share) * angle) / sine
     second = math.sin(share * angle) / sine
-    return vector.normalized((first * ax + second * bx, first * ay + second * by, first * az + second * bz))
+    x = first * ax + second * bx
+    y = first * ay + second * by
+    z = first * az + second * bz
+    return vector.normalized((x, y, z))

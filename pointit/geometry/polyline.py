@@ -46,7 +46,9 @@ class Hit(NamedTuple):
 
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
-    (px, py, pz), (ox, oy, oz), (dx, dy, dz) = point_m, origin_m, direction
+    px, py, pz = point_m
+    ox, oy, oz = origin_m
+    dx, dy, dz = direction
     x = px - ox
     y = py - oy
     z = pz - oz
@@ -64,12 +66,16 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     p·(a·u)) / (p·u² - q·(a·u)). A maximum counts, clamped to the segment. If it is a minimum, an end is
     nearest. The point at the ray's own origin has no angle and is chosen last.
     """
-    (ax, ay, az), (ux, uy, uz), (dx, dy, dz) = a, u, d
+    ax, ay, az = a
+    ux, uy, uz = u
+    dx, dy, dz = d
     p = dx * ax + dy * ay + dz * az
     q = dx * ux + dy * uy + dz * uz
     aa = ax * ax + ay * ay + az * az
     au = ax * ux + ay * uy + az * uz
     uu = ux * ux + uy * uy + uz * uz
+
+    # The start, then the end
     best_t = 0.0
     best_cost = -p / math.sqrt(aa) if aa > TINY else 1.0
     square = aa + (2.0 * au + uu)
@@ -77,9 +83,12 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     if cost < best_cost:
         best_t = 1.0
         best_cost = cost
-    along = p * uu - q * au
-    t = (q * aa - p * au) / (along if along > TINY else TINY)  # noqa: FURB136 - `max` costs as much as all this
-    if 0.0 < t < 1.0:  # beyond, it is an end
+
+    # The stationary point. Beyond the ends, it is an end; and so where the denominator is not positive.
+    slope = p * uu - q * au
+    denominator = slope if slope > TINY else TINY  # noqa: FURB136 - `max` costs as much as all this
+    t = (q * aa - p * au) / denominator
+    if 0.0 < t < 1.0:
         square = aa + t * (2.0 * au + t * uu)
         cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0
         if cost < best_cost:
@@ -116,8 +125,8 @@ class Polyline:
         points = np.asarray(vertices_m, dtype=np.float64).reshape(-1, 3)
         if not np.all(np.abs(points) <= FARTHEST_M):
             raise ValueError(f"a line's coordinates lie within {FARTHEST_M:g} m")
-        keep = np.r_[True, np.any(np.abs(np.diff(points, axis=0)) > SAME_M, axis=1)]
-        points = points[keep]
+        is_new = np.any(np.abs(np.diff(points, axis=0)) > SAME_M, axis=1)
+        points = points[np.r_[True, is_new]]
         if len(points) < 2:
             raise ValueError("a line needs two different vertices")
         steps = np.diff(points, axis=0)
@@ -139,36 +148,38 @@ class Polyline:
         """Return the point at arc length `position_m`, clamped to the ends."""
         position_m = min(max(position_m, 0.0), self.length_m)
         segment = self.segment_at(position_m)
-        point = self.vertices_m[segment] + (position_m - self.starts_m[segment]) * self.tangents[segment]
-        return (float(point[0]), float(point[1]), float(point[2]))
+        along_m = position_m - self.starts_m[segment]
+        x, y, z = (self.vertices_m[segment] + along_m * self.tangents[segment]).tolist()
+        return (x, y, z)
 
     def tangent_at(self, position_m: float) -> Vec3:
         """Return the unit direction of travel at arc length `position_m`."""
-        tangent = self.tangents[self.segment_at(position_m)]
-        return (float(tangent[0]), float(tangent[1]), float(tangent[2]))
+        x, y, z = self.tangents[self.segment_at(position_m)].tolist()
+        return (x, y, z)
 
     def points_at(self, positions_m: Array) -> Array:
         """Return the points at `positions_m` (k), as k x 3, clamped to the ends."""
-        return np.column_stack(
-            [np.interp(positions_m, self.starts_m, self.vertices_m[:, axis]) for axis in range(3)]
-        )
+        coordinates = [np.interp(positions_m, self.starts_m, axis_m) for axis_m in self.vertices_m.T]
+        return np.column_stack(coordinates)
 
     def nearest_to(self, points_m: Array) -> tuple[Array, Array]:
         """Return the arc length nearest to each of `points_m` (k x 3), and its distance, m (k each)."""
-        steps_m = np.diff(self.starts_m)
+        lengths_m = np.diff(self.starts_m)
         positions_m = np.zeros(len(points_m))
-        apart_m = np.zeros(len(points_m))
-        rows = max(AT_ONCE // len(steps_m), 1)
+        distances_m = np.zeros(len(points_m))
+
+        # All segments with some points at a time, which bounds the memory
+        rows = max(AT_ONCE // len(lengths_m), 1)
         for start in range(0, len(points_m), rows):
             part = slice(start, start + rows)
-            reach_m = points_m[part, None, :] - self.vertices_m[None, :-1, :]
-            along_m = np.clip(np.einsum("psk,sk->ps", reach_m, self.tangents), 0.0, steps_m)
-            apart = np.linalg.norm(reach_m - along_m[..., None] * self.tangents, axis=2)
-            segment = np.argmin(apart, axis=1)
-            each = np.arange(len(segment))
-            apart_m[part] = apart[each, segment]
-            positions_m[part] = self.starts_m[segment] + along_m[each, segment]
-        return positions_m, apart_m
+            offsets_m = points_m[part, None, :] - self.vertices_m[None, :-1, :]
+            along_m = np.clip(np.einsum("psk,sk->ps", offsets_m, self.tangents), 0.0, lengths_m)
+            across_m = np.linalg.norm(offsets_m - along_m[..., None] * self.tangents, axis=2)
+            segment = np.argmin(across_m, axis=1)
+            point = np.arange(len(segment))
+            distances_m[part] = across_m[point, segment]
+            positions_m[part] = self.starts_m[segment] + along_m[point, segment]
+        return positions_m, distances_m
 
     def is_beyond_ends(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
         """Return True for points (k x 3, nearest at `positions_m`) more than `by_m` beyond an end."""

@@ -69,16 +69,22 @@ class SolidCaster:
         """
         direction = vector.normalized(direction)
         near = sorted(self._near(origin_m, direction, tolerance))
-        met = [
-            (ahead, i)
-            for bound, i in near
-            if bound <= SLACK_RAD and (ahead := self._solids[i].intersect(origin_m, direction)) is not None
-        ]
-        first, index = min(met, default=(math.inf, -1))
-        if index >= 0 and first <= reach_m:  # all misses are larger
-            return self._hit(index, first, origin_m, direction)
-        behind = {i for _, i in met}
-        passed = [each for each in near if each[1] not in behind]
+        first = math.inf
+        first_index = -1
+        passed: list[tuple[float, int]] = []
+        for bound, index in near:
+            ahead: float | None = None
+            if bound <= SLACK_RAD:
+                ahead = self._solids[index].intersect(origin_m, direction)
+            if ahead is None:
+                passed.append((bound, index))
+            elif (ahead, index) < (first, first_index) or first_index < 0:
+                first = ahead
+                first_index = index
+        if first_index >= 0 and first <= reach_m:  # all misses are larger
+            return self._hit(first_index, first, origin_m, direction)
+
+        # Solids that the ray intersects beyond the reach are no candidates
         return self._closest(passed, origin_m, direction, tolerance, reach_m)
 
     def first_hit_m(self, origin_m: Vec3, direction: Vec3) -> float:
@@ -87,13 +93,15 @@ class SolidCaster:
         Solids that contain the ray's origin are ignored.
         """
         direction = vector.normalized(direction)
-        ahead = math.inf
-        for _, i in self._near(origin_m, direction, 0.0):
-            solid = self._solids[i]
-            met = solid.intersect(origin_m, direction)
-            if met is not None and met < ahead and not solid.contains(origin_m):
-                ahead = met
-        return ahead
+        first = math.inf
+        for _, index in self._near(origin_m, direction, 0.0):
+            solid = self._solids[index]
+            ahead = solid.intersect(origin_m, direction)
+            if ahead is None or ahead >= first:
+                continue
+            if not solid.contains(origin_m):
+                first = ahead
+        return first
 
     def _hit(self, index: int, ahead: float, origin_m: Vec3, direction: Vec3) -> Hit:
         point = vector.add(origin_m, vector.scale(direction, ahead))
@@ -102,41 +110,53 @@ class SolidCaster:
     def _closest(
         self, near: list[tuple[float, int]], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
     ) -> Hit | None:
+        """Return the closest point of the solids `near`, with the least misses first, or None."""
         best: Hit | None = None
         best_miss = tolerance
-        for bound, i in near:
+        for bound, index in near:
             if bound > best_miss + SLACK_RAD:
                 break
-            point = self._solids[i].closest_approach(origin_m, direction)
-            if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
+            point = self._solids[index].closest_approach(origin_m, direction)
+            if point is None:
                 continue
-            hit = make_hit(i, 0.0, point, origin_m, direction)
+            along_m = vector.dot(direction, vector.subtract(point, origin_m))
+            if along_m > reach_m:
+                continue
+            hit = make_hit(index, 0.0, point, origin_m, direction)
             miss = hit.miss_rad
-            if miss <= best_miss and (best is None or miss < best_miss - SAME or hit.range_m < best.range_m):
+            if miss > best_miss:
+                continue
+
+            # Of equal misses, as at an edge of two solids, the nearer one
+            is_better = best is None or miss < best_miss - SAME or hit.range_m < best.range_m
+            if is_better:
                 best = hit
                 best_miss = miss
-        return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
+        if best is None:
+            return None
+        return best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
         """Return least miss and number of each solid whose ball comes within `tolerance` of the ray."""
         if len(self._solids) <= FEW_SOLIDS:
-            bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
-            return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
-        sights, balls, min_cosine = self._cones(origin_m, tolerance)
+            bounds = [(self._bound(index, origin_m, direction), index) for index in range(len(self._solids))]
+            return [(bound, index) for bound, index in bounds if bound <= tolerance + SLACK_RAD]
+        sights, balls, min_cosines = self._cones(origin_m, tolerance)
         cosines = np.array(direction) @ sights
-        near = (cosines >= min_cosine).nonzero()[0]
+        near = (cosines >= min_cosines).nonzero()[0]
         misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
         return list(zip(misses.tolist(), near.tolist(), strict=True))
 
     def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array, Array]:
         """Return unit vectors to the centres (3 x n), angles of the balls, and least cosines of rays near."""
-        c = self._centres - np.array(origin_m)[:, None]
-        distances = np.maximum(np.sqrt(np.einsum("ij,ij->j", c, c)), 1e-12)
-        balls = np.where(
-            distances <= self._radii, np.inf, np.arcsin(np.minimum(self._radii / distances, 1.0))
-        )
-        min_cosine = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
-        return c / distances, balls, min_cosine
+        reaches = self._centres - np.array(origin_m)[:, None]
+        squares = np.einsum("ij,ij->j", reaches, reaches)
+        distances = np.maximum(np.sqrt(squares), 1e-12)
+        outside_balls = np.arcsin(np.minimum(self._radii / distances, 1.0))
+        balls = np.where(distances <= self._radii, np.inf, outside_balls)
+        max_misses = np.minimum(balls + (tolerance + SLACK_RAD), math.pi)
+        min_cosines = np.cos(max_misses) - ROUNDING
+        return reaches / distances, balls, min_cosines
 
     def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
         """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""
@@ -172,36 +192,48 @@ class RayCaster:
         """
         if not lines and not points:
             raise ValueError("a ray caster needs at least one line or point")
-        whole = [piece for target, line in enumerate(lines) for piece in _segments(line, target)]
-        alone = [
+        line_segments: list[_Segment] = []
+        for target, line in enumerate(lines):
+            line_segments += _segments(line, target)
+        point_segments = [
             _Segment(point, (0.0, 0.0, 0.0), 0.0, 0.0, len(lines) + index)
             for index, point in enumerate(points)
         ]
-        self._few = [*whole, *alone] if len(whole) + len(alone) <= FEW else []
+        segments = [*line_segments, *point_segments]
+        self._few = segments if len(segments) <= FEW else []
         if not self._few:
-            self._lay_out(lines, alone)
+            self._lay_out(lines, point_segments)
 
-    def _lay_out(self, lines: Sequence[Polyline], single_segments: list[_Segment]) -> None:
-        segments: list[list[_Segment]] = []
+    def _lay_out(self, lines: Sequence[Polyline], point_segments: list[_Segment]) -> None:
+        """Arrange the segments in runs, and these in arrays."""
+        # Runs of one line each, around a point of it; a point is a run of its own
+        runs: list[list[_Segment]] = []
         centres: list[Vec3] = []
         for target, line in enumerate(lines):
-            for run in _runs([cut for piece in _segments(line, target) for cut in _cuts(piece)]):
-                segments.append(run)
+            pieces: list[_Segment] = []
+            for segment in _segments(line, target):
+                pieces += _cuts(segment)
+            for run in _runs(pieces):
+                runs.append(run)
                 end_m = run[-1].position_m + run[-1].length_m
                 centres.append(line.point_at((run[0].position_m + end_m) / 2.0))
-        for point in single_segments:
-            segments.append([point])
-            centres.append(point.start_m)
-        self._width = width = max(len(run) for run in segments)
-        radii = [_radius(run, centre) for run, centre in zip(segments, centres, strict=True)]
-        # runs are padded with their last segment, which cannot win against itself
-        self._segments: list[_Segment] = [run[min(i, len(run) - 1)] for run in segments for i in range(width)]
+        for segment in point_segments:
+            runs.append([segment])
+            centres.append(segment.start_m)
+        radii = [_radius(run, centre) for run, centre in zip(runs, centres, strict=True)]
+
+        # Runs are padded with their last segment, which cannot win against itself
+        self._width = max(len(run) for run in runs)
+        self._segments: list[_Segment] = []
+        for run in runs:
+            padding = [run[-1]] * (self._width - len(run))
+            self._segments += [*run, *padding]
+
         starts = np.array([segment.start_m for segment in self._segments])
         spans = np.array([segment.span_m for segment in self._segments])
         squares = np.einsum("ij,ij->i", spans, spans)
-        self._runs: Array = np.ascontiguousarray(
-            np.column_stack([starts, spans, squares]).T.reshape(7, len(segments), width)
-        )
+        columns = np.column_stack([starts, spans, squares])
+        self._runs: Array = np.ascontiguousarray(columns.T.reshape(7, len(runs), self._width))
         """7 x runs x width: start (3), span (3), squared length."""
         self._centres: Array = np.ascontiguousarray(np.array(centres).T)
         """3 x runs."""
@@ -217,12 +249,12 @@ class RayCaster:
         """
         direction = vector.normalized(direction)
         if self._few:
-            found = self._among_few(origin_m, direction, reach_m)
+            nearest = self._among_few(origin_m, direction, reach_m)
         else:
-            found = self._among_many(origin_m, direction, tolerance, reach_m)
-        if found is None:
+            nearest = self._among_many(origin_m, direction, tolerance, reach_m)
+        if nearest is None:
             return None
-        segment, t = found
+        segment, t = nearest
         (x, y, z), (u, v, w), position_m, length_m, target = segment
         point = (x + u * t, y + v * t, z + w * t)
         hit = make_hit(target, position_m + t * length_m, point, origin_m, direction)
@@ -230,16 +262,21 @@ class RayCaster:
 
     def _among_few(self, origin_m: Vec3, direction: Vec3, reach_m: float) -> tuple[_Segment, float] | None:
         best: tuple[_Segment, float] | None = None
-        min_distance = math.inf
+        min_cost = math.inf
         ox, oy, oz = origin_m
         for segment in self._few:
-            (x, y, z), span = segment.start_m, segment.span_m
+            x, y, z = segment.start_m
+            span = segment.span_m
             a = (x - ox, y - oy, z - oz)
+
+            # The part of the segment within the reach, from `low` to `high` of its span
             if reach_m < math.inf:
-                within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, span), reach_m)
-                if within is None:
+                p = vector.dot(direction, a)
+                q = vector.dot(direction, span)
+                interval = clip_to_reach(p, q, reach_m)
+                if interval is None:
                     continue
-                low, high = within
+                low, high = interval
                 a = vector.add(a, vector.scale(span, low))
                 u = vector.scale(span, high - low)
             else:
@@ -247,9 +284,9 @@ class RayCaster:
                 high = 1.0
                 u = span
             t, cost = nearest_in_angle(a, u, direction)
-            if cost < min_distance:
+            if cost < min_cost:
                 best = (segment, low + t * (high - low))
-                min_distance = cost
+                min_cost = cost
         return best
 
     def _among_many(
@@ -260,104 +297,124 @@ class RayCaster:
         candidates: list[int] = self._candidates(origin, d, tolerance, reach_m).tolist()
         if not candidates:
             return None
-        segments = self._runs.take(candidates, axis=1)
-        flat = segments.reshape(7, -1)
-        a = flat[:3] - origin
-        u = flat[3:6]
-        uu = flat[6]
+
+        # The segments of the runs that remain, as in `nearest_in_angle`
+        runs = self._runs.take(candidates, axis=1)
+        segments = runs.reshape(7, -1)
+        a = segments[:3] - origin
+        u = segments[3:6]
+        uu = segments[6]
         p = d @ a
         q = d @ u
-        low, high = _spans_within(p, q, reach_m) if reach_m < math.inf else (None, None)
-        if low is not None and high is not None:
+
+        # Their parts within the reach, from `low` to `high` of their spans
+        intervals: tuple[Array, Array] | None = None
+        if reach_m < math.inf:
+            low, high = intervals = _spans_within(p, q, reach_m)
+            share = high - low
             a = a + low * u
-            u = (high - low) * u
-            uu = (high - low) ** 2 * uu
+            u = share * u
+            uu = share**2 * uu
             p = p + low * q
-            q = (high - low) * q
+            q = share * q
         aa = np.einsum("ij,ij->j", a, a)
         au = np.einsum("ij,ij->j", a, u)
         t, cost = _nearest_in_angle(p, q, aa, au, uu)
-        if low is not None and high is not None:
+        if intervals is not None:
+            low, high = intervals
             cost[:, high < low] = math.inf
             t = low + t * (high - low)
+
+        # Costs are those of starts, ends and stationary points, one row each
         best = int(cost.argmin())
         if math.isinf(cost.flat[best]):
             return None
         row, column = divmod(best % len(uu), self._width)
-        return self._segments[candidates[row] * self._width + column], float(t.flat[best])
+        segment = self._segments[candidates[row] * self._width + column]
+        return segment, float(t.flat[best])
 
     def _candidates(self, origin: Array, d: Array, tolerance: float, reach_m: float) -> NDArray[np.intp]:
         """Return the runs that may hold the closest point."""
-        c = self._centres - origin
-        along = d @ c
-        square = np.einsum("ij,ij->j", c, c)
-        is_near = True if math.isinf(reach_m) else along - self._radii <= reach_m
+        reaches = self._centres - origin
+        along = d @ reaches
+        square = np.einsum("ij,ij->j", reaches, reaches)
         across = np.sqrt(np.maximum(square - along * along, 0.0))
         cosines = along / np.sqrt(np.maximum(square, TINY))
         if reach_m < math.inf:
             cosines[along > reach_m] = -1.0
-        cone = min(math.acos(min(max(float(cosines.max()), -1.0), 1.0)), tolerance)
-        # the centre's distance to the cone if that is in front, otherwise a smaller value
-        return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
+        max_cosine = min(max(float(cosines.max()), -1.0), 1.0)
+        cone = min(math.acos(max_cosine), tolerance)
+
+        # The centre's distance to the cone if that is in front, otherwise a smaller value
+        to_cone = across * math.cos(cone) - along * math.sin(cone)
+        is_near = to_cone <= self._radii
+        if not math.isinf(reach_m):
+            is_near &= along - self._radii <= reach_m
+        return np.flatnonzero(is_near)
 
 
 def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
     """Return the intervals of t in which segments are within the reach, with end < start if they are not."""
-    crossing = np.minimum(np.maximum((reach_m - p) / np.where(q == 0.0, TINY, q), 0.0), 1.0)
-    low = np.where((p > reach_m) & (q < 0.0), crossing, 0.0)
-    high = np.where((p + q > reach_m) & (q > 0.0), crossing, 1.0)
-    return low, np.where(np.minimum(p, p + q) > reach_m, -1.0, high)
+    ends = p + q
+    crossings = (reach_m - p) / np.where(q == 0.0, TINY, q)
+    clipped = np.minimum(np.maximum(crossings, 0.0), 1.0)
+    low = np.where((p > reach_m) & (q < 0.0), clipped, 0.0)
+    high = np.where((ends > reach_m) & (q > 0.0), clipped, 1.0)
+    return low, np.where(np.minimum(p, ends) > reach_m, -1.0, high)
 
 
 def _nearest_in_angle(p: Array, q: Array, aa: Array, au: Array, uu: Array) -> tuple[Array, Array]:
     """Return t and minus the cosine at the starts, the ends and the stationary points, each 3 x n."""
+    stationary = (q * aa - p * au) / np.maximum(p * uu - q * au, TINY)
     t = np.zeros((3, len(p)))
     t[1] = 1.0
-    t[2] = np.minimum(np.maximum((q * aa - p * au) / np.maximum(p * uu - q * au, TINY), 0.0), 1.0)
+    t[2] = np.minimum(np.maximum(stationary, 0.0), 1.0)
     square = aa + t * (2.0 * au + t * uu)
     return t, (p + t * q) / -np.sqrt(np.maximum(square, TINY))
 
 
 def _segments(line: Polyline, target: int) -> list[_Segment]:
+    """Return the segments of `line`."""
     vertices: list[list[float]] = line.vertices_m.tolist()
     positions: list[float] = line.starts_m.tolist()
     segments: list[_Segment] = []
-    for i, (start, end) in enumerate(pairwise(vertices)):
-        a = (start[0], start[1], start[2])
-        b = (end[0], end[1], end[2])
+    for i, ((ax, ay, az), (bx, by, bz)) in enumerate(pairwise(vertices)):
+        start = (ax, ay, az)
+        span = (bx - ax, by - ay, bz - az)
         length = positions[i + 1] - positions[i]
-        segments.append(_Segment(a, vector.subtract(b, a), positions[i], length, target))
+        segments.append(_Segment(start, span, positions[i], length, target))
     return segments
 
 
 def _cuts(segment: _Segment) -> list[_Segment]:
+    """Return `segment` in equal pieces of at most `RUN_M`."""
     count = max(1, math.ceil(segment.length_m / RUN_M))
     span = vector.scale(segment.span_m, 1.0 / count)
     length = segment.length_m / count
-    return [
-        _Segment(
-            vector.add(segment.start_m, vector.scale(segment.span_m, i / count)),
-            span,
-            segment.position_m + i * length,
-            length,
-            segment.target,
-        )
-        for i in range(count)
-    ]
+    pieces: list[_Segment] = []
+    for i in range(count):
+        start = vector.add(segment.start_m, vector.scale(segment.span_m, i / count))
+        position_m = segment.position_m + i * length
+        pieces.append(_Segment(start, span, position_m, length, segment.target))
+    return pieces
 
 
 def _runs(pieces: list[_Segment]) -> list[list[_Segment]]:
-    segments: list[list[_Segment]] = []
-    room_m = 0.0
+    """Return consecutive pieces in runs, within the limits of their length and number."""
+    runs: list[list[_Segment]] = []
+    remaining_m = 0.0
     for piece in pieces:
-        if not segments or len(segments[-1]) >= RUN_SEGMENTS or piece.length_m > room_m:
-            segments.append([])
-            room_m = RUN_M
-        segments[-1].append(piece)
-        room_m -= piece.length_m
-    return segments
+        is_full = not runs or len(runs[-1]) >= RUN_SEGMENTS
+        if is_full or piece.length_m > remaining_m:
+            runs.append([])
+            remaining_m = RUN_M
+        runs[-1].append(piece)
+        remaining_m -= piece.length_m
+    return runs
 
 
 def _radius(run: list[_Segment], centre: Vec3) -> float:
+    """Return the radius of the ball around `centre` that holds `run`."""
     ends = [vector.add(segment.start_m, segment.span_m) for segment in run]
-    return max(vector.norm(vector.subtract(point, centre)) for point in [run[0].start_m, *ends])
+    points = [run[0].start_m, *ends]
+    return max(vector.norm(vector.subtract(point, centre)) for point in points)

@@ -14,12 +14,11 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the product, b applied first: world_from_body is world_from_arm times arm_from_body."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    w = aw * bw - ax * bx - ay * by - az * bz
+    return (x, y, z, w)
 
 
 def inverse(q: Quaternion) -> Quaternion:
@@ -30,16 +29,23 @@ def inverse(q: Quaternion) -> Quaternion:
 def rotate(q: Quaternion, v: Vec3) -> Vec3:
     """Return `v` rotated by `q`."""
     x, y, z, w = q
-    tx = 2.0 * (y * v[2] - z * v[1])
-    ty = 2.0 * (z * v[0] - x * v[2])
-    tz = 2.0 * (x * v[1] - y * v[0])
-    return (v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx)
+    vx, vy, vz = v
+
+    # v + w t + q x t, where t = 2 q x v
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    rotated_x = vx + w * tx + y * tz - z * ty
+    rotated_y = vy + w * ty + z * tx - x * tz
+    rotated_z = vz + w * tz + x * ty - y * tx
+    return (rotated_x, rotated_y, rotated_z)
 
 
 def from_axis_angle(axis: Vec3, angle_rad: float) -> Quaternion:
     """Return the rotation by `angle_rad` about the unit vector `axis`."""
+    x, y, z = axis
     s = math.sin(angle_rad / 2.0)
-    return (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(angle_rad / 2.0))
+    return (x * s, y * s, z * s, math.cos(angle_rad / 2.0))
 
 
 def from_yaw(yaw_rad: float) -> Quaternion:
@@ -56,12 +62,9 @@ def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Qu
 
 def from_azimuth_elevation(azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> Quaternion:
     """Return the rotation whose x axis has that azimuth and elevation, after `roll_rad` about x."""
-    return multiply(
-        from_yaw(azimuth_rad),
-        multiply(
-            from_axis_angle((0.0, 1.0, 0.0), -elevation_rad), from_axis_angle((1.0, 0.0, 0.0), roll_rad)
-        ),
-    )
+    pitch = from_axis_angle((0.0, 1.0, 0.0), -elevation_rad)  # upwards is a negative turn about y
+    roll = from_axis_angle((1.0, 0.0, 0.0), roll_rad)
+    return multiply(from_yaw(azimuth_rad), multiply(pitch, roll))
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
@@ -76,7 +79,8 @@ def normalized(q: Quaternion) -> Quaternion:
     Raises:
         ValueError: If `q` is zero.
     """
-    length = math.hypot(*q)
+    x, y, z, w = q
+    length = math.hypot(x, y, z, w)
     if length == 0.0:
         raise ValueError("the null quaternion is no rotation")
-    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+    return (x / length, y / length, z / length, w / length)

@@ -1,4 +1,4 @@
-"""Planes, rectangles, cylinders, boxes, spheres, floor areas: intersections with rays, closest points.
+"""Planes, rectangles, cylinders, boxes, spheres: intersections with rays, closest points.
 
 The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
 rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden
@@ -9,16 +9,15 @@ the wall from within.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import lru_cache
-from itertools import combinations, pairwise, product
+from itertools import product
 from typing import Protocol
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import TINY, nearest_in_angle
 from pointit.geometry.vector import Vec3
 
-Vec2 = tuple[float, float]
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
 _Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
@@ -39,65 +38,12 @@ FLOOR_RAD = math.radians(5.0)
 LEVEL = 1e-6
 """Inclination of the normal below which a plane is level."""
 
-ROUNDING_M = 1e-9
-"""Distance that may be lost by rounding."""
-
 
 def _first_ahead(first: float, last: float) -> float | None:
     """Return where a ray meets a solid, crossed from `first` to `last`, or None if that is behind it."""
     if last < max(first, 0.0):
         return None
     return first if first >= 0.0 else last
-
-
-class Polygon:
-    """The area inside a closed outline, convex or not, in either order."""
-
-    def __init__(self, outline_m: Sequence[Vec2]) -> None:
-        """Create from the corners, at least three; the last is joined to the first."""
-        self.corners_m: tuple[Vec2, ...] = tuple(outline_m)
-        self.edges_m: tuple[tuple[Vec2, Vec2], ...] = tuple(pairwise((*self.corners_m, self.corners_m[0])))
-        """Start and end of each edge."""
-
-    @property
-    def area_m2(self) -> float:
-        """Return the area inside an outline that does not cross itself."""
-        return abs(sum(ax * by - bx * ay for (ax, ay), (bx, by) in self.edges_m)) / 2.0
-
-    def crossing(self) -> tuple[int, int] | None:
-        """Return the indices of two edges that cross or touch, neighbours apart, or None."""
-        last = len(self.edges_m) - 1
-        for first, second in combinations(range(len(self.edges_m)), 2):
-            if second - first == 1 or (first == 0 and second == last):
-                continue
-            if do_intersect(*self.edges_m[first], *self.edges_m[second]):
-                return first, second
-        return None
-
-
-def _side(a: Vec2, b: Vec2, c: Vec2) -> float:
-    """Return a number above 0 if c is left of the line from a to b, below 0 if it is right of it."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def do_intersect(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
-    """Return True if the segments from a to b and from c to d cross or touch."""
-    abc = _side(a, b, c)
-    abd = _side(a, b, d)
-    cda = _side(c, d, a)
-    cdb = _side(c, d, b)
-    if abc * abd < 0.0 and cda * cdb < 0.0:
-        return True
-    return (
-        (abc == 0.0 and _is_between(a, b, c))
-        or (abd == 0.0 and _is_between(a, b, d))
-        or (cda == 0.0 and _is_between(c, d, a))
-        or (cdb == 0.0 and _is_between(c, d, b))
-    )
-
-
-def _is_between(a: Vec2, b: Vec2, c: Vec2) -> bool:
-    return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
 
 
 class CylinderSolid:
@@ -124,15 +70,21 @@ class CylinderSolid:
         dx, dy, dz = direction
         first = -math.inf
         last = math.inf
+
+        # Inside the side wall: `across` is the distance of the ray's line from the axis
         level = math.hypot(dx, dy)
-        across = abs(x * dy - y * dx) / level if level > 1e-12 else math.hypot(x, y)
-        if across > self._radius:
-            return None
         if level > 1e-12:
+            across = abs(x * dy - y * dx) / level
+            if across > self._radius:
+                return None
             middle = -(x * dx + y * dy) / level**2
             half = math.sqrt((self._radius - across) * (self._radius + across)) / level
             first = middle - half
             last = middle + half
+        elif math.hypot(x, y) > self._radius:
+            return None
+
+        # Between the ends
         if abs(dz) > 1e-12:
             foot = -z / dz
             top = (self._height - z) / dz
@@ -150,26 +102,31 @@ class CylinderSolid:
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on its side, or on the end that is nearer to `point_m` than the side."""
         x, y, z = vector.subtract(point_m, self._foot)
-        on_side = abs(math.hypot(x, y) - self._radius) <= min(abs(z), abs(self._height - z))
-        return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
+        to_side_m = abs(math.hypot(x, y) - self._radius)
+        to_end_m = min(abs(z), abs(self._height - z))
+        if to_side_m <= to_end_m:
+            return (self._radius * math.atan2(y, x), z)
+        return (x, y)
 
     def _closest_point(self, own: Vec3, d: Vec3) -> Vec3:
+        """Return the closest point to the ray from `own` along `d`, all relative to the foot."""
         best = own
-        min_distance = math.inf
+        min_cost = math.inf
         for x, y, outwards in self._touched(own):
             start = (x, y, 0.0)
             span = (0.0, 0.0, self._height)
             t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
-            if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
+            is_within_line = 0.0 < t < 1.0 and cost < 0.0
+            if is_within_line and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
                 return (x, y, t * self._height)  # the cylinder is beyond the tangent plane
-            if cost < min_distance:
+            if cost < min_cost:
                 best = (x, y, t * self._height)
-                min_distance = cost
+                min_cost = cost
         for z in (0.0, self._height):
             point, cost = self._on_rim(own, d, z)
-            if cost < min_distance:
+            if cost < min_cost:
                 best = point
-                min_distance = cost
+                min_cost = cost
         return best
 
     def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
@@ -177,18 +134,20 @@ class CylinderSolid:
 
         Each comes with the direction that leads out of that view.
         """
-        distance = math.hypot(own[0], own[1])
+        x, y, _ = own
+        distance = math.hypot(x, y)
         if distance <= self._radius:
             return []
         sine = self._radius / distance
         length = distance * math.sqrt((1.0 - sine) * (1.0 + sine))
-        azimuth = math.atan2(-own[1], -own[0])
+        azimuth = math.atan2(-y, -x)
         half = math.asin(sine)
         touched: list[tuple[float, float, tuple[float, float]]] = []
         for side in (-1.0, 1.0):
             c = math.cos(azimuth + side * half)
             s = math.sin(azimuth + side * half)
-            touched.append((own[0] + length * c, own[1] + length * s, (-side * s, side * c)))
+            outwards = (-side * s, side * c)
+            touched.append((x + length * c, y + length * s, outwards))
         return touched
 
     def _on_rim(self, own: Vec3, d: Vec3, z: float) -> tuple[Vec3, float]:
@@ -198,13 +157,15 @@ class CylinderSolid:
         """
         step = math.tau / RIM_POINTS
         costs = [self._minus_cosine(own, d, z, step * i) for i in range(RIM_POINTS)]
-        valleys = [
-            step * i
-            for i, cost in enumerate(costs)
-            if cost <= costs[i - 1] and cost <= costs[(i + 1) % RIM_POINTS]
-        ]
-        cost, angle = min(self._nearest_around(own, d, z, angle) for angle in valleys)
-        return (self._radius * math.cos(angle), self._radius * math.sin(angle), z), cost
+        valleys: list[float] = []
+        for i, cost in enumerate(costs):
+            next_cost = costs[(i + 1) % RIM_POINTS]
+            if cost <= costs[i - 1] and cost <= next_cost:
+                valleys.append(step * i)
+        min_cost, angle = min(self._nearest_around(own, d, z, valley) for valley in valleys)
+        x = self._radius * math.cos(angle)
+        y = self._radius * math.sin(angle)
+        return (x, y, z), min_cost
 
     def _nearest_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
         """Return the minimum of minus the cosine near a point of the rim, and its angle on the rim."""
@@ -212,7 +173,10 @@ class CylinderSolid:
         high = angle + math.tau / RIM_POINTS
         inner = high - GOLDEN * (high - low)
         outer = low + GOLDEN * (high - low)
-        at_inner, at_outer = (self._minus_cosine(own, d, z, at) for at in (inner, outer))
+        at_inner = self._minus_cosine(own, d, z, inner)
+        at_outer = self._minus_cosine(own, d, z, outer)
+
+        # The bracket shrinks to the side of the lower one, which then is the other inner point
         for _ in range(GOLDEN_STEPS):
             if at_inner < at_outer:
                 high = outer
@@ -229,10 +193,13 @@ class CylinderSolid:
         return (at_inner, inner) if at_inner < at_outer else (at_outer, outer)
 
     def _minus_cosine(self, own: Vec3, d: Vec3, z: float, angle: float) -> float:
+        """Return minus the cosine of the angle between `d` and a point of the rim at height `z`."""
         x = self._radius * math.cos(angle) - own[0]
         y = self._radius * math.sin(angle) - own[1]
         z -= own[2]
-        return -(d[0] * x + d[1] * y + d[2] * z) / max(math.sqrt(x * x + y * y + z * z), 1e-12)
+        dx, dy, dz = d
+        along = dx * x + dy * y + dz * z
+        return -along / max(math.sqrt(x * x + y * y + z * z), 1e-12)
 
 
 class Solid(Protocol):
@@ -299,7 +266,9 @@ class BoxSolid:
     def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
         passed_m = self.passed_at(origin_m, direction)
-        return self._on_edges(origin_m, direction) if passed_m is None else passed_m
+        if passed_m is None:
+            return self._on_edges(origin_m, direction)
+        return passed_m
 
     def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
@@ -307,18 +276,27 @@ class BoxSolid:
             if len(self._outlines) >= MAX_EYES:
                 self._outlines.clear()
             self._outlines[origin_m] = None
-            met = self.intersect(origin_m, direction)
-            return self._on_edges(origin_m, direction) if met is None else None
+            if self.intersect(origin_m, direction) is not None:
+                return None
+            return self._on_edges(origin_m, direction)
         outline = self._outlines[origin_m]
         if outline is None:
             outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
+
+        # The outline is convex: the nearest point is on an edge that has the ray on its outer side
         x, y, z = ahead = vector.rotate_z(direction, -self._yaw)
-        # the outline is convex: the nearest point is on an edge that has the ray on its outer side
-        passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
-        if not passed:
+        nearest: tuple[Vec3, Vec3, float] | None = None
+        min_cost = math.inf
+        for normal_x, normal_y, normal_z, start, span, reach in outline:
+            if normal_x * x + normal_y * y + normal_z * z <= 0.0:
+                continue
+            t, cost = nearest_in_angle(reach, span, ahead)
+            if cost < min_cost:
+                nearest = (start, span, t)
+                min_cost = cost
+        if nearest is None:
             return None
-        found = [(nearest_in_angle(reach, span, ahead), start, span) for *_, start, span, reach in passed]
-        (t, _), start, span = min(found, key=lambda each: each[0][1])
+        start, span, t = nearest
         return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def _on_edges(self, origin_m: Vec3, direction: Vec3) -> Vec3:
@@ -329,8 +307,8 @@ class BoxSolid:
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
         x, y, z = own = self._own(point_m)
-        inside = [half - abs(at) for at, half in zip(own, self._half, strict=True)]
-        face = inside.index(min(inside))
+        depths = [half - abs(coordinate) for coordinate, half in zip(own, self._half, strict=True)]
+        face = depths.index(min(depths))
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
@@ -360,9 +338,11 @@ class SphereSolid:
         if across > self._radius:
             return None
         half = math.sqrt((self._radius - across) * (self._radius + across))
-        if along - half >= 0.0:
-            return along - half
-        return along + half if along + half >= 0.0 else None
+        first = along - half
+        last = along + half
+        if first >= 0.0:
+            return first
+        return last if last >= 0.0 else None
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the closest point to a ray that does not intersect it."""
@@ -371,19 +351,19 @@ class SphereSolid:
         distance = vector.norm(reach)
         if distance <= self._radius:
             return None  # on its surface, pointing away
-        # in the plane of ray and centre: where a line from the origin touches it, on the ray's side
+
+        # In the plane of ray and centre: where a line from the origin touches it, on the ray's side
         to_center = vector.scale(reach, 1.0 / distance)
         sideways = vector.subtract(direction, vector.scale(to_center, along / distance))
         if vector.norm(sideways) < 1e-12:  # pointing straight away: all sides are equal
-            sideways = vector.cross(
-                to_center, (0.0, 0.0, 1.0) if abs(to_center[2]) < 0.9 else (1.0, 0.0, 0.0)
-            )
+            is_steep = abs(to_center[2]) >= 0.9
+            sideways = vector.cross(to_center, (1.0, 0.0, 0.0) if is_steep else (0.0, 0.0, 1.0))
         sine = self._radius / distance
         cosine = math.sqrt((1.0 - sine) * (1.0 + sine))
-        touching = vector.add(
-            vector.scale(to_center, cosine), vector.scale(vector.normalized(sideways), sine)
-        )
-        return vector.add(origin_m, vector.scale(touching, distance * cosine))
+        tangent_forward = vector.scale(to_center, cosine)
+        tangent_sideways = vector.scale(vector.normalized(sideways), sine)
+        tangent = vector.add(tangent_forward, tangent_sideways)
+        return vector.add(origin_m, vector.scale(tangent, distance * cosine))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the lengths of the arcs from its x axis, sideways and upwards."""
@@ -405,12 +385,16 @@ def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3) -> 
 
 @lru_cache(1024)
 def _box_edges(half: Vec3) -> list[Edge]:
+    """Return the edges of a box with its centre at 0: four along each axis, x first."""
     edges: list[Edge] = []
     for axis in range(3):
-        for signs in product((-1.0, 1.0), repeat=2):
-            start = [sign * half[other] for sign, other in zip(signs, _others(axis), strict=True)]
-            start.insert(axis, -half[axis])
-            span = [2.0 * half[i] if i == axis else 0.0 for i in range(3)]
+        first, second = _others(axis)
+        for first_sign, second_sign in product((-1.0, 1.0), repeat=2):
+            start = [-extent for extent in half]
+            start[first] = first_sign * half[first]
+            start[second] = second_sign * half[second]
+            span = [0.0, 0.0, 0.0]
+            span[axis] = 2.0 * half[axis]
             edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
     return edges
 
@@ -423,11 +407,17 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     """Return the edges between a face seen from `origin_m` and one that is not: none for an origin inside."""
     outline: list[_Outer] = []
     for number, (start, span) in enumerate(_box_edges(half)):
-        if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:
-            reach = vector.subtract(start, origin_m)
-            normal = vector.cross(reach, span)
-            outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
-            outline.append((*vector.scale(normal, outward), start, span, reach))
+        seen_faces = 0
+        for axis in _others(number // 4):
+            side = math.copysign(1.0, start[axis])
+            seen_faces += side * origin_m[axis] > half[axis]
+        if seen_faces != 1:
+            continue
+        reach = vector.subtract(start, origin_m)
+        normal = vector.cross(reach, span)
+        outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
+        normal_x, normal_y, normal_z = vector.scale(normal, outward)
+        outline.append((normal_x, normal_y, normal_z, start, span, reach))
     return outline
 
 
@@ -437,8 +427,10 @@ def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:
     v is the direction of steepest ascent in the plane, or y if the plane is level; u is v x normal.
     """
     n = vector.normalized(normal)
-    upwards = (0.0, 0.0, 1.0) if math.hypot(n[0], n[1]) > LEVEL else (0.0, 1.0, 0.0)
-    v = vector.normalized(vector.subtract(upwards, vector.scale(n, vector.dot(upwards, n))))
+    is_inclined = math.hypot(n[0], n[1]) > LEVEL
+    upwards = (0.0, 0.0, 1.0) if is_inclined else (0.0, 1.0, 0.0)
+    in_plane = vector.subtract(upwards, vector.scale(n, vector.dot(upwards, n)))
+    v = vector.normalized(in_plane)
     return vector.cross(v, n), v
 
 
@@ -460,10 +452,16 @@ class PlaneSolid:
         self._center = center_m
         self._normal = vector.normalized(normal)
         self._u, self._v = plane_axes(normal)
-        self._half = None if size_m is None else (size_m[0] / 2.0, size_m[1] / 2.0)
         self._grazing = math.sin(grazing_rad)
-        self._edges: list[Edge] = [] if self._half is None else self._rim(*self._half)
-        self.bounding_sphere = (center_m, math.inf if self._half is None else math.hypot(*self._half))
+        self._half: tuple[float, float] | None = None
+        self._edges: list[Edge] = []
+        self.bounding_sphere = (center_m, math.inf)
+        if size_m is not None:
+            half_u = size_m[0] / 2.0
+            half_v = size_m[1] / 2.0
+            self._half = (half_u, half_v)
+            self._edges = self._rim(half_u, half_v)
+            self.bounding_sphere = (center_m, math.hypot(half_u, half_v))
 
     def contains(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
         """Return False, as a plane has no inside."""
@@ -474,18 +472,22 @@ class PlaneSolid:
         towards = vector.dot(direction, self._normal)
         if abs(towards) <= self._grazing:
             return None
-        ahead = vector.dot(vector.subtract(self._center, origin_m), self._normal) / towards
+        reach = vector.subtract(self._center, origin_m)
+        ahead = vector.dot(reach, self._normal) / towards
         if ahead < 0.0:
             return None
         if self._half is not None:
-            u, v = self.uv_at(vector.add(origin_m, vector.scale(direction, ahead)))
+            point = vector.add(origin_m, vector.scale(direction, ahead))
+            u, v = self.uv_at(point)
             if abs(u) > self._half[0] or abs(v) > self._half[1]:
                 return None
         return ahead
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point of its rim that is closest to the ray."""
-        if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
+        if self._half is None:
+            return None
+        if abs(vector.dot(direction, self._normal)) <= self._grazing:
             return None
         return nearest_on_edges(self._edges, origin_m, direction)
 
@@ -513,65 +515,3 @@ class PlaneSolid:
 def is_level(normal: Vec3) -> bool:
     """Return True if a plane with that normal, of any length, is level enough to stand on."""
     return abs(normal[2]) >= math.cos(FLOOR_RAD) * vector.norm(normal)
-
-
-class FloorArea(Polygon):
-    """The area inside a closed outline, convex or not, in either order, with distances to the outline."""
-
-    def contains(self, point_m: Vec2) -> bool:
-        """Return True if `point_m` is inside (even-odd rule)."""
-        x, y = point_m
-        inside = False
-        for (ax, ay), (bx, by) in self.edges_m:
-            if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
-                inside = not inside
-        return inside
-
-    def nearest(self, point_m: Vec2) -> Vec2:
-        """Return the point of the outline that is nearest to `point_m`."""
-        return min((_nearest_on(a, b, point_m) for a, b in self.edges_m), key=lambda c: math.dist(c, point_m))
-
-    def signed_distance_m(self, point_m: Vec2) -> float:
-        """Return the distance from `point_m` to the outline, negative if the point is inside."""
-        apart_m = min(math.dist(_nearest_on(a, b, point_m), point_m) for a, b in self.edges_m)
-        return -apart_m if self.contains(point_m) else apart_m
-
-    def is_apart(self, start_m: Vec2, end_m: Vec2, min_m: float) -> bool:
-        """Return True if no point of a segment is nearer to the outline than `min_m`."""
-        (cx, cy), (dx, dy) = start_m, end_m
-        reach_m = min_m + ROUNDING_M
-        west = min(cx, dx) - reach_m
-        east = max(cx, dx) + reach_m
-        south = min(cy, dy) - reach_m
-        north = max(cy, dy) + reach_m
-        for a, b in self.edges_m:
-            (ax, ay), (bx, by) = a, b
-            # most edges are farther along one axis alone, which is all that robots have time for
-            if (ax < west and bx < west) or (ax > east and bx > east):
-                continue
-            if (ay < south and by < south) or (ay > north and by > north):
-                continue
-            if not _segments_apart_m(a, b, start_m, end_m) >= min_m:
-                return False
-        return True
-
-
-def _nearest_on(a: Vec2, b: Vec2, point_m: Vec2) -> Vec2:
-    ux = b[0] - a[0]
-    uy = b[1] - a[1]
-    along = ((point_m[0] - a[0]) * ux + (point_m[1] - a[1]) * uy) / max(ux * ux + uy * uy, TINY)
-    along = min(max(along, 0.0), 1.0)
-    return (a[0] + along * ux, a[1] + along * uy)
-
-
-def point_segment_m(point_m: Vec2, start_m: Vec2, end_m: Vec2) -> float:
-    """Return the distance from a point to a segment."""
-    return math.dist(_nearest_on(start_m, end_m, point_m), point_m)
-
-
-def _segments_apart_m(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> float:
-    if do_intersect(a, b, c, d):
-        return 0.0
-    return min(
-        point_segment_m(c, a, b), point_segment_m(d, a, b), point_segment_m(a, c, d), point_segment_m(b, c, d)
-    )

@@ -7,27 +7,36 @@ Vec3 = tuple[float, float, float]
 
 def add(a: Vec3, b: Vec3) -> Vec3:
     """Return a + b."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    ax, ay, az = a
+    bx, by, bz = b
+    return (ax + bx, ay + by, az + bz)
 
 
 def subtract(a: Vec3, b: Vec3) -> Vec3:
     """Return a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+    ax, ay, az = a
+    bx, by, bz = b
+    return (ax - bx, ay - by, az - bz)
 
 
 def scale(a: Vec3, factor: float) -> Vec3:
     """Return factor · a."""
-    return (a[0] * factor, a[1] * factor, a[2] * factor)
+    x, y, z = a
+    return (x * factor, y * factor, z * factor)
 
 
 def dot(a: Vec3, b: Vec3) -> float:
     """Return a · b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    ax, ay, az = a
+    bx, by, bz = b
+    return ax * bx + ay * by + az * bz
 
 
 def cross(a: Vec3, b: Vec3) -> Vec3:
     """Return a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    ax, ay, az = a
+    bx, by, bz = b
+    return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 def norm(a: Vec3) -> float:
@@ -51,8 +60,11 @@ def normalized(a: Vec3) -> Vec3:
 
 def angle_between(a: Vec3, b: Vec3) -> float:
     """Return the angle from a to b, 0 to pi; exact for small angles too (Kahan)."""
-    (x, y, z), (u, v, w) = a, b
-    return math.atan2(math.hypot(y * w - z * v, z * u - x * w, x * v - y * u), x * u + y * v + z * w)
+    x, y, z = a
+    u, v, w = b
+    across = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
+    along = x * u + y * v + z * w
+    return math.atan2(across, along)
 
 
 def azimuth(a: Vec3) -> float:
@@ -73,9 +85,10 @@ def direction(azimuth_rad: float, elevation_rad: float) -> Vec3:
 
 def rotate_z(a: Vec3, yaw_rad: float) -> Vec3:
     """Return `a` rotated about z."""
+    x, y, z = a
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
-    return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])
+    return (c * x - s * y, s * x + c * y, z)
 
 
 def wrap(angle_rad: float) -> float:

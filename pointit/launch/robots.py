@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, cast
 
-from pointit.geometry.solids import FloorArea
+from pointit.geometry.floor_area import FloorArea
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from pointit.geometry.floor_area import Polygon, Vec2
 from pointit.geometry.polyline import SAME_M, Polyline
 from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
-from pointit.geometry.solids import Polygon, Vec2
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.maps.units import LENGTHS_M, UP_AXES, size_of_unit
 from pointit.runtime.config.nearest_name import nearest

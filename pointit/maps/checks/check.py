@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry.solids import FloorArea
+from pointit.geometry.floor_area import FloorArea
 from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.checks.lines import check_belts, check_extent, check_lines, check_strips
 from pointit.maps.checks.pacing import check_pacing, pacing_text

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.geometry.solids import FloorArea, Vec2, point_segment_m
+from pointit.geometry.floor_area import FloorArea, Vec2, point_segment_m
 from pointit.geometry.vector import Vec3, add, dot, norm, scale, subtract
 from pointit.schemas.environment import Fence
 

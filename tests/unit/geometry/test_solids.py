@@ -10,19 +10,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.geometry import polyline, vector
+from pointit.geometry.floor_area import FloorArea, Vec2, point_segment_m
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import SolidCaster
 from pointit.geometry.solids import (
     MAX_EYES,
     BoxSolid,
     CylinderSolid,
-    FloorArea,
     PlaneSolid,
     Solid,
     SphereSolid,
-    Vec2,
     plane_axes,
-    point_segment_m,
 )
 from pointit.geometry.vector import Vec3
 from tests.support import there

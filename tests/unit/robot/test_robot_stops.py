@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pytest
 
-from pointit.geometry.solids import FloorArea
+from pointit.geometry.floor_area import FloorArea
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Interaction, RobotKind, RobotState, Steering, StopRobot
 from pointit.schemas.environment import Fence

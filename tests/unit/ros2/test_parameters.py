@@ -14,7 +14,7 @@ from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, tree_of
 from pointit.bridges.ros2.node_parameters import FIELDS, GET, LIST, MESSAGE, PAGE, NodeParameters, value_of
 from pointit.bridges.ros2.types.types import Types
-from pointit.geometry.solids import Vec2
+from pointit.geometry.floor_area import Vec2
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
 from pointit.maps.file import parse_map_file

@@ -117,20 +117,25 @@ class YawStep(NamedTuple):
 
 def solve_lasting(linearization: Linearization) -> YawStep | None:
     """Return the correction of the estimate, or None if the turns are too few or only noise."""
+    # Weighted means of blocks: of columns, residuals and times
     starts = np.flatnonzero(np.diff(linearization.stamps_ns // BLOCK_NS, prepend=-1))
-    if len(starts) < MIN_BLOCKS:
-        return None
-    sizes = np.add.reduceat(linearization.weights, starts)
-    ages_s = (linearization.stamps_ns - linearization.stamps_ns[-1]) / NS_PER_S
     count = len(starts)
-    values = np.column_stack(
-        [linearization.columns.reshape(len(ages_s), -1), linearization.residuals, ages_s]
-    )
-    means = np.add.reduceat(values * linearization.weights[:, None], starts) / sizes[:, None]
+    if count < MIN_BLOCKS:
+        return None
+    weights = linearization.weights[:, None]
+    ages_s = (linearization.stamps_ns - linearization.stamps_ns[-1]) / NS_PER_S
+    flat_columns = linearization.columns.reshape(len(ages_s), -1)
+    values = np.column_stack([flat_columns, linearization.residuals, ages_s])
+    sizes = np.add.reduceat(linearization.weights, starts)
+    means = np.add.reduceat(values * weights, starts) / sizes[:, None]
+
+    # Variance of the white noise, from that inside the blocks
     block_of = np.repeat(np.arange(count), np.diff(starts, append=len(ages_s)))
-    within = (linearization.residuals - means[block_of, -4:-1]) ** 2
+    squares = (linearization.residuals - means[block_of, -4:-1]) ** 2
     freedom = 3 * max(1, len(ages_s) - count)
-    white = max(MIN_WHITE_RAD**2, float((linearization.weights[:, None] * within).sum()) / freedom)
+    white = max(MIN_WHITE_RAD**2, float((weights * squares).sum()) / freedom)
+
+    # Generalized least squares for each size and duration of the lasting error
     apart_s = np.abs(means[:, -1, None] - means[None, :, -1])
     steps = list[Array]()
     variances = list[float]()
@@ -146,22 +151,31 @@ def solve_lasting(linearization: Linearization) -> YawStep | None:
             inverse = np.linalg.inv(information)
         except np.linalg.LinAlgError:  # level turns without any noise, of simulations: the yaw does not show
             return None
-        step = inverse @ (matrix.T @ residuals - linearization.precision @ linearization.offset)
-        left = residuals - matrix @ step
-        offset = linearization.offset + step
-        misfit = float(left @ left) + float(offset @ linearization.precision @ offset)
-        log_volume = 6.0 * float(np.log(np.diag(root)).sum()) + float(np.linalg.slogdet(information)[1])
+        gradient = matrix.T @ residuals - linearization.precision @ linearization.offset
+        step = inverse @ gradient
         steps.append(step)
+
+        # Restricted log-likelihood, up to a constant
+        remaining = residuals - matrix @ step
+        offset = linearization.offset + step
+        misfit = float(remaining @ remaining) + float(offset @ linearization.precision @ offset)
+        _, log_det = np.linalg.slogdet(information)
+        log_volume = 6.0 * float(np.log(np.diag(root)).sum()) + float(log_det)
         scores.append(-0.5 * (misfit + log_volume))
-        shown = 1.0 / float(inverse[0, 0]) - 2.0 * count  # noise of the turns themselves shows no yaw
-        variances.append(1.0 / shown if shown > 0.0 else math.inf)
+
+        # Noise of the turns themselves shows no yaw
+        yaw_information = 1.0 / float(inverse[0, 0]) - 2.0 * count
+        variances.append(1.0 / yaw_information if yaw_information > 0.0 else math.inf)
+
+    # Mean over those that are probable. The variance includes the spread of their yaws.
     likelihoods = np.exp(np.array(scores) - max(scores))
-    likely = likelihoods > MIN_PROBABILITY * likelihoods.sum()
-    shares = likelihoods[likely] / likelihoods[likely].sum()
-    step = shares @ np.array(steps)[likely]
-    spread = (np.array(steps)[likely, 0] - step[0]) ** 2
-    variance = MIN_SIGMA_RAD**2 + float(shares @ (np.array(variances)[likely] + spread))
-    return YawStep(step, variance) if math.isfinite(variance) else None
+    is_likely = likelihoods > MIN_PROBABILITY * likelihoods.sum()
+    shares = likelihoods[is_likely] / likelihoods[is_likely].sum()
+    likely_steps = np.array(steps)[is_likely]
+    mean_step = shares @ likely_steps
+    spreads = (likely_steps[:, 0] - mean_step[0]) ** 2
+    variance = MIN_SIGMA_RAD**2 + float(shares @ (np.array(variances)[is_likely] + spreads))
+    return YawStep(mean_step, variance) if math.isfinite(variance) else None
 
 
 @dataclass(frozen=True)
@@ -274,33 +288,46 @@ class ForearmYaw:
         self._end_contradicted()
         if len(self._pairs) >= MIN_PAIRS and self._pairs[-1].stamp_ns - self._solved_ns >= SOLVE_PERIOD_NS:
             self._solved_ns = self._pairs[-1].stamp_ns
-            fit = _solve(list(self._pairs))
-            old = self._estimate and self._estimate.aged(self._solved_ns)
-            if isinstance(fit, _Fit) and (old is None or _replaces(fit.estimate, old)):
-                self._estimate, self._mount_rotation, self._level_rad, self._reason = *fit, 0.0, ""
-            elif old is None:
-                self._reason = fit if isinstance(fit, str) else self._reason
+            self._update_estimate(_solve(list(self._pairs)))
         estimate = self._estimate and self._estimate.aged(now_ns)
         if estimate is None or self._level_rad <= SWITCH_SIGMAS * estimate.sigma_rad:
             return estimate
+
+        # The newest samples differ more than the estimate admits, but not enough to end it
         return replace(estimate, sigma_rad=math.hypot(estimate.sigma_rad, self._level_rad))
+
+    def _update_estimate(self, fit: "_Fit | str | None") -> None:
+        """Replace the estimate by a better `fit`. Without an estimate, store the reason why there is none."""
+        previous = self._estimate and self._estimate.aged(self._solved_ns)
+        if isinstance(fit, _Fit):
+            if previous is None or _replaces(fit.estimate, previous):
+                self._estimate = fit.estimate
+                self._mount_rotation = fit.mount_rotation
+                self._level_rad = 0.0
+                self._reason = ""
+        elif previous is None and fit is not None:
+            self._reason = fit
 
     def _end_contradicted(self) -> None:
         """End the estimate if the newest samples contradict it: most by more than noise and drift explain."""
-        old = self._estimate
         mount = self._mount_rotation
         newest = self._newest
-        if old is None or mount is None or len(newest) < MIN_CONTRADICTIONS:
+        if self._estimate is None or mount is None or len(newest) < MIN_CONTRADICTIONS:
             return
         now_ns = newest[-1].stamp_ns
         if now_ns - self._checked_ns < CHECK_PERIOD_NS:
             return
-        self._checked_ns, old = now_ns, old.aged(now_ns)
+        self._checked_ns = now_ns
+
+        # Medians, so that a few wrong samples do not count. That about the vertical also makes the estimate
+        # less certain: see `estimate`.
+        estimate = self._estimate.aged(now_ns)
         turns = _Turns.of(newest)
-        residuals = turns.residuals(old.yaw_rad, mount, old.delay_s)
+        residuals = turns.residuals(estimate.yaw_rad, mount, estimate.delay_s)
         self._level_rad = abs(float(np.median(residuals[:, 2])))
         squares = (residuals**2).mean(axis=1)
-        if float(np.median(squares)) > MAX_NOISE_RAD**2 + old.sigma_rad**2:
+        limit = MAX_NOISE_RAD**2 + estimate.sigma_rad**2
+        if float(np.median(squares)) > limit:
             turned_deg = math.degrees(float(np.median(np.linalg.norm(residuals, axis=1))))
             self._pairs.clear()
             newest.clear()
@@ -309,43 +336,59 @@ class ForearmYaw:
             self._reason = f", as wrist and body have turned by {turned_deg:.0f}° against each other:"
 
     def _match(self) -> None:
+        """Interpolate the body at the times of the arm, once it is known after them."""
         while self._arms and self._bodies and self._arms[0][0] <= self._bodies[-1][0]:
             stamp_ns, arm = self._arms.popleft()
-            after = bisect.bisect_left(self._bodies, stamp_ns, key=lambda each: each[0])
-            (begin_ns, first), (end_ns, second) = self._bodies[max(0, after - 1)], self._bodies[after]
-            if begin_ns > stamp_ns or end_ns - begin_ns > MAX_GAP_NS:
+            index = bisect.bisect_left(self._bodies, stamp_ns, key=lambda body: body[0])
+            before_ns, before = self._bodies[max(0, index - 1)]
+            after_ns, after = self._bodies[index]
+            if before_ns > stamp_ns or after_ns - before_ns > MAX_GAP_NS:
                 continue
-            share = (stamp_ns - begin_ns) / max(1, end_ns - begin_ns)
-            body = (1.0 - share) * first + share * (second if first @ second >= 0.0 else -second)
-            self._add(stamp_ns, arm, body / np.linalg.norm(body))
 
-    def _add(self, stamp_ns: int, arm: Array, body: Array) -> None:
+            # Both signs of a quaternion are the same rotation: the nearer one
+            share = (stamp_ns - before_ns) / max(1, after_ns - before_ns)
+            near_after = after if before @ after >= 0.0 else -after
+            body = (1.0 - share) * before + share * near_after
+            self._add_pair(stamp_ns, arm, body / np.linalg.norm(body))
+
+    def _add_pair(self, stamp_ns: int, arm: Array, body: Array) -> None:
+        """Store orientations of arm and body at one time, once those after them show the angular velocity."""
+        # The middle of the recent ones, without a long gap between
         if self._recent and stamp_ns - self._recent[-1][0] > 4 * MAX_GAP_NS:
             self._recent.clear()
         self._recent.append((stamp_ns, arm, body))
         if len(self._recent) < (self._recent.maxlen or 0):
             return
-        middle_ns, arm, body = self._recent[2]
-        (begin_ns, _, first), (end_ns, _, last) = self._recent[0], self._recent[-1]
-        pair = _Pair(middle_ns, arm, body, first, last, (end_ns - begin_ns) / NS_PER_S)
+        begin_ns, _, first_body = self._recent[0]
+        middle_ns, middle_arm, middle_body = self._recent[2]
+        end_ns, _, last_body = self._recent[-1]
+        turn_s = (end_ns - begin_ns) / NS_PER_S
+        pair = _Pair(middle_ns, middle_arm, middle_body, first_body, last_body, turn_s)
+
+        # Those that may contradict the estimate, also at rest
         newest = self._newest
         if not newest or middle_ns - newest[-1].stamp_ns >= CONTRADICTION_STEP_NS:
             newest.append(pair)
             while middle_ns - newest[0].stamp_ns > CONTRADICTION_NS:
                 newest.popleft()
+
+        # Those of which the estimate is made, only while the arm moves
         if self._pairs:
-            moved = 2.0 * math.acos(min(1.0, abs(float(body @ self._pairs[-1].body)))) >= MIN_TURN_RAD
-            self._moved_ns = middle_ns if moved else self._moved_ns
+            cosine = min(1.0, abs(float(middle_body @ self._pairs[-1].body)))
+            turn_rad = 2.0 * math.acos(cosine)
+            if turn_rad >= MIN_TURN_RAD:
+                self._moved_ns = middle_ns
             if middle_ns - self._moved_ns > HOLD_NS:
                 return
         self._pairs.append(pair)
 
 
 def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
+    """Return True if `new` is at least as certain, or contradicts the older estimate."""
+    if new.sigma_rad <= old.sigma_rad:
+        return True
     apart_rad = abs(math.remainder(new.yaw_rad - old.yaw_rad, math.tau))
-    return new.sigma_rad <= old.sigma_rad or apart_rad > SWITCH_SIGMAS * math.hypot(
-        new.sigma_rad, old.sigma_rad
-    )
+    return apart_rad > SWITCH_SIGMAS * math.hypot(new.sigma_rad, old.sigma_rad)
 
 
 class _Turns(NamedTuple):
@@ -357,20 +400,20 @@ class _Turns(NamedTuple):
 
     @classmethod
     def of(cls, pairs: Sequence[_Pair]) -> "_Turns":
-        before = Rotation.from_quat([each.before for each in pairs])
-        after = Rotation.from_quat([each.after for each in pairs])
-        return cls(
-            Rotation.from_quat([each.arm for each in pairs]),
-            Rotation.from_quat([each.body for each in pairs]),
-            (after * before.inv()).as_rotvec() / np.array([[each.turn_s] for each in pairs]),
-        )
+        arms = Rotation.from_quat([pair.arm for pair in pairs])
+        bodies = Rotation.from_quat([pair.body for pair in pairs])
+        before = Rotation.from_quat([pair.before for pair in pairs])
+        after = Rotation.from_quat([pair.after for pair in pairs])
+        turns_s = np.array([[pair.turn_s] for pair in pairs])
+        rates = (after * before.inv()).as_rotvec() / turns_s
+        return cls(arms, bodies, rates)
 
     def residuals(self, yaw_rad: float, mount_rotation: Rotation, delay_s: float) -> Array:
         """Return the turns (n x 3) in {W} by which the bodies differ from an estimate, rad."""
-        turned = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * self.arm_rotations
-        return np.asarray(
-            (self.body_rotations * (turned * mount_rotation).inv()).as_rotvec() - delay_s * self.rates
-        )
+        turned_arms = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * self.arm_rotations
+        expected_bodies = turned_arms * mount_rotation
+        differences = (self.body_rotations * expected_bodies.inv()).as_rotvec()
+        return np.asarray(differences - delay_s * self.rates)
 
 
 class _Fit(NamedTuple):
@@ -383,16 +426,20 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
 
     Returns the reason if the turns do not agree, None if they do not show the yaw.
     """
+    # Derivatives that do not depend on the parameters
     turns = _Turns.of(pairs)
     arms, bodies, rates = turns
-    stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
+    stamps_ns = np.array([pair.stamp_ns for pair in pairs], dtype=np.int64)
     columns = np.zeros((len(pairs), 3, 6))
     columns[:, 2, 0] = 1.0
     columns[:, :, 4] = rates
     columns[:, 2, 5] = (stamps_ns - stamps_ns[-1]) / NS_PER_S
-    parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw
+
+    # Start: yaw, turn of the mount (3), delay, drift of the yaw; and the mount that fits on average
+    parameters = np.zeros(6)
     parameters[0] = _first_yaw(arms, bodies)
-    mount = ((Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms).inv() * bodies).mean()
+    turned_arms = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
+    mount = (turned_arms.inv() * bodies).mean()
 
     def linearize() -> Linearization:
         turned = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
@@ -405,12 +452,15 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
         offset = np.array((0.0, 0.0, 0.0, 0.0, *parameters[4:]))
         return Linearization(stamps_ns, weights, columns, residuals, PRECISION, offset)
 
+    # Gauss-Newton steps. The turn of the mount is applied to the mount itself: its sum has no meaning.
     linearization = linearize()
     for _ in range(ITERATIONS):
         step = _white_step(linearization)
         mount = Rotation.from_rotvec(step[1:4]) * mount
         parameters += step
         linearization = linearize()
+
+    # A last step with errors that last
     if float((linearization.residuals**2).mean()) > MAX_NOISE_RAD**2:
         return DISAGREEMENT
     result = solve_lasting(linearization)
@@ -428,17 +478,24 @@ def _white_step(linearization: Linearization) -> Array:
     matrix = linearization.columns.reshape(-1, 6)
     weighted = matrix * np.repeat(linearization.weights, 3)[:, None]
     information = weighted.T @ matrix + NOISE_RAD**2 * PRECISION
-    gradient = weighted.T @ linearization.residuals.ravel() - NOISE_RAD**2 * PRECISION @ linearization.offset
-    return np.linalg.lstsq(information, gradient, rcond=None)[0].astype(np.float64)
+    prior_gradient = NOISE_RAD**2 * PRECISION @ linearization.offset
+    gradient = weighted.T @ linearization.residuals.ravel() - prior_gradient
+    solution, *_ = np.linalg.lstsq(information, gradient, rcond=None)  # yaw and mount may be undetermined
+    return solution.astype(np.float64)
 
 
 def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
-    chosen = np.linspace(0, len(arm_rotations) - 1, min(len(arm_rotations), 40)).astype(int)
-    first, second = np.triu_indices(len(chosen), 1)
-    first = chosen[first]
-    second = chosen[second]
+    # Turns between all pairs of some samples, evenly over the time
+    count = min(len(arm_rotations), 40)
+    chosen = np.linspace(0, len(arm_rotations) - 1, count).astype(int)
+    first_indices, second_indices = np.triu_indices(count, 1)
+    first = chosen[first_indices]
+    second = chosen[second_indices]
     a = (arm_rotations[second] * arm_rotations[first].inv()).as_rotvec()
     b = (body_rotations[second] * body_rotations[first].inv()).as_rotvec()
-    across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    return math.atan2(across, float((a[:, :2] * b[:, :2]).sum()))
+
+    # Yaw that turns the level parts of one into those of the other, by least squares
+    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    dot = float((a[:, :2] * b[:, :2]).sum())
+    return math.atan2(cross, dot)

@@ -58,8 +58,8 @@ def find_true_poses(messages: Mapping[str, TrackedObjects]) -> dict[str, TruePos
     """Return the true poses by person, from the newest message of each tracker. A known yaw wins."""
     poses: dict[str, TruePose] = {}
     for message in messages.values():
-        for each in message.objects:
-            known = poses.get(each.id)
-            if each.kind == PERSON_FRAME or (each.kind == PERSON and known is None):
-                poses[each.id] = TruePose.from_object(each, message.stamp_ns)
+        for tracked in message.objects:
+            is_first = tracked.kind == PERSON and tracked.id not in poses
+            if tracked.kind == PERSON_FRAME or is_first:
+                poses[tracked.id] = TruePose.from_object(tracked, message.stamp_ns)
     return poses

@@ -61,26 +61,36 @@ def read_cloud(path: Path, entry: CloudEntry) -> Points:
     """
     points: Points = read_points(path, entry.columns)
     lowest = points.min(axis=0)
-    matrix = np.rint([rotate(UP_AXES[entry.up], axis) for axis in _AXES])
+
+    # Into {W}. Rotations by quarters are rounded, so that coordinates stay exact.
+    up_rotation = np.rint([rotate(UP_AXES[entry.up], axis) for axis in _AXES])
     c = np.cos(np.radians(entry.yaw_deg))
     s = np.sin(np.radians(entry.yaw_deg))
+    yaw_rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     with np.errstate(over="ignore", invalid="ignore"):  # checked below
         points -= entry.origin
         points *= entry.unit
-        points = np.asarray(points @ (matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])))
+        points = np.asarray(points @ (up_rotation @ yaw_rotation))
         points += entry.position
         low = points.min(axis=0)
         high = points.max(axis=0)
         extent_m = float((high - low).max())
         away_m = float(np.maximum(np.maximum(low, -high), 0.0).max())
+
+    # Each implausible figure has the parameter that is probably wrong. An infinite or lost one is one, too.
     if not MIN_EXTENT_M <= extent_m <= MAX_EXTENT_M:
-        example = "mm" if extent_m > MAX_EXTENT_M else "km" if entry.unit == 1.0 else "m"
+        example = "m"
+        if extent_m > MAX_EXTENT_M:
+            example = "mm"
+        elif entry.unit == 1.0:
+            example = "km"
         raise ConfigError(
             f"{path}: its longest side is {extent_m:.6g} m, and that of a room is {MIN_EXTENT_M:g} to "
             f"{MAX_EXTENT_M:g} m; set unit in the map to that of the file, such as unit: {example}"
         )
     if not away_m <= MAX_EXTENT_M:
-        origin = ", ".join(f"{value:.10g}" for value in np.floor(lowest * 10.0) / 10.0)
+        rounded = np.floor(lowest * 10.0) / 10.0
+        origin = ", ".join(f"{value:.10g}" for value in rounded)
         raise ConfigError(
             f"{path}: is {away_m:.6g} m from the map's origin, limit {MAX_EXTENT_M:g} m; set origin in the "
             f"map to the point of the file that is there, such as origin: [{origin}]"
@@ -112,18 +122,21 @@ def read_points(path: Path, columns: Wanted = XYZ) -> Points:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
             raise ConfigError(f"{path}: is not a file; give the file itself")
-        points = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
+        points = _read_ply(path, columns) if suffix == ".ply" else _read_text(path, columns)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not UTF-8 text; save it as UTF-8, or as a binary .ply") from error
+
+    # Programs write lost points as NaN
     if not len(points):
         raise ConfigError(f"{path}: has no points; give a file with at least one")
-    good = np.isfinite(points).all(axis=1)
-    if not good.all():
-        first = int(np.argmin(good))
+    is_finite = np.isfinite(points).all(axis=1)
+    if not is_finite.all():
+        count = len(points) - int(is_finite.sum())
+        first = int(np.argmin(is_finite))
         raise ConfigError(
-            f"{path}: {len(points) - int(good.sum())} of {len(points)} points are not finite, the first is "
+            f"{path}: {count} of {len(points)} points are not finite, the first is "
             f"point {first + 1} {format_value(points[first].tolist())}; remove them"
         )
     return points
@@ -146,7 +159,7 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
     else:
         with path.open(encoding="latin-1") as file:
             file.seek(header.body)
-            skip = min(sum(each.rows for each in header.before), sys.maxsize)
+            skip = min(sum(element.rows for element in header.before), sys.maxsize)
             lines: Iterable[str] = filter(str.strip, file) if skip else file  # blank lines are no rows
             columns = header.columns
             if header.is_list_before_points:
@@ -167,28 +180,32 @@ def _read_text(path: Path, wanted: Wanted) -> Points:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     has_decimal_commas = layout.delimiter != "," and any("," in line for line in sample[layout.skip :])
+    delimiter = layout.delimiter if layout.delimiter != " " else None
     with path.open(encoding="utf-8-sig") as file:
-        rows = check_lengths(file, f"{path}: ")
+        lines = check_lengths(file, f"{path}: ")
+        if has_decimal_commas:
+            lines = (line.replace(",", ".") for line in lines)
         points = _table(
             path,
-            (line.replace(",", ".") if has_decimal_commas else line for line in rows),
+            lines,
             columns=[layout.indices[axis] for axis in XYZ],
             skip=layout.skip,
             max_rows=MAX_POINTS + 1,
-            delimiter=layout.delimiter if layout.delimiter != " " else None,
+            delimiter=delimiter,
         )
     _check_size(path, len(points), "more")
     return points
 
 
 def _text_layout(sample: Sequence[str], wanted: Wanted) -> TextLayout:
-    if pcd := read_pcd_header(sample):
-        skip, names = pcd
-        indices = column_indices(wanted, names)
-        if indices is None:
-            raise ConfigError(f"its fields are {shown_cells(names)}; {REMEDY}")
-        return TextLayout(skip, " ", len(names), indices, names, REMEDY)
-    return find_layout(sample, wanted, anchors=("x", "y", "z"), remedy=REMEDY)
+    pcd_header = read_pcd_header(sample)
+    if pcd_header is None:
+        return find_layout(sample, wanted, anchors=("x", "y", "z"), remedy=REMEDY)
+    skip, names = pcd_header
+    indices = column_indices(wanted, names)
+    if indices is None:
+        raise ConfigError(f"its fields are {shown_cells(names)}; {REMEDY}")
+    return TextLayout(skip, " ", len(names), indices, names, REMEDY)
 
 
 def _table(
@@ -200,8 +217,14 @@ def _table(
     max_rows: int,
     delimiter: str | None = None,
 ) -> Points:
+    """Return the numbers in `columns` of `lines`, one row a line.
+
+    Raises:
+        ConfigError: If a row has no numbers there.
+    """
+    # Numpy warns of a table without rows, which the caller reports
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # no rows: the caller reports it
+        warnings.simplefilter("ignore", UserWarning)
         try:
             return np.loadtxt(
                 lines,
@@ -212,7 +235,7 @@ def _table(
                 ndmin=2,
                 quotechar='"',
             )
-        except UnicodeDecodeError:
+        except UnicodeDecodeError:  # a ValueError, too, which the caller reports
             raise
         except ValueError as error:
             reason = str(error).splitlines()[0].removesuffix(".")

@@ -59,10 +59,11 @@ def write_new(path: Path, text: str | bytes) -> None:
         ConfigError: If it exists already, or cannot be written.
     """
     part = part_of_file(path)
+    content = text.encode() if isinstance(text, str) else text
     try:
         try:
             with part.open("xb") as opened:
-                opened.write(text.encode() if isinstance(text, str) else text)
+                opened.write(content)
             rename_to_new(part, path)
         finally:
             part.unlink(missing_ok=True)
@@ -181,9 +182,9 @@ def _whole(data: Data) -> Data:
 def _plain(value: Any) -> Any:
     """Return a copy that shares nothing."""
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in cast("Data", value).items()}
+        return {key: _plain(item) for key, item in cast("Data", value).items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in cast("Sequence[Any]", value)]
+        return [_plain(item) for item in cast("Sequence[Any]", value)]
     return value
 
 
@@ -194,12 +195,14 @@ def _rounded(value: Any) -> Any:
         RefusedError: If a number is not finite.
     """
     if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in cast("Data", value).items()}
+        return {key: _rounded(item) for key, item in cast("Data", value).items()}
     if isinstance(value, (list, tuple)):
-        return [_rounded(each) for each in cast("Sequence[Any]", value)]
-    if isinstance(value, float) and not math.isfinite(value):
+        return [_rounded(item) for item in cast("Sequence[Any]", value)]
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
         raise RefusedError(f"{value} is no number; write metres or degrees")
-    return round(value, DIGITS) if isinstance(value, float) else value
+    return round(value, DIGITS)
 
 
 def _apply(data: Data, edits: Sequence[Edit]) -> Names:
@@ -208,9 +211,13 @@ def _apply(data: Data, edits: Sequence[Edit]) -> Names:
     Raises:
         RefusedError: If an entry is not there, or two have one name.
     """
+    # Values, in entries that have their old names. Removals and renames are only noted, so that two edits of
+    # one entry find it.
     names: Names = {}
     removed: set[tuple[str, str]] = set()
-    for edit in (each for each in edits if not isinstance(each, Add)):
+    for edit in edits:
+        if isinstance(edit, Add):
+            continue
         entries: Data = data.get(edit.section) or {}
         entry = entries.get(edit.name)
         if not isinstance(entry, dict):
@@ -221,14 +228,17 @@ def _apply(data: Data, edits: Sequence[Edit]) -> Names:
             removed.add((edit.section, edit.name))
         else:
             names.setdefault(edit.section, {})[edit.name] = edit.to
+
+    # Removed entries free their names for others, and renamed ones for new entries
     for section, name in removed:
         del data[section][name]
         names.get(section, {}).pop(name, None)
-    is_set = {(each.name, each.key) for each in edits if isinstance(each, SetValue)}
+    is_set = {(edit.name, edit.key) for edit in edits if isinstance(edit, SetValue)}
     for section, renamed in names.items():
         _rename(data, section, renamed, is_set)
-    for added in (each for each in edits if isinstance(each, Add)):
-        _add(data, added.section, added.name, _rounded(added.value))
+    for edit in edits:
+        if isinstance(edit, Add):
+            _add(data, edit.section, edit.name, _rounded(edit.value))
     return names
 
 
@@ -240,8 +250,11 @@ def _set(entry: Data, key: str, value: Any) -> None:
 
 
 def _rename(data: Data, section: str, names: Mapping[str, str], is_set: set[tuple[str, str]]) -> None:
-    for holder, key in [*_references(data, section, is_set)]:
-        holder[key] = names.get(str(written_text(holder[key])), holder[key])
+    """Give entries of `section` new names, in what refers to them, too, but things in `is_set`."""
+    references = [*_references(data, section, is_set)]
+    for holder, key in references:
+        old_name = str(written_text(holder[key]))
+        holder[key] = names.get(old_name, holder[key])
     entries = cast("Data", data[section])
     data[section] = {}
     for name, entry in entries.items():
@@ -257,30 +270,47 @@ def _add(data: Data, section: str, name: str, entry: Any) -> None:
 
 def _references(data: Data, section: str, is_set: set[tuple[str, str]]) -> Iterator[tuple[Data, str]]:
     """Yield holders and keys of values that name an entry of `section`, but those of things in `is_set`."""
-    if section == "belts" or (section == "strips" and not data.get("belts")):
-        yield from ((link, key) for link in data.get("links") or () for key in ("from", "to") if key in link)
-        bays: Data = data.get("bays") or {}
-        yield from ((bays, key) for key in bays)
+    # Links and bays name belts, or strips in a map without belts
+    is_lane = section == "belts"
+    if section == "strips":
+        is_lane = not data.get("belts")
+    if is_lane:
+        yield from _lane_references(data)
+
+    # Things name a part of a strip or of a belt, or a lamp
     things: Mapping[str, Data] = data.get("things") or {}
     for name, thing in things.items():
         for key, kind in (("light", "strip"), ("at", "belt")):
             place = thing.get(key)
             if place is None or (name, key) in is_set:
                 continue
-            if isinstance(place, dict) and section == f"{kind}s" and kind in place:
-                yield cast("Data", place), kind
-            elif not isinstance(place, dict) and (section, key) == ("lamps", "light"):
+            if isinstance(place, dict):
+                if section == f"{kind}s" and kind in place:
+                    yield cast("Data", place), kind
+            elif (section, key) == ("lamps", "light"):
                 yield thing, key
+
+
+def _lane_references(data: Data) -> Iterator[tuple[Data, str]]:
+    """Yield holders and keys of values that name a belt, or a strip along which objects move."""
+    links: Sequence[Data] = data.get("links") or ()
+    for link in links:
+        for key in ("from", "to"):
+            if key in link:
+                yield link, key
+    bays: Data = data.get("bays") or {}
+    for bay in bays:
+        yield bays, bay
 
 
 def _flow(value: Any) -> str:
     """Return `value` as YAML on one line."""
     if isinstance(value, dict):
-        return (
-            "{" + ", ".join(f"{_key(key)}: {_flow(each)}" for key, each in cast("Data", value).items()) + "}"
-        )
+        pairs = [f"{_key(key)}: {_flow(item)}" for key, item in cast("Data", value).items()]
+        return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_flow(each) for each in cast("Sequence[Any]", value)) + "]"
+        items = [_flow(item) for item in cast("Sequence[Any]", value)]
+        return "[" + ", ".join(items) + "]"
     if isinstance(value, str):
         return quoted(value)
     if isinstance(value, float):
@@ -290,7 +320,8 @@ def _flow(value: Any) -> str:
 
 def _key(name: str) -> str:
     """Return a name as YAML. A number needs no quotes if every reader has the same text for it."""
-    return name if re.fullmatch("0|[1-9][0-9]*", name) else quoted(name)
+    is_number = re.fullmatch("0|[1-9][0-9]*", name) is not None
+    return name if is_number else quoted(name)
 
 
 class _Document:
@@ -306,16 +337,20 @@ class _Document:
     def holding(self, data: Data, names: Names) -> str:
         """Return the text with the least changes that make it hold `data`; another one if they overlap."""
         parts: list[str] = []
-        done = 0
-        for start, end, text in sorted(self._sections(data, names), key=lambda splice: splice[:2]):
-            parts += (self._text[done:start], text)
-            done = end
-        return "".join((*parts, self._text[done:]))
+        copied = 0
+        splices = sorted(self._sections(data, names), key=lambda splice: splice[:2])
+        for start, end, text in splices:
+            parts += (self._text[copied:start], text)
+            copied = end
+        return "".join((*parts, self._text[copied:]))
 
     def _sections(self, data: Data, names: Names) -> Iterator[_Splice]:
+        """Yield changes of the sections, and the sections that the text does not have."""
         missing = dict(_whole(data))
         for key, node in self._pairs:
-            section = "lamps" if key.value == "leds" and "leds" not in data else key.value
+            section = key.value
+            if section == "leds" and "leds" not in data:  # the old name of lamps
+                section = "lamps"
             value = missing.pop(section, {})
             if isinstance(node, yaml.ScalarNode) and isinstance(value, dict):
                 if value:  # nothing yet
@@ -325,20 +360,24 @@ class _Document:
                 yield from self._node(key, node, value, names.get(section, {}))
         if missing:
             end = len(self._text)
-            lead = "" if not end or self._text[-1] in "\r\n" else self._newline
-            blocks = "".join(f"{key}:{self._block(value)}{self._newline}" for key, value in missing.items())
-            yield _Splice(end, end, lead + blocks)
+            ends_line = not end or self._text[-1] in "\r\n"
+            text = "" if ends_line else self._newline
+            for section, entries in missing.items():
+                text += f"{section}:{self._block(entries)}{self._newline}"
+            yield _Splice(end, end, text)
 
     def _block(self, entries: Data) -> str:
-        return "".join(f"{self._newline}  {_key(name)}: {_flow(value)}" for name, value in entries.items())
+        """Return the entries of a section, each on a line that begins with its end."""
+        lines = [f"{self._newline}  {_key(name)}: {_flow(value)}" for name, value in entries.items()]
+        return "".join(lines)
 
     def _node(self, key: Any, node: Any, value: Any, names: Mapping[str, str]) -> Iterator[_Splice]:
         """Yield changes that make `node`, of `key` if it is in a mapping, hold `value`; `names`: new keys."""
         if isinstance(node, yaml.MappingNode) and isinstance(value, dict):
             yield from self._mapping(node, cast("Data", value), names)
         elif isinstance(node, yaml.SequenceNode) and _is_as_long(value, node):
-            for below, each in zip(node.value, value, strict=True):
-                yield from self._node(None, below, each, {})
+            for item_node, item in zip(node.value, value, strict=True):
+                yield from self._node(None, item_node, item, {})
         elif isinstance(node, yaml.ScalarNode) and not isinstance(value, (list, dict)):
             if _value(node) != value:
                 yield _Splice(self._at(node.start_mark), self._end(node), _flow(value))
@@ -349,48 +388,60 @@ class _Document:
             yield _Splice(start, self._end(node), " " + _flow(value))
 
     def _mapping(self, node: Any, value: Data, names: Mapping[str, str]) -> Iterator[_Splice]:
-        pairs = [(key, below) for key, below in node.value if not key.tag.endswith(":merge")]
-        old = [str(key.value) for key, _ in pairs]
-        new = [names.get(name, name) for name in old]
-        for (key, below), before, name in zip(pairs, old, new, strict=True):
+        """Yield changes of a mapping: keys and values that stay, then those removed and added."""
+        pairs = [(key, value_node) for key, value_node in node.value if not key.tag.endswith(":merge")]
+        new_names: list[str] = []
+        for key, value_node in pairs:
+            old_name = str(key.value)
+            name = names.get(old_name, old_name)
+            new_names.append(name)
             if name not in value:
                 continue
-            if name != before:
+            if name != old_name:
                 yield _Splice(self._at(key.start_mark), self._at(key.end_mark), _key(name))
-            yield from self._node(key, below, value[name], {})
-        gone = [name not in value for name in new]
-        added = [f"{_key(name)}: {_flow(each)}" for name, each in value.items() if name not in new]
+            yield from self._node(key, value_node, value[name], {})
+        removed = [name not in value for name in new_names]
+        added = [f"{_key(name)}: {_flow(item)}" for name, item in value.items() if name not in new_names]
         if node.flow_style:
-            yield from self._in_flow(self._at(node.start_mark) + 1, pairs, gone, added)
+            yield from self._in_flow(self._at(node.start_mark) + 1, pairs, removed, added)
         else:
-            yield from self._in_block(pairs, gone, added)
+            yield from self._in_block(pairs, removed, added)
 
     def _in_flow(
-        self, end: int, pairs: Pairs, gone: Sequence[bool], added: Sequence[str]
+        self, end: int, pairs: Pairs, removed: Sequence[bool], added: Sequence[str]
     ) -> Iterator[_Splice]:
+        """Yield changes between braces. A pair goes with the comma before it, the first with the one behind."""
         for index, (key, value) in enumerate(pairs):
-            before = end
+            previous_end = end
             end = self._end(value)
-            if not gone[index]:
+            if not removed[index]:
                 continue
-            if not all(gone[:index]):
-                yield _Splice(before, end, "")
-            else:
-                is_last = index + 1 == len(pairs)
-                next_at = end if is_last else self._at(pairs[index + 1][0].start_mark)
-                yield _Splice(self._at(key.start_mark), next_at, "")
+            if not all(removed[:index]):
+                yield _Splice(previous_end, end, "")
+                continue
+            next_start = end
+            if index + 1 < len(pairs):
+                next_key, _ = pairs[index + 1]
+                next_start = self._at(next_key.start_mark)
+            yield _Splice(self._at(key.start_mark), next_start, "")
         if added:
-            yield _Splice(end, end, ("" if all(gone) else ", ") + ", ".join(added))
+            comma = "" if all(removed) else ", "
+            yield _Splice(end, end, comma + ", ".join(added))
 
-    def _in_block(self, pairs: Pairs, gone: Sequence[bool], added: Sequence[str]) -> Iterator[_Splice]:
-        for (key, value), is_gone in zip(pairs, gone, strict=True):
-            if is_gone:
+    def _in_block(self, pairs: Pairs, removed: Sequence[bool], added: Sequence[str]) -> Iterator[_Splice]:
+        """Yield changes of whole lines, those added with the indent of the first one."""
+        for (key, value), is_removed in zip(pairs, removed, strict=True):
+            if is_removed:
                 yield _Splice(self._lines[key.start_mark.line], self._next_line(value), "")
         if added:
-            end = self._next_line(pairs[-1][1])
-            lead = "" if self._text[end - 1] in "\n\r" else self._newline
-            indent = " " * pairs[0][0].start_mark.column
-            yield _Splice(end, end, lead + "".join(f"{indent}{each}{self._newline}" for each in added))
+            first_key, _ = pairs[0]
+            _, last_value = pairs[-1]
+            end = self._next_line(last_value)
+            text = "" if self._text[end - 1] in "\n\r" else self._newline
+            indent = " " * first_key.start_mark.column
+            for pair in added:
+                text += f"{indent}{pair}{self._newline}"
+            yield _Splice(end, end, text)
 
     def _at(self, mark: Any) -> int:
         """Return the place of `mark` in the text; the parser's own index counts otherwise."""
@@ -402,13 +453,18 @@ class _Document:
         """Return where the text of `node` ends; the parser ends a block where the next thing begins."""
         if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
             return self._at(node.end_mark)
-        last = node.value[-1]
-        return self._end(last[1] if isinstance(node, yaml.MappingNode) else last)
+        if isinstance(node, yaml.MappingNode):
+            _, last_value = node.value[-1]
+            return self._end(last_value)
+        return self._end(node.value[-1])
 
     def _next_line(self, node: Any) -> int:
         """Return the beginning of the line after `node`, and a comment beside it."""
         end = self._end(node)
-        return next((start for start in self._lines if start > end), len(self._text))
+        for start in self._lines:
+            if start > end:
+                return start
+        return len(self._text)
 
 
 def _is_as_long(value: Any, node: Any) -> bool:

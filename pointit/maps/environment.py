@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.vector import Vec3
-from pointit.maps.model import LinkEntry, MapFile, broken_things, things_of
+from pointit.maps.model import LinkEntry, MapFile
+from pointit.maps.things import broken_things, things_of
 from pointit.runtime.config.validation_message import join_names
 from pointit.schemas import Environment
 from pointit.schemas.environment import (
@@ -46,15 +46,21 @@ class Lane:
 
 def lanes_of(file: MapFile) -> dict[str, Lane]:
     """Return the lanes of `file` by name."""
+    lanes: dict[str, Lane] = {}
     if file.belts:
-        return {name: Lane(name, Polyline(belt.centerline), belt.width) for name, belt in file.belts.items()}
-    return {name: Lane(name, Polyline(strip.line), STRIP_WIDTH_M) for name, strip in file.strips.items()}
+        for name, belt in file.belts.items():
+            lanes[name] = Lane(name, Polyline(belt.centerline), belt.width)
+        return lanes
+    for name, strip in file.strips.items():
+        lanes[name] = Lane(name, Polyline(strip.line), STRIP_WIDTH_M)
+    return lanes
 
 
 def leaves_at(link: LinkEntry, source: Lane) -> float:
     """Return the arc length on `source` where `link` leaves it."""
-    at = source.line.length_m if link.from_position is None else link.from_position
-    return min(max(at, 0.0), source.line.length_m)
+    length_m = source.line.length_m
+    position_m = length_m if link.from_position is None else link.from_position
+    return min(max(position_m, 0.0), length_m)
 
 
 def enters_at(link: LinkEntry, target: Lane) -> float:
@@ -77,9 +83,10 @@ def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
                 continue
             length = lanes[name].line.length_m
             if position is not None and not -OVERHANG_M <= position <= length + OVERHANG_M:
+                max_position = math.floor(length * 1000) / 1000
                 yield (
                     f"links.{index}.{end}_position",
-                    f"{position:g} m is off {kind} {name}; write 0 to {math.floor(length * 1000) / 1000:g}",
+                    f"{position:g} m is off {kind} {name}; write 0 to {max_position:g}",
                 )
     for bay, name in file.bays.items():
         if name not in lanes:
@@ -91,71 +98,86 @@ def environment(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
 ) -> Environment:
     """Return the message of `file`, whose links, bays and things are valid; `clouds` are in {W}, n x 3."""
+    # Lamps, and what objects move along
+    lamps = tuple(Lamp(id=key, position_m=lamp.position) for key, lamp in file.lamps.items())
+    strips = tuple(
+        Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
+        for key, strip in file.strips.items()
+    )
+    belts = tuple(
+        Belt(id=key, line_m=belt.centerline, width_m=belt.width) for key, belt in file.belts.items()
+    )
+    bays = tuple(Bay(id=key, belt=belt) for key, belt in file.bays.items())
+    frames = tuple(
+        Frame(id=key, position_m=frame.position, orientation_xyzw=frame.orientation_xyzw)
+        for key, frame in file.frames.items()
+    )
+
+    # Solids
+    boxes = tuple(
+        Box(id=key, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
+        for key, box in file.boxes.items()
+    )
+    planes = tuple(
+        Plane(id=key, center_m=plane.center, normal=plane.normal, size_m=plane.size)
+        for key, plane in file.planes.items()
+    )
+    cylinders = tuple(
+        Cylinder(id=key, center_m=cylinder.center, radius_m=cylinder.radius, height_m=cylinder.height)
+        for key, cylinder in file.cylinders.items()
+    )
+    spheres = tuple(
+        Sphere(id=key, center_m=sphere.center, radius_m=sphere.radius) for key, sphere in file.spheres.items()
+    )
+
+    # Areas, and places from which the map was paced
+    fences = tuple(
+        Fence(id=key, kind=fence.kind, outline_m=fence.outline, low_m=fence.low, high_m=fence.high)
+        for key, fence in file.fences.items()
+    )
+    paced_from = tuple(
+        PacedPlace(id=key, position_m=place.position) for key, place in file.paced_from.items()
+    )
     return Environment(
         stamp_ns=stamp_ns,
         name=name,
-        lamps=tuple(Lamp(id=key, position_m=lamp.position) for key, lamp in file.lamps.items()),
-        strips=tuple(
-            Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
-            for key, strip in file.strips.items()
-        ),
-        belts=tuple(
-            Belt(id=key, line_m=belt.centerline, width_m=belt.width) for key, belt in file.belts.items()
-        ),
+        lamps=lamps,
+        strips=strips,
+        belts=belts,
         links=_links(file),
-        bays=tuple(Bay(id=key, belt=belt) for key, belt in file.bays.items()),
-        frames=tuple(
-            Frame(id=key, position_m=each.position, orientation_xyzw=each.orientation_xyzw)
-            for key, each in file.frames.items()
-        ),
-        boxes=tuple(
-            Box(id=key, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
-            for key, box in file.boxes.items()
-        ),
-        planes=tuple(
-            Plane(id=key, center_m=plane.center, normal=plane.normal, size_m=plane.size)
-            for key, plane in file.planes.items()
-        ),
-        cylinders=tuple(
-            Cylinder(id=key, center_m=each.center, radius_m=each.radius, height_m=each.height)
-            for key, each in file.cylinders.items()
-        ),
-        spheres=tuple(
-            Sphere(id=key, center_m=each.center, radius_m=each.radius) for key, each in file.spheres.items()
-        ),
-        clouds=tuple(
-            Cloud(
-                id=key,
-                points=len(points),
-                low_m=_vector(points.min(axis=0)),
-                high_m=_vector(points.max(axis=0)),
-            )
-            for key, points in clouds.items()
-        ),
-        fences=tuple(
-            Fence(id=key, kind=each.kind, outline_m=each.outline, low_m=each.low, high_m=each.high)
-            for key, each in file.fences.items()
-        ),
+        bays=bays,
+        frames=frames,
+        boxes=boxes,
+        planes=planes,
+        cylinders=cylinders,
+        spheres=spheres,
+        clouds=tuple(_cloud(key, points) for key, points in clouds.items()),
+        fences=fences,
         things=things_of(file),
-        paced_from=tuple(
-            PacedPlace(id=key, position_m=place.position) for key, place in file.paced_from.items()
-        ),
+        paced_from=paced_from,
     )
 
 
 def _links(file: MapFile) -> tuple[BeltLink, ...]:
     """Return the links, with positions that were rounded beyond an end clamped to it."""
     lanes = lanes_of(file)
-    return tuple(
-        BeltLink(
+    links: list[BeltLink] = []
+    for link in file.links:
+        source_position_m: float | None = None
+        if link.from_position is not None:
+            source_position_m = leaves_at(link, lanes[link.source])
+        belt_link = BeltLink(
             source=link.source,
             target=link.target,
-            source_position_m=(None if link.from_position is None else leaves_at(link, lanes[link.source])),
+            source_position_m=source_position_m,
             target_position_m=enters_at(link, lanes[link.target]),
         )
-        for link in file.links
-    )
+        links.append(belt_link)
+    return tuple(links)
 
 
-def _vector(values: NDArray[np.float64]) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))
+def _cloud(name: str, points: NDArray[np.float64]) -> Cloud:
+    """Return the extent of a cloud, whose points no message holds."""
+    low_x, low_y, low_z = points.min(axis=0).tolist()
+    high_x, high_y, high_z = points.max(axis=0).tolist()
+    return Cloud(id=name, points=len(points), low_m=(low_x, low_y, low_z), high_m=(high_x, high_y, high_z))

@@ -55,12 +55,18 @@ def to_csv(file: MapFile) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     has_offsets = any(strip.offset is not None for strip in file.strips.values())
-    writer.writerow(("x", "y", "z", "strip", "pixel") + ("wire",) * has_offsets)
+    header = ["x", "y", "z", "strip", "pixel"]
+    if has_offsets:
+        header.append("wire")
+    writer.writerow(header)
     firsts = first_pixels(file.strips)
     for name, strip in file.strips.items():
         for pixel, point in enumerate(positions(strip)):
-            wire = (firsts[name] + pixel,) * has_offsets
-            writer.writerow((*(f"{value:.5f}" for value in point), name, pixel, *wire))
+            row: list[object] = [f"{value:.5f}" for value in point]
+            row += (name, pixel)
+            if has_offsets:
+                row.append(firsts[name] + pixel)
+            writer.writerow(row)
     return text.getvalue()
 
 
@@ -97,11 +103,16 @@ def from_csv(
         groups.setdefault(pixel.strip, []).append(pixel)
     if not groups:
         raise ConfigError("there are no pixels: write one a line, as x,y,z in metres")
-    min_number = min((pixel.number for pixel in pixels if pixel.number is not None), default=first or 0)
+
+    # What the numbers mean is checked before any strip is made of them
+    numbers_given = [pixel.number for pixel in pixels if pixel.number is not None]
+    min_number = min(numbers_given, default=first or 0)
     _check_first(min_number, first, is_declared=not is_of_wire or "wire" in columns)
     if not (is_of_wire or "pixel" in columns):
         _check_numbers_of_strips(groups, first or 0)
-    found: list[tuple[str, int, FittedStrip]] = []
+
+    # Numbers of each strip become those of one wire, on which the strips follow one another
+    strips: list[tuple[str, int, FittedStrip]] = []
     usual_m = _usual_step(groups.values())
     end = 0
     for name, group in groups.items():
@@ -109,12 +120,15 @@ def from_csv(
         if not is_of_wire:
             numbers += end
             end = int(numbers[-1]) + 1
+
+        # A long step may be a gap between strips, unless a name or `gap_m` says otherwise
         if gap_m is None and not name:
-            for run in np.split(points, np.flatnonzero(np.diff(numbers) != 1) + 1):
+            starts = np.flatnonzero(np.diff(numbers) != 1) + 1
+            for run in np.split(points, starts):
                 check_steps(run)
-        fitted = fit_strips(points, numbers, usual_m, gap_m or math.inf)
-        found += [(name, int(numbers[each.first]), each) for each in fitted]
-    return named_strips(found, {*groups}, on_note)
+        for strip in fit_strips(points, numbers, usual_m, gap_m or math.inf):
+            strips.append((name, int(numbers[strip.first]), strip))
+    return named_strips(strips, {*groups}, on_note)
 
 
 def _check_first(lowest: int, first: int | None, *, is_declared: bool) -> None:
@@ -135,14 +149,21 @@ def _check_numbers_of_strips(groups: Mapping[str, Sequence[TablePixel]], first: 
     Raises:
         ConfigError: If no two strips share one, or one begins behind the number of its pixels.
     """
-    numbers = {
-        name: {each.number for each in group if each.number is not None} for name, group in groups.items()
-    }
-    are_shared = sum(map(len, numbers.values())) > len({*itertools.chain.from_iterable(numbers.values())})
-    for name, each in numbers.items():
-        if each and len(groups) > 1 and (min(each) - first >= len(each) or not are_shared):
+    if len(groups) < 2:
+        return
+    numbers_of: dict[str, set[int]] = {}
+    for name, group in groups.items():
+        numbers_of[name] = {pixel.number for pixel in group if pixel.number is not None}
+    distinct = {*itertools.chain.from_iterable(numbers_of.values())}
+    are_shared = sum(map(len, numbers_of.values())) > len(distinct)
+    for name, numbers in numbers_of.items():
+        if not numbers:
+            continue
+        begins_behind = min(numbers) - first >= len(numbers)
+        if begins_behind or not are_shared:
+            strip = name or "without a name"
             raise ConfigError(
-                f"pixels of strip {name or 'without a name'} have the numbers {min(each)} to {max(each)}; "
+                f"pixels of strip {strip} have the numbers {min(numbers)} to {max(numbers)}; "
                 "set columns to wire=pixel if they are those of the wire, or to pixel=pixel if of each strip"
             )
 
@@ -152,34 +173,41 @@ def _in_order(name: str, group: Sequence[TablePixel], base: int) -> tuple[NDArra
     lines: dict[int, TablePixel] = {}
     for index, pixel in enumerate(group):
         number = index if pixel.number is None else pixel.number - base
-        if (other := lines.setdefault(number, pixel)) is not pixel:
+        other = lines.setdefault(number, pixel)
+        if other is not pixel:
+            strip = f"of {name} " if name else ""
             raise ConfigError(
-                f"line {pixel.line}: pixel {pixel.number} {f'of {name} ' if name else ''}is in line "
-                f"{other.line}, too; correct one of them"
+                f"line {pixel.line}: pixel {pixel.number} {strip}is in line {other.line}, too; "
+                "correct one of them"
             )
     numbers = sorted(lines)
-    return np.array(numbers, dtype=np.intp), np.array([lines[number].point for number in numbers])
+    points = [lines[number].point for number in numbers]
+    return np.array(numbers, dtype=np.intp), np.array(points)
 
 
 def _usual_step(groups: Iterable[Sequence[TablePixel]]) -> float:
     """Return the length of a pixel, m."""
-    points = [np.array([pixel.point for pixel in group]) for group in groups]
-    if len(np.unique(np.concatenate(points), axis=0)) < 2:
+    points_of: list[Array] = []
+    for group in groups:
+        points_of.append(np.array([pixel.point for pixel in group]))
+    distinct = np.unique(np.concatenate(points_of), axis=0)
+    if len(distinct) < 2:
         raise ConfigError(
-            f"all pixels are at {points[0][0].tolist()}; correct their positions, "
+            f"all pixels are at {points_of[0][0].tolist()}; correct their positions, "
             "or write a single one into a map as a lamp"
         )
-    steps = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in points]
+    steps = [np.linalg.norm(np.diff(points, axis=0), axis=1) for points in points_of]
     return median_step(np.concatenate(steps)) or LONE_PIXEL_M
 
 
 def to_segments(file: MapFile) -> str:
     """Return the strips as WLED segments, JSON for its /json/state: one wire, in the order of the map."""
     firsts = first_pixels(file.strips)
-    segments = [
-        {"id": number, "n": name, "start": firsts[name], "stop": firsts[name] + strip.pixels, "rev": False}
-        for number, (name, strip) in enumerate(file.strips.items())
-    ]
+    segments: list[dict[str, object]] = []
+    for number, (name, strip) in enumerate(file.strips.items()):
+        start = firsts[name]
+        stop = start + strip.pixels
+        segments.append({"id": number, "n": name, "start": start, "stop": stop, "rev": False})
     return json.dumps({"seg": segments})
 
 
@@ -193,11 +221,12 @@ def from_segments(text: str, preset: int | None = None, on_note: Note = no_note)
         ConfigError: If it is not such.
     """
     segments: dict[str, WledSegment] = {}
-    for each in read_segments(text, preset):
-        name = free_name(valid_name(each.name) or f"segment_{each.number}", segments)
-        if valid_name(each.name) != each.name:
-            on_note(f"segment {format_value(each.name)} is called {name}, a name that a map can have")
-        segments[name] = each
+    for segment in read_segments(text, preset):
+        plain = valid_name(segment.name)
+        name = free_name(plain or f"segment_{segment.number}", segments)
+        if plain != segment.name:
+            on_note(f"segment {format_value(segment.name)} is called {name}, a name that a map can have")
+        segments[name] = segment
     return segments
 
 
@@ -205,11 +234,16 @@ def laid_out(segments: Mapping[str, WledSegment], pitch_m: float) -> dict[str, S
     """Return strips of `segments` one above the other, to be moved to where they are."""
     strips: dict[str, StripEntry] = {}
     end = 0
-    for row, (name, each) in enumerate(segments.items()):
+    for row, (name, segment) in enumerate(segments.items()):
+        length_m = round(segment.pixels * pitch_m, 4)
         height_m = round(0.1 * row, 1)
-        line = [[0.0, 0.0, height_m], [round(each.pixels * pitch_m, 4), 0.0, height_m]]
-        strips[name] = strip_entry(line, each.pixels, None if each.start in (None, end) else each.start)
-        end = (end if each.start is None else each.start) + each.pixels
+        line = [[0.0, 0.0, height_m], [length_m, 0.0, height_m]]
+
+        # Without an offset, it goes on where the one before ends
+        start = end if segment.start is None else segment.start
+        offset = None if start == end else start
+        strips[name] = strip_entry(line, segment.pixels, offset)
+        end = start + segment.pixels
     return strips
 
 
@@ -223,18 +257,30 @@ def to_ledmap(file: MapFile, view: str, cell_m: float) -> str:
     """
     if not file.strips:
         raise ConfigError("the map has no strips")
+
+    # Position and number on the wire of each pixel
     firsts = first_pixels(file.strips)
-    points = np.concatenate([positions(strip) for strip in file.strips.values()])[:, VIEWS[view]]
-    numbers = [firsts[name] + pixel for name, strip in file.strips.items() for pixel in range(strip.pixels)]
-    cells = np.floor((points - points.min(axis=0)) / cell_m + 0.5).astype(np.intp)
-    width, height = (int(value) + 1 for value in cells.max(axis=0))
+    points_m = np.concatenate([positions(strip) for strip in file.strips.values()])
+    numbers: list[int] = []
+    for name, strip in file.strips.items():
+        numbers += range(firsts[name], firsts[name] + strip.pixels)
+
+    # Its cell, from the lower left corner on
+    view_m = points_m[:, VIEWS[view]]
+    cells = np.floor((view_m - view_m.min(axis=0)) / cell_m + 0.5).astype(np.intp)
+    last_column, last_row = cells.max(axis=0).tolist()
+    width = last_column + 1
+    height = last_row + 1
     if width * height > MAX_CELLS:
         raise ConfigError(f"{width} x {height} cells are too many; write a larger --cell")
+
+    # Rows of a ledmap begin at the top. Backwards, so that the first pixel of a cell is written last.
     grid = np.full((height, width), GAP)
-    grid[height - 1 - cells[::-1, 1], cells[::-1, 0]] = numbers[::-1]
-    return json.dumps(
-        {"n": view, "width": width, "height": height, "map": grid.ravel().tolist()}, separators=(",", ":")
-    )
+    rows = height - 1 - cells[::-1, 1]
+    columns = cells[::-1, 0]
+    grid[rows, columns] = numbers[::-1]
+    ledmap = {"n": view, "width": width, "height": height, "map": grid.ravel().tolist()}
+    return json.dumps(ledmap, separators=(",", ":"))
 
 
 def from_ledmap(text: str, cell_m: float, gap_m: float | None = None) -> dict[str, StripEntry]:
@@ -248,12 +294,11 @@ def from_ledmap(text: str, cell_m: float, gap_m: float | None = None) -> dict[st
     """
     cells, height = read_ledmap(text)
     numbers = np.array([number for number, _, _ in cells], dtype=np.intp)
-    points = cell_m * np.array(
-        [[column, 0.0, height - 1 - row] for _, column, row in cells], dtype=np.float64
-    )
+    places = [[column, 0.0, height - 1 - row] for _, column, row in cells]  # rows begin at the top
+    points = cell_m * np.array(places, dtype=np.float64)
     fitted = fit_strips(points, numbers, cell_m, gap_m or BESIDE_CELLS * cell_m)
-    found = [("", int(numbers[each.first]), each) for each in fitted]
-    return named_strips(found, ())
+    strips = [("", int(numbers[strip.first]), strip) for strip in fitted]
+    return named_strips(strips, ())
 
 
 def strips_text(strips: Mapping[str, StripEntry]) -> str:
@@ -268,7 +313,8 @@ def strips_text(strips: Mapping[str, StripEntry]) -> str:
             f"    line: {[list(point) for point in strip.line]}",
             f"    pixels: {strip.pixels}",
         ]
-        lines += [f"    offset: {strip.offset}"] * (strip.offset is not None)
+        if strip.offset is not None:
+            lines.append(f"    offset: {strip.offset}")
     if any(strip.offset is not None for strip in strips.values()):
         lines += ["# Numbers of the wire are skipped: describe its output by", "# segments:"]
         for name, first in first_pixels(strips).items():

@@ -48,8 +48,11 @@ class MapError(ConfigError):
 
 def shipped_maps() -> tuple[str, ...]:
     """Return the names of the maps that come with PointIt."""
-    entries = files(PACKAGE).joinpath(FOLDER).iterdir()
-    return tuple(sorted(entry.name.removesuffix(SUFFIX) for entry in entries if entry.name.endswith(SUFFIX)))
+    names: list[str] = []
+    for entry in files(PACKAGE).joinpath(FOLDER).iterdir():
+        if entry.name.endswith(SUFFIX):
+            names.append(entry.name.removesuffix(SUFFIX))
+    return tuple(sorted(names))
 
 
 @contextmanager
@@ -62,13 +65,15 @@ def map_path(name_or_path: str) -> Generator[Path]:
         ConfigError: If no map of that name is shipped.
     """
     path = Path(name_or_path)
-    if path.suffix or len(path.parts) != 1 or name_or_path.endswith("/"):
+    has_folder = len(path.parts) != 1 or name_or_path.endswith("/")
+    if path.suffix or has_folder:
         yield path
         return
     if name_or_path not in shipped_maps():
         path_of_file = f"the path of a file such as ./{name_or_path}{SUFFIX}"
-        if near := did_you_mean(name_or_path, shipped_maps()):
-            raise ConfigError(f"map {name_or_path!r} is not shipped; {near[:-1]}, or {path_of_file}?")
+        suggestion = did_you_mean(name_or_path, shipped_maps())
+        if suggestion:
+            raise ConfigError(f"map {name_or_path!r} is not shipped; {suggestion[:-1]}, or {path_of_file}?")
         raise ConfigError(
             f"map {name_or_path!r} is not shipped: use one of {', '.join(shipped_maps())}, or {path_of_file}"
         )
@@ -82,7 +87,8 @@ def load_map(name_or_path: str, stamp_ns: int) -> Environment:
     Raises:
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
-    return load_map_and_clouds(name_or_path, stamp_ns)[0]
+    room, _ = load_map_and_clouds(name_or_path, stamp_ns)
+    return room
 
 
 def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, Clouds]:
@@ -133,7 +139,8 @@ def parse_map_file(content: bytes, path: Path) -> MapFile:
 
 def _check_keys(content: bytes, path: Path) -> None:
     """Check that reading takes seconds at most: what has more keys is too large for a message."""
-    if (keys := content.count(b":")) > MAX_KEYS:
+    keys = content.count(b":")
+    if keys > MAX_KEYS:
         raise ConfigError(
             f"{path}: has {keys} keys, limit {MAX_KEYS}, and a map holds about 20000 lamps; "
             "split it into several sites"
@@ -141,12 +148,21 @@ def _check_keys(content: bytes, path: Path) -> None:
 
 
 def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
+    """Return the map with these sections, read from `path`.
+
+    Raises:
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
+    """
     data = {section: value for section, value in sections.items() if value is not None}
     if "lamps" not in data and "leds" in data:  # as the ROS toolkit's maps and PointIt's first ones say
         data["lamps"] = data.pop("leds")
     if data and not data.keys() & MapFile.model_fields.keys():  # its values may be secrets of another program
         raise ConfigError(f"{path}: is not a map; a map has sections such as lamps, strips, belts or boxes")
-    mistakes = [each for section in MapFile.model_fields for each in _wrong_names(section, data.get(section))]
+
+    # All mistakes in one message: names that no key can hold, then values
+    mistakes: list[tuple[str, str]] = []
+    for section in MapFile.model_fields:
+        mistakes += _wrong_names(section, data.get(section))
     try:
         file = MapFile.model_validate(data)
     except ValidationError as error:
@@ -154,11 +170,10 @@ def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
         raise MapError(path, mistakes) from error
     if mistakes:
         raise MapError(path, mistakes)
-    if not any(
-        getattr(file, section)
-        for section in MapFile.model_fields
-        if section not in ("links", "bays", "frames")
-    ):
+
+    # Links, bays and frames are about other entries
+    content = MapFile.model_fields.keys() - {"links", "bays", "frames"}
+    if not any(getattr(file, section) for section in content):
         raise ConfigError(f"{path}: the map is empty; give at least one of lamps, strips, belts")
     return file
 
@@ -204,7 +219,9 @@ def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
 
 def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
     """Yield names that cannot be in a key."""
-    for name in cast("dict[str, object]", entries) if isinstance(entries, dict) else ():
+    if not isinstance(entries, dict):
+        return
+    for name in cast("dict[str, object]", entries):
         try:
             check_name(name)
         except KeyNameError as error:
@@ -213,17 +230,22 @@ def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
-    return [
-        (".".join(str(part) for part in detail["loc"]), _sentence(detail))
-        for detail in error.errors(include_url=False)
-    ]
+    """Return the place of each mistake, and the problem with remedy."""
+    mistakes: list[tuple[str, str]] = []
+    for detail in error.errors(include_url=False):
+        place = ".".join(str(part) for part in detail["loc"])
+        mistakes.append((place, _mistake_text(detail)))
+    return mistakes
 
 
-def _sentence(detail: ErrorDetails) -> str:
+def _mistake_text(detail: ErrorDetails) -> str:
+    """Return the problem with remedy in words of maps, since pydantic's are those of programs."""
     loc = detail["loc"]
     kind = detail["type"]
     value = detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
+
+    # Mistakes in an entry
     if kind == "missing":
         return f"is missing; add it beside {join_names(value) or 'the name'}"
     if kind == "extra_forbidden":
@@ -233,11 +255,17 @@ def _sentence(detail: ErrorDetails) -> str:
         return f"is not known (got {format_value(value)}); remove it, or use one of {names}"
     if kind == "value_error":
         return detail["msg"].removeprefix("Value error, ")
+
+    # A value of another kind than the section or the entry
     if loc == ("links",):
         return f"write a list of {{from: belt, to: belt}}, not {format_value(value)}"
     if loc == ("bays",):
         return f"write a mapping of bays to belts such as {{1: belt}}, not {format_value(value)}"
     if len(loc) == 1:
         return f"write a mapping of names to entries, not {format_value(value)}"
-    known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
-    return f"write a mapping with {join_names(known or field_names(model))}, not {format_value(value)}"
+    required: list[str] = []
+    for name, field in model.model_fields.items():
+        if field.is_required():
+            required.append(field.alias or name)
+    names = join_names(required or field_names(model))
+    return f"write a mapping with {names}, not {format_value(value)}"

@@ -3,11 +3,9 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, Self, cast, get_args
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from pointit.geometry.floor_area import Polygon, Vec2
@@ -16,11 +14,10 @@ from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.maps.units import LENGTHS_M, UP_AXES, size_of_unit
-from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.config.yaml_file import FLAGS, WrittenInt, written_text
-from pointit.schemas import FARTHEST, Thing
-from pointit.schemas.environment import BESIDE_BELT_M, ThingMode
+from pointit.schemas import FARTHEST
+from pointit.schemas.environment import ThingMode
 
 MAX_PIXELS = 4096
 MIN_AREA_M2 = 1e-4
@@ -34,23 +31,10 @@ HOME_DOMAINS = re.compile(
     "remote|scene|script|siren|switch|vacuum|valve|water_heater"
 )
 """Kinds of entities of Home Assistant that are switched or run. Others need an action."""
-HOME_BUTTONS = ("{", "automation.", "button.", "input_button.", "scene.", "script.")
-"""Starts of actions of Home Assistant and of entities that are run, not switched on and off."""
 OBJECT = "object"
 """Place of a thing that is the tracked object of its name."""
 
 _TEXT = BeforeValidator(written_text)
-
-MAX_THINGS = 1000
-"""Limit of things, which are listed in one message several times a second."""
-LAMP_M = 0.2
-"""Size of a thing that is a lamp, m."""
-THINNEST_M = 0.1
-"""Least size of a thing that is a part of a strip, m: people point at it as at a box."""
-SAMPLES = 20
-"""Number of places of a part of a belt at which strips beside it are searched."""
-ROUNDED_M = 1e-3
-"""Length by which a part may end beyond its strip, since people round, m."""
 
 
 def _as(convert: Callable[[Any], Any], wanted: str) -> Callable[[object], Any]:
@@ -79,13 +63,16 @@ def _if(is_valid: Callable[[Any], bool], wanted: str) -> BeforeValidator:
 def _number(value: object) -> float:
     if isinstance(value, str):  # YAML 1.1 reads 1e-3 as text
         value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FARTHEST:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError  # noqa: TRY004 - pydantic's
+    if not abs(value) <= FARTHEST:
         raise ValueError
     return float(value)
 
 
 def _above_zero(value: object) -> float:
-    if (number := _number(value)) <= 0:
+    number = _number(value)
+    if number <= 0:
         raise ValueError
     return number
 
@@ -104,7 +91,8 @@ def _several(count: int, convert: Callable[[Any], float] = _number) -> Callable[
 
 def _coordinate(value: Any) -> float:
     """Return a coordinate of a survey."""
-    if not abs(number := float(value)) <= MAX_ORIGIN:
+    number = float(value)
+    if not abs(number) <= MAX_ORIGIN:
         raise ValueError
     return number
 
@@ -119,9 +107,13 @@ def _finite(unit: str) -> BeforeValidator:
 
 
 _point = _as(_several(3), f"a point is three numbers [x, y, z] in metres, up to {FARTHEST:g}")
-_corners = _as(
-    lambda value: tuple(map(_several(2), value)), "an outline is a list of corners [x, y] in metres"
-)
+
+
+def _corner_tuple(value: Any) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(_several(2), value))
+
+
+_corners = _as(_corner_tuple, "an outline is a list of corners [x, y] in metres")
 
 
 def _line(value: object) -> tuple[Vec3, ...]:
@@ -147,10 +139,12 @@ def _outline(value: object) -> tuple[Vec2, ...]:
     if len(corners) < 3:
         raise ValueError(f"an outline needs at least three corners [x, y], not {len(corners)}")
     outline = Polygon(corners)
-    if crossing := outline.crossing():
+    crossing = outline.crossing()
+    if crossing is not None:
+        first, second = crossing
         raise ValueError(
-            "the outline crosses itself: the edges from corner {} and corner {} meet; "
-            "list the corners in order around the area".format(*crossing)
+            f"the outline crosses itself: the edges from corner {first} and corner {second} meet; "
+            "list the corners in order around the area"
         )
     if outline.area_m2 < MIN_AREA_M2:
         raise ValueError("the outline has no area inside; give its corners in metres")
@@ -165,29 +159,44 @@ def _normal(value: object) -> Vec3:
 
 
 def _text(value: object) -> str:
-    if not isinstance(name := written_text(value), str):
+    name = written_text(value)
+    if not isinstance(name, str):
         raise TypeError
     return name
 
 
+def _is_home_entity(value: object) -> bool:
+    return isinstance(value, str) and HOME_ENTITY.fullmatch(value) is not None
+
+
+def _is_home_action(fields: Mapping[str, Any]) -> bool:
+    if fields.keys() - {"entity", "action", "data"} or not isinstance(fields.get("data", {}), dict):
+        return False
+    return _is_home_entity(fields.get("entity")) and _is_home_entity(fields.get("action"))
+
+
 def _home_action(value: Any) -> str:
     """Return an entity of Home Assistant, or its entity, action and data as JSON."""
-    fields = cast("dict[str, Any]", value) if isinstance(value, dict) else {"entity": value, "action": "a.b"}
-    names = [fields.get("entity"), fields.get("action")]
-    data = fields.get("data", {})
-    is_valid = all(isinstance(each, str) and HOME_ENTITY.fullmatch(each) for each in names)
-    if not is_valid or not isinstance(data, dict) or fields.keys() - {"entity", "action", "data"}:
+    if isinstance(value, dict):
+        is_valid = _is_home_action(cast("dict[str, Any]", value))
+    else:
+        is_valid = _is_home_entity(value)
+    if not is_valid:
         raise ValueError(
             "write an entity of Home Assistant, such as light.desk, or {entity: light.desk, action: "
             f"light.turn_on, data: {{brightness_pct: 40}}}}, not {format_value(cast('object', value))}"
         )
-    domain = str(names[0]).partition(".")[0]
-    if not isinstance(value, dict) and not HOME_DOMAINS.fullmatch(domain):
-        raise ValueError(
-            f"{names[0]} is neither switched nor run; write {{entity: {names[0]}, action: DOMAIN.ACTION}}, "
-            f"or an entity of {join_names(HOME_DOMAINS.pattern.split('|'))}"
-        )
-    text = json.dumps(value, allow_nan=False) if isinstance(value, dict) else str(value)
+    if isinstance(value, dict):
+        text = json.dumps(value, allow_nan=False)
+    else:
+        # Without an action, the kind of the entity must tell what to do
+        text = str(value)
+        domain = text.partition(".")[0]
+        if not HOME_DOMAINS.fullmatch(domain):
+            raise ValueError(
+                f"{text} is neither switched nor run; write {{entity: {text}, action: DOMAIN.ACTION}}, "
+                f"or an entity of {join_names(HOME_DOMAINS.pattern.split('|'))}"
+            )
     if len(text) > MAX_HOME_ACTION:
         raise ValueError(f"{len(text)} characters, limit {MAX_HOME_ACTION}; make it a script there")
     return text
@@ -404,11 +413,16 @@ class ThingEntry(_Entry):
 
     @model_validator(mode="after")
     def _is_somewhere(self) -> Self:
-        if self.at is not None and (self.center is not None or self.size is not None or self.yaw_deg):
+        has_box = self.center is not None or self.size is not None
+        if self.at is not None and (has_box or self.yaw_deg):
             raise ValueError("has at, which says where it is; remove its center, size and yaw_deg")
         if self.at == OBJECT and isinstance(self.light, LinePart):
             raise ValueError("is a tracked object, which has a lamp as its light or none; change light")
-        if self.center is None and self.light is None and self.at is None and not self.home_assistant:
+
+        # A thing of Home Assistant needs no place: it may get one later
+        has_place = self.center is not None or self.at is not None
+        has_effect = self.light is not None or bool(self.home_assistant)
+        if not has_place and not has_effect:
             raise ValueError("is nowhere; give its center and size, or a light")
         if self.center is not None and self.size is None:
             raise ValueError("has no size; add it, three sizes in metres")
@@ -462,121 +476,3 @@ ENTRIES: dict[str, type[BaseModel]] = {
     if isinstance(entry, type) and issubclass(entry, BaseModel)
 }
 """Models of the entries of each section. `bays` are plain names."""
-
-
-def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
-    """Yield the things whose light or belt does not exist: place in the file, and problem with remedy."""
-    if len(file.things) > MAX_THINGS:
-        yield "things", f"there are {len(file.things)}, limit {MAX_THINGS}; split the room into several sites"
-    strips = {name: strip.line for name, strip in file.strips.items()}
-    belts = {name: belt.centerline for name, belt in file.belts.items()}
-    for name, entry in file.things.items():
-        where = f"things.{name}"
-        light = entry.light
-        if isinstance(light, LinePart):
-            yield from _broken_part(f"{where}.light", "strip", light, strips)
-        elif light in file.strips and light not in file.lamps:
-            yield f"{where}.light", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
-        elif light is not None and light not in file.lamps:
-            yield f"{where}.light", _absent("lamp", light, file.lamps)
-        if isinstance(entry.at, LinePart):
-            yield from _broken_part(f"{where}.at", "belt", entry.at, belts)
-
-
-def things_of(file: MapFile) -> tuple[Thing, ...]:
-    """Return the things of `file`, of which none is broken."""
-    return tuple(_thing(file, name, entry) for name, entry in file.things.items())
-
-
-def _broken_part(
-    where: str, kind: str, part: LinePart, lines: Mapping[str, Sequence[Vec3]]
-) -> Iterator[tuple[str, str]]:
-    if part.line not in lines:
-        yield f"{where}.{kind}", _absent(kind, part.line, lines)
-        return
-    line, (start_m, end_m) = _part_of_thing(part, lines[part.line])
-    is_on_it = part.start >= -ROUNDED_M and part.end <= line.length_m + ROUNDED_M
-    if not is_on_it or start_m >= end_m:
-        length = f"{line.length_m:.3g}"
-        span = f"goes from {part.start:g} to {part.end:g} m and {kind} {part.line} from 0 to {length} m"
-        yield where, f"{span}; give a part of it, from before to"
-
-
-def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
-    return f"there is no {kind} {name!r}; {nearest(name, there) if there else 'add one to the map'}"
-
-
-def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
-    light = entry.light
-    at = entry.at
-    center_m = entry.center
-    size_m = entry.size
-    yaw_rad = entry.yaw_rad
-    strip = ""
-    part_m = (0.0, 0.0)
-    if isinstance(at, LinePart):
-        belt = file.belts[at.line]
-        line, part_m = _part_of_thing(at, belt.centerline)
-        center_m, size_m, yaw_rad = _around(line, part_m, belt.width)
-        light = light or _beside(file, line.points_at(np.linspace(*part_m, SAMPLES)), belt.width / 2.0)
-    if isinstance(light, LinePart):
-        strip = light.line
-        line, part_m = _part_of_thing(light, file.strips[strip].line)
-        if center_m is None:
-            center_m, around_m, _ = _around(line, part_m)
-            size_m = size_m or around_m
-    elif light is not None and center_m is None:
-        center_m = file.lamps[light].position
-    fields = entry.model_dump(include={"label", "mode", "press", "dwell_s", "home_assistant"})
-    if entry.home_assistant and "mode" not in entry.model_fields_set:
-        fields["mode"] = "button" if entry.home_assistant.startswith(HOME_BUTTONS) else "switch"
-    return Thing(
-        id=name,
-        **fields,
-        center_m=center_m or (0.0, 0.0, 0.0),
-        size_m=size_m or (LAMP_M, LAMP_M, LAMP_M),
-        yaw_rad=yaw_rad,
-        lamp=light if isinstance(light, str) else "",
-        strip=strip,
-        part_m=part_m if strip else (0.0, 0.0),
-        is_tracked=isinstance(at, str) or center_m is None,  # without a position, nothing tracks it
-    )
-
-
-def _part_of_thing(part: LinePart, line: Sequence[Vec3]) -> tuple[Polyline, tuple[float, float]]:
-    """Return the whole line, and the arc lengths of the part, which may have been rounded beyond its ends."""
-    polyline = Polyline(line)
-    return polyline, (max(part.start, 0.0), min(part.end, polyline.length_m))
-
-
-def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -> tuple[Vec3, Vec3, float]:
-    """Return centre, size and azimuth of the upright box around a part of a line.
-
-    With a width the box lies along the line; else its azimuth is 0.
-    """
-    start_m, end_m = part_m
-    inner = line.starts_m[(line.starts_m > start_m) & (line.starts_m < end_m)]
-    points = line.points_at(np.r_[start_m, inner, end_m])
-    x, y, _ = points[-1] - points[0]
-    yaw_rad = math.atan2(y, x) if width_m else 0.0
-    c = math.cos(yaw_rad)
-    s = math.sin(yaw_rad)
-    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    low = (points @ axes).min(axis=0)
-    high = (points @ axes).max(axis=0)
-    x, y, z = (axes @ (low + high) / 2.0).tolist()
-    a, b, c = np.maximum(high - low + (0.0, width_m, 0.0), THINNEST_M).tolist()
-    return (x, y, z), (a, b, c), yaw_rad
-
-
-def _beside(file: MapFile, places_m: NDArray[np.float64], half_m: float) -> LinePart | None:
-    """Return the part of a strip beside `places_m` of a belt: of the strip that is beside most of them."""
-    found = None
-    max_count = 1
-    for name, strip in file.strips.items():
-        along_m, apart_m = Polyline(strip.line).nearest_to(places_m)
-        beside_m = along_m[apart_m <= half_m + BESIDE_BELT_M]
-        if len(beside_m) > max_count and np.ptp(beside_m) > ROUNDED_M:
-            found = LinePart(name, float(beside_m.min()), float(beside_m.max()))
-            max_count = len(beside_m)
-    return found

@@ -105,10 +105,11 @@ def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
         right = beside(line, -belt.width_m / 2)
         outline = np.vstack([left, right[::-1]])
         axes.add_patch(Polygon(outline, facecolor=BELT, edgecolor=BELT_EDGE, linewidth=0.8, zorder=2))
-        name_at, arrows_at = _spaced(line.length_m, side_m / ARROWS_ACROSS, len(belt.id) * side_m * LETTER)
-        _label_along(axes, line, name_at, belt.id, INK, fontweight="bold", fontsize=8)
-        for at in arrows_at:
-            _draw_chevron(axes, line, at, 0.22 * belt.width_m)
+        name_width_m = len(belt.id) * side_m * LETTER
+        name_m, arrows_m = _spaced(line.length_m, side_m / ARROWS_ACROSS, name_width_m)
+        _label_along(axes, line, name_m, belt.id, INK, fontweight="bold", fontsize=8)
+        for arrow_m in arrows_m:
+            _draw_chevron(axes, line, arrow_m, 0.22 * belt.width_m)
     patch = Patch(facecolor=BELT, edgecolor=BELT_EDGE, label="belt, arrows: where it moves")
     return [patch] if room.belts else []
 
@@ -143,7 +144,9 @@ def draw_links(axes: Axes, room: Environment) -> list[Any]:
             continue  # an arrow would be shorter than its head
         look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
         axes.add_patch(FancyArrowPatch(start, end, color=LINK, lw=1.4, zorder=6, **look))
-    return [Line2D([], [], color=LINK, lw=1.4, marker=">", ms=4, label="link")] if room.links else []
+    if not room.links:
+        return []
+    return [Line2D([], [], color=LINK, lw=1.4, marker=">", ms=4, label="link")]
 
 
 def draw_bays(axes: Axes, room: Environment) -> list[Any]:
@@ -152,12 +155,18 @@ def draw_bays(axes: Axes, room: Environment) -> list[Any]:
     for bay in room.bays:
         line = lines[bay.belt]
         dx, dy, _ = line.tangent_at(line.length_m)
-        side = "left" if dx > 0 else "right"
-        level = abs(dx) > abs(dy)
+
+        # The text goes on in the direction of the belt
+        horizontal = "left" if dx > 0 else "right"
+        vertical = "bottom" if dy > 0 else "top"
+        if abs(dx) > abs(dy):
+            vertical = "center"
+        else:
+            horizontal = "center"
         axes.annotate(
             f"bay {bay.id}", line.point_at(line.length_m)[:2], xytext=(9 * dx, 9 * dy),
             textcoords="offset points", color="white", fontsize=8, fontweight="bold",
-            ha=side if level else "center", va="center" if level else ("bottom" if dy > 0 else "top"),
+            ha=horizontal, va=vertical,
             bbox={"boxstyle": "round,pad=0.25", "facecolor": BAY, "edgecolor": "white"}, zorder=8,
         )  # fmt: skip
     return [Patch(facecolor=BAY, label="bay, where things leave")] if room.bays else []
@@ -168,11 +177,14 @@ def beside(line: Polyline, offset_m: float) -> NDArray[np.float64]:
     flat = line.tangents[:, :2]
     normals = np.column_stack([-flat[:, 1], flat[:, 0]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    ends = np.vstack([normals[:1], normals]), np.vstack([normals, normals[-1:]])
-    mitre = ends[0] + ends[1]
-    mitre /= np.maximum(np.einsum("ij,ij->i", mitre, ends[0])[:, None], 0.5)
-    moved: NDArray[np.float64] = line.vertices_m[:, :2] + offset_m * mitre
-    return moved
+
+    # Mitre of the segments before and after each vertex. It is limited, else a sharp corner had a long spike.
+    before = np.vstack([normals[:1], normals])
+    after = np.vstack([normals, normals[-1:]])
+    mitre = before + after
+    mitre /= np.maximum(np.einsum("ij,ij->i", mitre, before)[:, None], 0.5)
+    shifted: NDArray[np.float64] = line.vertices_m[:, :2] + offset_m * mitre
+    return shifted
 
 
 def _lanes(room: Environment) -> dict[str, Polyline]:
@@ -185,8 +197,11 @@ def _spaced(length_m: float, step_m: float, name_m: float) -> tuple[float, list[
     half = length_m / 2
     count = max(2, 2 * round(half / step_m))  # even: the name is in the middle
     places = [(index + 0.5) * length_m / count for index in range(count)]
-    free = [place for place in places if abs(place - half) > name_m / 2 + step_m / 8]
-    return (half, free) if free else (0.4 * length_m, [0.86 * length_m])
+    clearance = name_m / 2 + step_m / 8
+    free = [place for place in places if abs(place - half) > clearance]
+    if not free:
+        return 0.4 * length_m, [0.86 * length_m]
+    return half, free
 
 
 def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> None:
@@ -194,7 +209,8 @@ def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> Non
     along = np.array(line.tangent_at(at_m)[:2])
     across = 1.1 * np.array([along[1], -along[0]])
     tips = np.array([across - along / 2, along / 2, -across - along / 2])
-    axes.plot(*(place + size_m * tips).T, color=ARROW, lw=1.3, zorder=3)
+    x, y = (place + size_m * tips).T
+    axes.plot(x, y, color=ARROW, lw=1.3, zorder=3)
 
 
 def _label_along(axes: Axes, line: Polyline, at_m: float, text: str, color: str, **look: Any) -> None:
@@ -213,36 +229,50 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     boxes: tuple[Box, ...] = (*room.boxes, *room.fixed_things)
     solids = len(boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
     is_named = solids <= MAX_NAMED
+
+    # Outlines, in one collection
     patches: list[Patch] = []
     for box in boxes:
-        c = math.cos(box.yaw_rad)
-        s = math.sin(box.yaw_rad)
-        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
-        outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
-        patches.append(Polygon(outline, **_FILL))
-    patches += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
+        patches.append(Polygon(_box_outline(box), **_FILL))
+    for cylinder in room.cylinders:
+        patches.append(Circle(cylinder.center_m[:2], cylinder.radius_m, **_FILL))
     dashed: dict[str, Any] = {**_FILL, "linestyle": (0, (3, 2))}
-    patches += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
+    for sphere in room.spheres:
+        patches.append(Circle(sphere.center_m[:2], sphere.radius_m, **dashed))
     for plane in room.planes:
         _draw_plane(axes, plane, patches, is_named=is_named)
     axes.add_collection(PatchCollection(patches, match_original=True, zorder=_FILL["zorder"]))
+
+    # Names, and what the legend says instead or besides
     legend: list[Any] = []
     if is_named:
         named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
-        for each in named:
-            _name(axes, (isinstance(each, Thing) and each.label) or each.id, each.center_m)
+        for solid in named:
+            label = solid.label if isinstance(solid, Thing) else ""
+            _name(axes, label or solid.id, solid.center_m)
     else:
         legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
     if solids:
         legend.append(
             Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, thing, plane, cylinder; sphere dashed")
         )
-    floors = [plane.id for plane in room.planes if plane.size_m is None and abs(plane.normal[2]) >= LEVEL]
-    legend += [Line2D([], [], ls="", label=f"{name}: level, without end") for name in floors]
+    for plane in room.planes:
+        if plane.size_m is None and abs(plane.normal[2]) >= LEVEL:
+            legend.append(Line2D([], [], ls="", label=f"{plane.id}: level, without end"))
     return legend
 
 
+def _box_outline(box: Box) -> NDArray[np.float64]:
+    """Return the corners of an upright box as seen from above, 4 x 2."""
+    c = math.cos(box.yaw_rad)
+    s = math.sin(box.yaw_rad)
+    own_corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
+    outline: NDArray[np.float64] = own_corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
+    return outline
+
+
 def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: bool) -> None:
+    """Draw a plane as a line, or add its rectangle to `patches`."""
     x, y, _ = plane.center_m
     if plane.size_m is None:
         nx, ny, nz = plane.normal
@@ -252,12 +282,10 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
                 _name(axes, f"{plane.id} (without end)", plane.center_m)
         return
     u, v = plane_axes(plane.normal)
-    half_u = scale(u, plane.size_m[0] / 2)
-    half_v = scale(v, plane.size_m[1] / 2)
-    corners = [
-        (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
-        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ]
+    ux, uy, _ = scale(u, plane.size_m[0] / 2)
+    vx, vy, _ = scale(v, plane.size_m[1] / 2)
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    corners = [(x + a * ux + b * vx, y + a * uy + b * vy) for a, b in signs]
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
     patches.append(Polygon(corners, **look))
     if is_named:
@@ -286,18 +314,22 @@ def draw_map(
     Raises:
         ConfigError: If the file cannot be written.
     """
+    # Fonts for all letters. Matplotlib would report each family that is not installed.
     settings: Any = mpl  # its stubs list every parameter there is
     installed = {entry.name for entry in font_manager.fontManager.ttflist}
-    family = ["sans-serif", *(each for each in FALLBACKS if each in installed)]
+    families = ["sans-serif"]
+    families += [family for family in FALLBACKS if family in installed]
+
+    # Letters are looked up while the file is written: until then no warning tells of one that is missing
     with (
-        settings.rc_context({**_STYLE, "font.family": family}),
+        settings.rc_context({**_STYLE, "font.family": families}),
         warnings.catch_warnings(action="always", record=True) as caught,
     ):
         figure: Any = map_figure(room, clouds, title, person_m, separability=separability)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         with replaced_file(path) as part:
             figure.savefig(part, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
-    return any("missing from font" in str(each.message) for each in caught)
+    return any("missing from font" in str(message.message) for message in caught)
 
 
 def map_figure(
@@ -309,28 +341,32 @@ def map_figure(
     separability: Callable[[float, float], float] | None = None,
 ) -> Any:
     """Return matplotlib's figure for `draw_map`, in the current style."""
+    # To scale, as large as fits
     low, high = extent(room, clouds, person_m)
-    wide, tall = high - low
-    side = float(max(wide, tall))
-    scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
-    figure: Any = Figure(figsize=(wide * scale, tall * scale), facecolor="white")
+    width_m, height_m = high - low
+    side = float(max(width_m, height_m))
+    inches_per_m = min(WIDEST_IN / width_m, TALLEST_IN / height_m)
+    figure: Any = Figure(figsize=(width_m * inches_per_m, height_m * inches_per_m), facecolor="white")
     axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     _grid(axes, side)
-    legend = [
-        *(() if separability is None else _draw_separability(axes, low, high, separability)),
-        *_draw_clouds(axes, clouds),
-        *draw_solids(axes, room),
-        *draw_fences(axes, room),
-        *draw_belts(axes, room, side),
-        *draw_strips(axes, room),
-        *draw_links(axes, room),
-        *draw_bays(axes, room),
-        *_draw_lamps(axes, room, side * 0.05),
-        *(() if person_m is None else _draw_person(axes, person_m)),
-    ]
+
+    # The legend has the order of drawing
+    legend: list[Any] = []
+    if separability is not None:
+        legend += _draw_separability(axes, low, high, separability)
+    legend += _draw_clouds(axes, clouds)
+    legend += draw_solids(axes, room)
+    legend += draw_fences(axes, room)
+    legend += draw_belts(axes, room, side)
+    legend += draw_strips(axes, room)
+    legend += draw_links(axes, room)
+    legend += draw_bays(axes, room)
+    legend += _draw_lamps(axes, room, side * 0.05)
+    if person_m is not None:
+        legend += _draw_person(axes, person_m)
     axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=8)
     axes.legend(handles=legend, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     return figure
@@ -340,19 +376,29 @@ def _draw_separability(
     axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64], share: Callable[[float, float], float]
 ) -> list[Any]:
     """Colour the floor, squares of about the 24th part of the longer side."""
-    x_m, y_m = floor_edges(low, high)
-    shares = [[share((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
+    x_edges_m, y_edges_m = floor_edges(low, high)
+    columns_m = [(west + east) / 2.0 for west, east in pairwise(x_edges_m)]
+    rows_m = [(south + north) / 2.0 for south, north in pairwise(y_edges_m)]
+    shares = np.empty((len(rows_m), len(columns_m)))
+    for row, y in enumerate(rows_m):
+        for column, x in enumerate(columns_m):
+            shares[row, column] = share(x, y)
     style: dict[str, Any] = {"cmap": "RdYlBu", "vmin": 0.0, "vmax": 1.0, "alpha": 0.55}
-    mesh = axes.pcolormesh(x_m, y_m, np.array(shares), zorder=0.2, linewidth=0, rasterized=True, **style)
+    mesh = axes.pcolormesh(x_edges_m, y_edges_m, shares, zorder=0.2, linewidth=0, rasterized=True, **style)
     texts = {1.0: "from here all things are told apart", 0.5: "half of them", 0.0: "none, without light"}
-    return [Patch(facecolor=mesh.cmap(at), alpha=style["alpha"], label=text) for at, text in texts.items()]
+    legend: list[Any] = []
+    for value, text in texts.items():
+        legend.append(Patch(facecolor=mesh.cmap(value), alpha=style["alpha"], label=text))
+    return legend
 
 
 def _grid(axes: Axes, side_m: float) -> None:
-    step = next((each for each in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if side_m / each <= 20), None)
-    if step is not None:
-        axes.xaxis.set_major_locator(MultipleLocator(step))
-        axes.yaxis.set_major_locator(MultipleLocator(step))
+    """Draw a line each step, of which there are at most 20, or matplotlib's own on huge maps."""
+    for step_m in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
+        if side_m / step_m <= 20:
+            axes.xaxis.set_major_locator(MultipleLocator(step_m))
+            axes.yaxis.set_major_locator(MultipleLocator(step_m))
+            break
     axes.grid(color="#eceef1", linewidth=0.8)
     axes.set_axisbelow(True)
     axes.tick_params(length=0)
@@ -369,7 +415,8 @@ def on_belt(room: Environment, x: float, y: float) -> bool:
             floor_polyline = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
         except ValueError:  # vertical belts have no area
             continue
-        if floor_polyline.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
+        _, distances_m = floor_polyline.nearest_to(np.array([[x, y, 0.0]]))
+        if distances_m[0] <= belt.width_m / 2:
             return True
     return False
 
@@ -379,22 +426,33 @@ def _draw_lamps(axes: Axes, room: Environment, beside_m: float) -> list[Any]:
         x, y, z = lamp.position_m
         axes.plot(x, y, "o", ms=11, color=LAMP, alpha=0.25, zorder=7)
         axes.plot(x, y, "o", ms=5.5, mfc=LAMP, mec=INK, mew=0.8, zorder=7)
-        left = on_belt(room, x + beside_m, y) and not on_belt(room, x - beside_m, y)
+
+        # The text is to the right, unless only there is a belt
+        offset = 8
+        alignment = "left"
+        if on_belt(room, x + beside_m, y) and not on_belt(room, x - beside_m, y):
+            offset = -8
+            alignment = "right"
         axes.annotate(
-            f"{lamp.id}\n{z:.2f} m high", (x, y), xytext=(-8 if left else 8, 0), textcoords="offset points",
-            ha="right" if left else "left", va="center", fontsize=7.5, **ON_TOP,
+            f"{lamp.id}\n{z:.2f} m high", (x, y), xytext=(offset, 0), textcoords="offset points",
+            ha=alignment, va="center", fontsize=7.5, **ON_TOP,
         )  # fmt: skip
-    return [Line2D([], [], marker="o", ls="", ms=5.5, mfc=LAMP, mec=INK, label="lamp")] if room.lamps else []
+    if not room.lamps:
+        return []
+    return [Line2D([], [], marker="o", ls="", ms=5.5, mfc=LAMP, mec=INK, label="lamp")]
 
 
 def _draw_clouds(axes: Axes, clouds: Mapping[str, NDArray[np.float64]]) -> list[Any]:
     for name, points in clouds.items():
         step = math.ceil(len(points) / MAX_CLOUD_POINTS)
-        axes.plot(*points[::step, :2].T, ".", ms=1.2, color=CLOUD, alpha=0.5, rasterized=True, zorder=1.4)
-        x = points[:, 0].mean()
-        y = points[:, 1].max()
-        axes.text(float(x), float(y), name, color=SOLID, fontsize=7.5, ha="center", va="bottom", **ON_TOP)
-    return [Line2D([], [], marker=".", ls="", color=CLOUD, label="point cloud")] if clouds else []
+        xs, ys, _ = points[::step].T
+        axes.plot(xs, ys, ".", ms=1.2, color=CLOUD, alpha=0.5, rasterized=True, zorder=1.4)
+        x = float(points[:, 0].mean())
+        y = float(points[:, 1].max())
+        axes.text(x, y, name, color=SOLID, fontsize=7.5, ha="center", va="bottom", **ON_TOP)
+    if not clouds:
+        return []
+    return [Line2D([], [], marker=".", ls="", color=CLOUD, label="point cloud")]
 
 
 def _draw_person(axes: Axes, person_m: Sequence[float]) -> list[Any]:
@@ -408,14 +466,22 @@ def draw_fences(axes: Axes, room: Environment) -> list[Any]:
     """Draw the fences of `room`. Return their entries of the legend."""
     for fence in room.fences:
         axes.add_patch(Polygon(fence.outline_m, **_LOOKS[fence.kind], zorder=1.9))
-        x, y = np.mean(fence.outline_m, axis=0) if fence.kind == "keep_out" else fence.outline_m[0]
+
+        # Inside the area that robots leave out, else at a corner
+        x, y = fence.outline_m[0]
+        if fence.kind == "keep_out":
+            x, y = np.mean(fence.outline_m, axis=0)
         color = _LOOKS[fence.kind]["edgecolor"]
         axes.text(x, y, f"{fence.id}{_heights(fence)}", color=color, fontsize=7.5, ha="center", **ON_TOP)
-    kinds = [kind for kind in _LOOKS if any(fence.kind == kind for fence in room.fences)]
-    return [Patch(**_LOOKS[kind], label=_TEXTS[kind]) for kind in kinds]
+    kinds = {fence.kind for fence in room.fences}
+    return [Patch(**look, label=_TEXTS[kind]) for kind, look in _LOOKS.items() if kind in kinds]
 
 
 def _heights(fence: Fence) -> str:
-    low = "" if fence.low_m is None else f"from {fence.low_m:g} m"
-    high = "" if fence.high_m is None else f"to {fence.high_m:g} m"
-    return "\n" + f"{low} {high}".strip() if low or high else ""
+    """Return a line with the lowest and the highest point of a fence, `""` if it has no ends."""
+    limits: list[str] = []
+    if fence.low_m is not None:
+        limits.append(f"from {fence.low_m:g} m")
+    if fence.high_m is not None:
+        limits.append(f"to {fence.high_m:g} m")
+    return "\n" + " ".join(limits) if limits else ""

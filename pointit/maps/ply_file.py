@@ -1,6 +1,5 @@
 """Headers and vertices of PLY and PCD files, text or binary."""
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,6 +50,8 @@ def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
         lines[word.upper()] = values
         if word.upper() != "DATA" or not {"FIELDS", "COLUMNS"} & lines.keys():
             continue
+
+        # The last line of the header: points as text, and columns of each field
         if [value.lower() for value in values] != ["ascii"]:
             raise ConfigError(
                 f"is a PCD with the points {format_value(' '.join(values))}; save it with ascii points, as "
@@ -63,7 +64,10 @@ def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
                 f"is a PCD with {len(fields)} FIELDS and COUNT {format_value(' '.join(counts))}; "
                 "export it again"
             )
-        return number, [name for name, count in zip(fields, counts, strict=True) for _ in range(int(count))]
+        names: list[str] = []
+        for name, count in zip(fields, counts, strict=True):
+            names += [name] * int(count)
+        return number, names
     return None
 
 
@@ -89,7 +93,7 @@ class Element:
     @property
     def has_list(self) -> bool:
         """Return True if its rows may differ in size."""
-        return any(each.count_kind for each in self.properties)
+        return any(column.count_kind for column in self.properties)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +113,8 @@ class PlyHeader:
     @property
     def is_list_before_points(self) -> bool:
         """Return True if a vertex has a list before one of x, y and z."""
-        return any(each.count_kind for each in self.vertex.properties[: max(self.columns)])
+        columns_before = self.vertex.properties[: max(self.columns)]
+        return any(column.count_kind for column in columns_before)
 
 
 def read_ply_header(path: Path, wanted: Wanted, remedy: str) -> PlyHeader:
@@ -127,11 +132,14 @@ def read_ply_header(path: Path, wanted: Wanted, remedy: str) -> PlyHeader:
     with path.open("rb") as file:
         order, elements = _read_lines(path, file)
         body = file.tell()
-    index = next((at for at, each in enumerate(elements) if each.name == "vertex"), None)
-    if index is None:
+    element_names = [element.name for element in elements]
+    if "vertex" not in element_names:
         raise ConfigError(f"{path}: has no element vertex; give a PLY with points")
+    index = element_names.index("vertex")
+
+    # x, y and z of its vertices are numbers
     vertex = elements[index]
-    names = [each.name for each in vertex.properties]
+    names = [column.name for column in vertex.properties]
     indices = column_indices(wanted, names)
     if indices is None:
         raise ConfigError(f"{path}: its vertices have {shown_cells(names)}; {remedy}")
@@ -157,6 +165,8 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
             break
         if words == ["end_header"] and order is not None:
             return order, elements
+
+        # Lines that are not understood raise whatever comes of them
         try:
             if words[:1] == ["format"]:
                 order = _order(words)
@@ -205,7 +215,8 @@ def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
     Raises:
         OSError: If it cannot be read.
     """
-    has_lists = any(each.has_list and each.rows for each in (*header.before, header.vertex))
+    # Rows with lists differ in size, so that the whole file must be read
+    has_lists = any(element.has_list and element.rows for element in (*header.before, header.vertex))
     data = np.fromfile(path, dtype=np.uint8) if has_lists else np.zeros(0, dtype=np.uint8)
     offset = header.body
     for element in header.before:
@@ -217,31 +228,47 @@ def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
             return np.zeros((0, 3))
         table = np.fromfile(path, dtype=row, count=min(rows, header.vertex.rows), offset=offset)
         with np.errstate(invalid="ignore"):  # a signalling NaN, rejected later like other NaNs
-            return np.column_stack([table[f"f{column}"].astype(np.float64) for column in header.columns])
+            coordinates = [table[f"f{column}"].astype(np.float64) for column in header.columns]
+        return np.column_stack(coordinates)
+
+    # Vertices with lists, one by one
     offsets = list(_rows_of(data, offset, header.vertex, header.order, header.columns))
     starts = np.array(offsets, dtype=np.int64).reshape(-1, 3)
     kinds = [header.order + header.vertex.properties[column].kind for column in header.columns]
     with np.errstate(invalid="ignore"):
-        return np.column_stack([_values_at(data, starts[:, at], kind) for at, kind in enumerate(kinds)])
+        coordinates = [_values_at(data, starts[:, axis], kind) for axis, kind in enumerate(kinds)]
+    return np.column_stack(coordinates)
 
 
 def ascii_vertex_lines(lines: Iterable[str], header: PlyHeader) -> Iterator[str]:
     """Yield x, y and z of each vertex of a text whose vertices have lists before them, a line each."""
+    columns = header.vertex.properties[: max(header.columns) + 1]
     for line in lines:
         words = line.split()
+        if not words:
+            continue
+
+        # Index of the first word of each column. A list begins with the number of its values; one that is no
+        # number leaves no words for the others.
         starts: list[int] = []
-        at = 0
-        for each in header.vertex.properties[: max(header.columns) + 1]:
-            starts.append(at)
-            count = words[at] if each.count_kind and at < len(words) else "0"
-            at += 1 + (int(count) if count.isdecimal() else len(words))
-        if words:
-            yield " ".join(words[starts[column]] for column in header.columns if starts[column] < len(words))
+        index = 0
+        for column in columns:
+            starts.append(index)
+            if column.count_kind and index < len(words):
+                count = words[index]
+                index += int(count) if count.isdecimal() else len(words)
+            index += 1
+        coordinates: list[str] = []
+        for column_index in header.columns:
+            if starts[column_index] < len(words):
+                coordinates.append(words[starts[column_index]])
+        yield " ".join(coordinates)
 
 
 def _row_type(element: Element, order: str) -> np.dtype[np.void]:
     """Return the layout of a row without lists, with fields f0, f1, … as a PLY may have a name twice."""
-    return np.dtype([(f"f{at}", order + each.kind) for at, each in enumerate(element.properties)])
+    fields = [(f"f{index}", order + column.kind) for index, column in enumerate(element.properties)]
+    return np.dtype(fields)
 
 
 def _end_of(data: NDArray[np.uint8], offset: int, element: Element, order: str) -> int:
@@ -250,9 +277,9 @@ def _end_of(data: NDArray[np.uint8], offset: int, element: Element, order: str) 
         return offset + _row_type(element, order).itemsize * element.rows
     if not element.rows:
         return offset
-    ends = _rows_of(data, offset, element, order, [len(element.properties)])
-    last = deque(ends, maxlen=1)
-    return last[0][0] if last else offset
+    for (end,) in _rows_of(data, offset, element, order, [len(element.properties)]):
+        offset = end
+    return offset
 
 
 def _rows_of(
@@ -262,15 +289,16 @@ def _rows_of(
 
     The offset of the property behind the last one is the end of the row.
     """
+    # Sizes of the values and of the counts, 0 if a property is no list
     content = data.tobytes()
     byte_order: Literal["little", "big"] = "little" if order == "<" else "big"
-    sizes = [np.dtype(each.kind).itemsize for each in element.properties]
-    count_sizes = [
-        np.dtype(each.count_kind).itemsize if each.count_kind else 0 for each in element.properties
-    ]
+    sizes: list[tuple[int, int]] = []
+    for column in element.properties:
+        count_size = np.dtype(column.count_kind).itemsize if column.count_kind else 0
+        sizes.append((np.dtype(column.kind).itemsize, count_size))
     for _ in range(element.rows):
         starts: list[int] = []
-        for size, count_size in zip(sizes, count_sizes, strict=True):
+        for size, count_size in sizes:
             starts.append(offset)
             if count_size:
                 count = int.from_bytes(content[offset : offset + count_size], byte_order)
@@ -284,6 +312,8 @@ def _rows_of(
 
 
 def _values_at(data: NDArray[np.uint8], starts: NDArray[np.int64], kind: str) -> NDArray[np.float64]:
+    """Return the values of `kind` whose bytes begin at `starts` of `data`."""
     size = np.dtype(kind).itemsize
-    values: NDArray[np.float64] = data[starts[:, None] + np.arange(size)].view(kind)[:, 0].astype(np.float64)
+    value_bytes = data[starts[:, None] + np.arange(size)]
+    values: NDArray[np.float64] = value_bytes.view(kind)[:, 0].astype(np.float64)
     return values

@@ -91,32 +91,54 @@ def parse_columns(
         ConfigError: If it is not such.
     """
     columns: dict[str, DeclaredColumn] = {}
-    for part in filter(None, (each.strip() for each in text.split(","))):
-        name, _, value = (each.strip() for each in part.partition("="))
+    for untrimmed in text.split(","):
+        part = untrimmed.strip()
+        if not part:
+            continue
+        name, value = _name_and_value(part)
         if not value or name not in known or name in columns:
             raise ConfigError(
                 f"columns: {format_value(part)} declares no column; write {join_names(known)} each once, "
                 "such as t=time/ms or x=3"
             )
-        value, counter_bits = _without_bits(value) if name in counters else (value, 0)
-        source, slash, unit = value.rpartition("/")
-        if slash and value.casefold() in names and source.casefold() not in names:
-            source = value
-            unit = ""
-        elif not slash:
-            source, unit = ("", value) if value in known[name] else (value, "")
+        counter_bits = 0
+        if name in counters:
+            value, counter_bits = _without_bits(value)
+        source, unit = _column_and_unit(value, known[name], names)
         try:
             if unit:
                 size_of_unit(unit, {**known[name]})
         except ValueError:
+            units = join_names(known[name]) or "none"
             raise ConfigError(
-                f"columns: {format_value(part)} has no known unit; write "
-                f"{join_names(known[name]) or 'none'}, or its size in SI units; if {format_value(value)} is "
-                f"a column of the file, write its number, such as {name}=1"
+                f"columns: {format_value(part)} has no known unit; write {units}, or its size in SI units; "
+                f"if {format_value(value)} is a column of the file, write its number, such as {name}=1"
             ) from None
+
+        # Without a column, it is that of our name
         column = int(source) if source.isdecimal() else source or name
         columns[name] = DeclaredColumn(column, unit, counter_bits)
     return columns
+
+
+def _name_and_value(part: str) -> tuple[str, str]:
+    """Return the texts before and behind the first `=`, `""` if there is none, without blanks."""
+    name, _, value = part.partition("=")
+    return name.strip(), value.strip()
+
+
+def _column_and_unit(value: str, units: Collection[str], names: Collection[str]) -> tuple[str, str]:
+    """Return column and unit of `COLUMN/UNIT`, of which either may be left out.
+
+    A name with a slash that the file has, but not its part before, is a column. A lone word is a unit if
+    there is one of that name.
+    """
+    source, slash, unit = value.rpartition("/")
+    if not slash:
+        return ("", value) if value in units else (value, "")
+    if value.casefold() in names and source.casefold() not in names:
+        return value, ""
+    return source, unit
 
 
 def _without_bits(value: str) -> tuple[str, int]:
@@ -174,8 +196,10 @@ def find_layout(
     Raises:
         ConfigError: If it has no such columns. Does not name the file.
     """
-    if all(isinstance(each, int) for each in wanted.values()):
+    if all(isinstance(source, int) for source in wanted.values()):
         return _numbered_layout(sample, wanted, anchors, texts, remedy)
+
+    # The line that names most of them is shown if none names all: number of columns, minus number of the line
     nearest: tuple[int, int, Sequence[str]] = (-1, 0, ())
     for number, line in enumerate(sample, start=1):
         delimiter = delimiter_of(line)
@@ -184,76 +208,124 @@ def find_layout(
             names.pop()
         indices = column_indices(wanted, names)
         if indices is None:
-            score = sum(column_indices({name: each}, names) is not None for name, each in wanted.items())
-            nearest = max(nearest, (score, -number, names)) if names else nearest
+            if names:
+                score = _count_columns(wanted, names)
+                nearest = max(nearest, (score, -number, names))
             continue
-        more = {
-            name: index for name in optional for index in (column_indices({name: name}, names) or {}).values()
-        }
-        layout = TextLayout(number, delimiter, len(names), more | indices, names, remedy)
+
+        # The line of names: its rows must be as it says
+        optional_indices: dict[str, int] = {}
+        for name in optional:
+            optional_indices |= column_indices({name: name}, names) or {}
+        layout = TextLayout(number, delimiter, len(names), optional_indices | indices, names, remedy)
         _check_first_rows(sample, layout, anchors)
         return layout
-    _, at, cells = nearest
+    _, minus_number, cells = nearest
     if not cells:
         raise ConfigError(f"no line names the columns {_names_of(wanted)}; {remedy}")
     raise ConfigError(
-        f"no line names the columns {_names_of(wanted)} once each, line {-at} is {shown_cells(cells)}; "
-        f"{remedy}"
+        f"no line names the columns {_names_of(wanted)} once each, line {-minus_number} is "
+        f"{shown_cells(cells)}; {remedy}"
     )
+
+
+def _count_columns(wanted: Wanted, names: Sequence[str]) -> int:
+    """Return how many of the columns `wanted` are in `names`."""
+    return sum(column_indices({name: source}, names) is not None for name, source in wanted.items())
 
 
 def _numbered_layout(
     sample: Sequence[str], wanted: Wanted, anchors: Sequence[str], texts: Collection[str], remedy: str
 ) -> TextLayout:
-    indices = {name: int(each) - 1 for name, each in wanted.items()}
+    """Return the structure of a table whose columns are declared by number: see `find_layout`."""
+    indices = {name: int(source) - 1 for name, source in wanted.items()}
+    number_indices = {name: index for name, index in indices.items() if name not in texts}
+
+    # Lines before the first row, without cells if they have no numbers
     above: list[tuple[int, Sequence[str]]] = []
     for number, line in enumerate(sample, start=1):
         delimiter = delimiter_of(line)
-        cells = [] if line.lstrip().startswith(COMMENTS) else split_cells(line, delimiter)
-        are_numbers = {
-            name: 0 <= index < len(cells) and is_number(cells[index], delimiter)
-            for name, index in indices.items()
-            if name not in texts
+        cells: list[str] = []
+        if not line.lstrip().startswith(COMMENTS):
+            cells = split_cells(line, delimiter)
+        found_numbers = {
+            name
+            for name, index in number_indices.items()
+            if 0 <= index < len(cells) and is_number(cells[index], delimiter)
         }
-        if not all(
-            is_there or (name not in anchors and indices[name] < len(cells) and is_lost(cells[indices[name]]))
-            for name, is_there in are_numbers.items()
-        ):
-            above.append((number, cells if any(are_numbers.values()) else ()))
+        if not _is_first_row(cells, number_indices, found_numbers, anchors):
+            above.append((number, cells if found_numbers else ()))
             continue
-        for bad, others in above:
-            if len(others) == len(cells):
-                raise ConfigError(f"line {bad}: {shown_cells(others)} is no row; correct or remove it")
-        if len(cells) > 2 and cells == [str(each) for each in range(len(cells))]:
+
+        # A line above with numbers and as many cells is a row that is not understood
+        for number_above, cells_above in above:
+            if len(cells_above) == len(cells):
+                raise ConfigError(
+                    f"line {number_above}: {shown_cells(cells_above)} is no row; correct or remove it"
+                )
+        if len(cells) > 2 and cells == [str(column) for column in range(len(cells))]:
             raise ConfigError(f"line {number}: {shown_cells(cells)} numbers the columns; remove it")
         layout = TextLayout(number - 1, delimiter, len(cells), indices, (), remedy)
         _check_first_rows(sample, layout, anchors)
         return layout
-    first = next((cells for line in sample if (cells := split_cells(line, delimiter_of(line)))), ())
     raise ConfigError(
-        f"no line has numbers in the columns {join_names(map(str, wanted.values()))}, the first line is "
-        f"{shown_cells(first)}; {remedy}"
+        f"no line has numbers in the columns {_names_of(wanted)}, the first line is "
+        f"{shown_cells(_first_cells(sample))}; {remedy}"
     )
 
 
+def _is_first_row(
+    cells: Sequence[str], indices: Mapping[str, int], found_numbers: set[str], anchors: Sequence[str]
+) -> bool:
+    """Return True if each column has a number, or a lost value unless it is an anchor."""
+    for name, index in indices.items():
+        if name in found_numbers:
+            continue
+        if name in anchors or index >= len(cells):
+            return False
+        if not is_lost(cells[index]):
+            return False
+    return True
+
+
+def _first_cells(sample: Sequence[str]) -> Sequence[str]:
+    """Return the cells of the first line that has any."""
+    for line in sample:
+        cells = split_cells(line, delimiter_of(line))
+        if cells:
+            return cells
+    return ()
+
+
 def _check_first_rows(sample: Sequence[str], layout: TextLayout, anchors: Sequence[str]) -> None:
+    """Check the rows of `sample`: their cells, the numbers of the first one, the meaning of commas.
+
+    Raises:
+        ConfigError: If they are not as the layout says. Does not name the file.
+    """
     is_first = True
-    with_commas: list[tuple[int, str]] = []
+    numbers_with_commas: list[tuple[int, str]] = []
     for number, line in enumerate(sample[layout.skip :], start=layout.skip + 1):
         if not line.strip() or line.lstrip().startswith(COMMENTS):
             continue
         cells = split_cells(line.partition("#")[0], layout.delimiter, layout.width)
         layout.check_row(number, cells)
-        if is_first and not any(is_number(cells[layout.indices[name]], layout.delimiter) for name in anchors):
-            names = join_names(anchors)
-            raise ConfigError(
-                f"line {number}: {shown_cells(cells)} has no number for {names}; {layout.remedy}"
-            )
+        if is_first:
+            anchor_cells = [cells[layout.indices[name]] for name in anchors]
+            if not any(is_number(cell, layout.delimiter) for cell in anchor_cells):
+                names = join_names(anchors)
+                raise ConfigError(
+                    f"line {number}: {shown_cells(cells)} has no number for {names}; {layout.remedy}"
+                )
         is_first = False
-        numbers = [cells[at] for at in layout.indices.values() if is_number(cells[at], layout.delimiter)]
-        with_commas += [(number, cell) for cell in numbers if "," in cell]
-    if with_commas and all(_THOUSANDS.fullmatch(cell) for _, cell in with_commas):
-        number, cell = with_commas[0]
+        for index in layout.indices.values():
+            cell = cells[index]
+            if "," in cell and is_number(cell, layout.delimiter):
+                numbers_with_commas.append((number, cell))
+
+    # One number that is not in groups of three shows that the comma is a decimal one
+    if numbers_with_commas and all(_THOUSANDS.fullmatch(cell) for _, cell in numbers_with_commas):
+        number, cell = numbers_with_commas[0]
         raise ConfigError(
             f"line {number}: {cell} may have decimals or thousands behind its comma, as all numbers with "
             "one; write a decimal point"
@@ -262,38 +334,44 @@ def _check_first_rows(sample: Sequence[str], layout: TextLayout, anchors: Sequen
 
 def column_indices(wanted: Wanted, names: Sequence[str]) -> dict[str, int] | None:
     """Return the index of each column in `names`, or None if one is not there exactly once."""
-    plain = [name.casefold() for name in names]
+    lower_names = [name.casefold() for name in names]
     indices: dict[str, int] = {}
     for ours, source in wanted.items():
         if isinstance(source, int):
-            places = [source - 1] if 0 < source <= len(names) else []
-        else:
-            places = [at for at, name in enumerate(plain) if name == source.strip().casefold()]
-        if len(places) != 1:
+            if not 0 < source <= len(names):
+                return None
+            indices[ours] = source - 1
+            continue
+        name = source.strip().casefold()
+        if lower_names.count(name) != 1:
             return None
-        indices[ours] = places[0]
+        indices[ours] = lower_names.index(name)
     return indices
 
 
 def delimiter_of(line: str) -> str:
     """Return the character that parts the cells of `line`."""
     unquoted = _QUOTED.sub("", line.strip(" \r\n"))
-    return next((each for each in "\t;," if each in unquoted), " ")
+    for delimiter in "\t;,":
+        if delimiter in unquoted:
+            return delimiter
+    return " "
 
 
 def split_cells(line: str, delimiter: str, count: int = 0) -> list[str]:
     """Return the cells of `line` without blanks and quotes around them, and empty ones beyond `count`."""
     text = line.strip(" \r\n")
-    try:
-        is_plain = delimiter != " " and '"' not in text  # most rows: faster
-        rows = (
-            [text.split(delimiter)]
-            if is_plain
-            else csv.reader([text], delimiter=delimiter, skipinitialspace=True)
-        )
-        cells = [cell.strip().strip("'") for cell in next(iter(rows), [])] if text else []
-    except csv.Error:
+    if not text:
         return []
+    if delimiter != " " and '"' not in text:  # most rows: faster
+        padded_cells = text.split(delimiter)
+    else:
+        try:
+            rows = csv.reader([text], delimiter=delimiter, skipinitialspace=True)
+            padded_cells = next(rows, [])
+        except csv.Error:
+            return []
+    cells = [cell.strip().strip("'") for cell in padded_cells]
     while 0 < count < len(cells) and not cells[-1]:
         cells.pop()
     return cells
@@ -301,8 +379,12 @@ def split_cells(line: str, delimiter: str, count: int = 0) -> list[str]:
 
 def parse_number(text: str, delimiter: str) -> float:
     """Return the number in `text`, NaN if there is none."""
+    if "_" in text:  # Python's own form of numbers
+        return math.nan
+    if delimiter != ",":
+        text = text.replace(",", ".")
     try:
-        return float("?" if "_" in text else text.replace(",", ".") if delimiter != "," else text)
+        return float(text)
     except ValueError:
         return math.nan
 
@@ -319,8 +401,11 @@ def is_lost(text: str) -> bool:
 
 def shown_cells(cells: Sequence[str]) -> str:
     """Return the numbers and texts of `cells` for a message: `1 'X (m)', 2 'Y (m)'`."""
-    shown = ", ".join(f"{at} {format_value(cell)}" for at, cell in enumerate(cells[:MAX_SHOWN], start=1))
-    return f"{shown} …" if len(cells) > MAX_SHOWN else shown or "empty"
+    numbered = [f"{number} {format_value(cell)}" for number, cell in enumerate(cells[:MAX_SHOWN], start=1)]
+    shown = ", ".join(numbered)
+    if len(cells) > MAX_SHOWN:
+        return f"{shown} …"
+    return shown or "empty"
 
 
 def _names_of(wanted: Wanted) -> str:

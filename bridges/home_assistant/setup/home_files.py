@@ -14,7 +14,8 @@ from pointit.maps.checks.things import check_labels
 from pointit.maps.edit import Add, Edit, Remove, SetValue, edited
 from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.strip_fit import free_name
-from pointit.maps.model import MAX_LABEL, MapFile, things_of
+from pointit.maps.model import MAX_LABEL, MapFile
+from pointit.maps.things import things_of
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
 from pointit.scan.paced import FIRST, SECOND

@@ -20,7 +20,7 @@ from pointit.maps.checks.finding import MapFinding
 from pointit.maps.checks.things import check_labels, separability
 from pointit.maps.edit import write_new
 from pointit.maps.file import map_path, parse_map_file, read_map_file, read_whole_map
-from pointit.maps.model import things_of
+from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas.text import all_of

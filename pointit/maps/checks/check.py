@@ -1,5 +1,6 @@
 """Checks for probable mistakes in a readable map, and its summary: `pointit map check`."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from pointit.maps.checks.pacing import check_pacing, pacing_text
 from pointit.maps.checks.things import check_lamps, check_things
 from pointit.maps.environment import broken_references, lanes_of
 from pointit.maps.file import MapError, read_clouds, to_message
-from pointit.maps.model import FenceEntry, MapFile
+from pointit.maps.model import FenceEntry, LinkEntry, MapFile
 from pointit.runtime.errors import ConfigError
 
 Point = tuple[float, float]
@@ -35,31 +36,39 @@ def about_map(path: Path) -> str:
 
 def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
     """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
+    pixels = sum(strip.pixels for strip in file.strips.values())
+    points = sum(len(cloud) for cloud in clouds.values())
     counts = (
-        (len(file.belts), "belt", ""),
-        (len(file.links), "link", ""),
-        (len(file.bays), "bay", ""),
-        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
-        (len(file.lamps), "lamp", ""),
-        (len(file.boxes), "box", ""),
-        (len(file.planes), "plane", ""),
-        (len(file.cylinders), "cylinder", ""),
-        (len(file.spheres), "sphere", ""),
-        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
-        (len(file.fences), "fence", ""),
-        (len(file.frames), "frame", ""),
-        (len(file.things), "thing", ""),
+        _counted(len(file.belts), "belt"),
+        _counted(len(file.links), "link"),
+        _counted(len(file.bays), "bay"),
+        _counted(len(file.strips), "strip", _with(pixels, "pixel")),
+        _counted(len(file.lamps), "lamp"),
+        _counted(len(file.boxes), "box"),
+        _counted(len(file.planes), "plane"),
+        _counted(len(file.cylinders), "cylinder"),
+        _counted(len(file.spheres), "sphere"),
+        _counted(len(clouds), "cloud", _with(points, "point")),
+        _counted(len(file.fences), "fence"),
+        _counted(len(file.frames), "frame"),
+        _counted(len(file.things), "thing"),
     )
-    counted = ", ".join(
-        f"{count} {word}{'' if count == 1 else 'es' if word == 'box' else 's'}{more}"
-        for count, word, more in counts
-        if count
-    )
-    return "; ".join(filter(None, (counted, pacing_text(file))))
+    summary = ", ".join(filter(None, counts))
+    return "; ".join(filter(None, (summary, pacing_text(file))))
 
 
-def _with(count: int, what: str) -> str:
-    return f" with {count} {what}{'s' if count > 1 else ''}"
+def _counted(count: int, word: str, addition: str = "") -> str:
+    """Return `count` of what `word` means, as in `2 boxes`, or `""` if there are none."""
+    if not count:
+        return ""
+    plural = "es" if word == "box" else "s"
+    ending = "" if count == 1 else plural
+    return f"{count} {word}{ending}{addition}"
+
+
+def _with(count: int, word: str) -> str:
+    ending = "s" if count > 1 else ""
+    return f" with {count} {word}{ending}"
 
 
 def check_map(
@@ -74,15 +83,21 @@ def check_map(
     Things are also compared as seen from `poses_m`.
     """
     broken = [error(where, text) for where, text in broken_references(file)]
+
+    # Links to lanes that do not exist are reported as broken, and are of no use for the other checks
     lanes = lanes_of(file)
-    links = [
-        (index, link)
-        for index, link in enumerate(file.links)
-        if link.source in lanes and link.target in lanes
-    ]
+    links: list[tuple[int, LinkEntry]] = []
+    for index, link in enumerate(file.links):
+        if link.source in lanes and link.target in lanes:
+            links.append((index, link))
+    places_m = list(poses_m)
+    if person_m:
+        places_m.insert(0, person_m)
+
+    # A wrong unit makes heights of lamps wrong, too, which needs no finding of its own
     wrong_units = list(check_extent(file, clouds))
     is_home = any(thing.home_assistant for thing in file.things.values())
-    found = [
+    findings = [
         *wrong_units,
         *broken,
         *check_belts(file, lanes, links),
@@ -91,21 +106,28 @@ def check_map(
         *check_lamps(file.lamps, person_m, has_heights=not wrong_units, is_home=is_home),
         *_check_solids(file),
         *check_fences(file.fences),
-        *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
-        *check_pacing(file, [*((person_m,) if person_m else ()), *poses_m]),
+        *check_things(file, clouds, places_m),
+        *check_pacing(file, places_m),
         *_check_duplicates(file),
     ]
-    return sorted(found, key=lambda each: each.severity)
+    return sorted(findings, key=lambda finding: finding.severity)
 
 
 def _check_solids(file: MapFile) -> Iterator[MapFinding]:
-    sizes = {
-        **{f"boxes.{name}": box.size for name, box in file.boxes.items()},
-        **{f"things.{name}": thing.size for name, thing in file.things.items() if thing.size},
-        **{f"planes.{name}": plane.size for name, plane in file.planes.items() if plane.size},
-        **{f"cylinders.{name}": (each.radius, each.height) for name, each in file.cylinders.items()},
-        **{f"spheres.{name}": (each.radius,) for name, each in file.spheres.items()},
-    }
+    """Yield solids and things that are too thin to point at."""
+    sizes: dict[str, tuple[float, ...]] = {}
+    for name, box in file.boxes.items():
+        sizes[f"boxes.{name}"] = box.size
+    for name, thing in file.things.items():
+        if thing.size:
+            sizes[f"things.{name}"] = thing.size
+    for name, plane in file.planes.items():
+        if plane.size:
+            sizes[f"planes.{name}"] = plane.size
+    for name, cylinder in file.cylinders.items():
+        sizes[f"cylinders.{name}"] = (cylinder.radius, cylinder.height)
+    for name, sphere in file.spheres.items():
+        sizes[f"spheres.{name}"] = (sphere.radius,)
     for where, measures in sizes.items():
         if min(measures) < THINNEST_M:
             yield error(
@@ -131,20 +153,21 @@ def _duplicates(section: str, entries: Mapping[str, object]) -> Iterator[MapFind
 
 def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[MapFinding]:
     """Yield volumes that hold no robot, alone or together."""
-    inside = {name: each for name, each in fences.items() if each.kind == "keep_in"}
-    for name, each in inside.items():
-        xs, ys = zip(*each.outline, strict=True)
+    keep_in = {name: fence for name, fence in fences.items() if fence.kind == "keep_in"}
+    for name, fence in keep_in.items():
+        xs, ys = zip(*fence.outline, strict=True)
         shorter_side = min(max(xs) - min(xs), max(ys) - min(ys))
         if shorter_side < ROBOT_M:
             yield warning(
                 f"fences.{name}",
                 f"is {shorter_side:g} m wide, and robots stay inside; give its corners in metres",
             )
-        if each.high is not None and each.high <= 0.0:
-            yield error(f"fences.{name}", f"ends at {each.high:g} m, not above the floor; raise high")
-    if inside and len(fences) > 1 and not _have_room(fences):
+        if fence.high is not None and fence.high <= 0.0:
+            yield error(f"fences.{name}", f"ends at {fence.high:g} m, not above the floor; raise high")
+    has_several = bool(keep_in) and len(fences) > 1
+    if has_several and not _have_room(fences):
         yield error(
-            "fences." + ", ".join(inside),
+            "fences." + ", ".join(keep_in),
             "leave no place for a robot: it stays inside every keep_in and outside every keep_out; "
             "correct one",
         )
@@ -152,32 +175,46 @@ def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[MapFinding]:
 
 def _have_room(fences: Mapping[str, FenceEntry]) -> bool:
     """Return True if a point is found inside every `keep_in` and outside every `keep_out`."""
-    inside = [each for each in fences.values() if each.kind == "keep_in"]
-    low_z = max(_or(each.low, -np.inf) for each in inside)
-    high_z = min(_or(each.high, np.inf) for each in inside)
-    low = np.max([np.min(each.outline, axis=0) for each in inside], axis=0)
-    high = np.min([np.max(each.outline, axis=0) for each in inside], axis=0)
+    # Box in which every `keep_in` may have room
+    keep_in = [fence for fence in fences.values() if fence.kind == "keep_in"]
+    heights = [_heights_m(fence) for fence in keep_in]
+    low_z = max(low for low, _ in heights)
+    high_z = min(high for _, high in heights)
+    low = np.max([np.min(fence.outline, axis=0) for fence in keep_in], axis=0)
+    high = np.min([np.max(fence.outline, axis=0) for fence in keep_in], axis=0)
     if low_z >= high_z or np.any(low >= high):
         return False
-    outlines = {name: FloorArea(each.outline) for name, each in fences.items()}
+
+    # A grid of it, each place with the heights that `keep_out` leaves
+    areas = [(FloorArea(fence.outline), fence) for fence in fences.values()]
     steps = (np.arange(GRID) + 0.5) / GRID
     for x in low[0] + steps * (high[0] - low[0]):
         for y in low[1] + steps * (high[1] - low[1]):
-            place = (float(x), float(y))
-            closed: list[tuple[float, float]] = []
-            for name, each in fences.items():
-                if outlines[name].contains(place) == (each.kind == "keep_out"):
-                    if each.kind == "keep_in":
-                        break
-                    closed.append((_or(each.low, -np.inf), _or(each.high, np.inf)))
-            else:
-                if _has_gap(low_z, high_z, closed):
-                    return True
+            closed = _closed_heights(areas, (float(x), float(y)))
+            if closed is not None and _has_gap(low_z, high_z, closed):
+                return True
     return False
 
 
-def _or(height: float | None, otherwise: float) -> float:
-    return otherwise if height is None else height
+def _closed_heights(
+    areas: Sequence[tuple[FloorArea, FenceEntry]], place_m: Point
+) -> list[tuple[float, float]] | None:
+    """Return the heights that `keep_out` closes at a place, None if a `keep_in` is not there."""
+    closed: list[tuple[float, float]] = []
+    for area, fence in areas:
+        is_inside = area.contains(place_m)
+        if fence.kind == "keep_in" and not is_inside:
+            return None
+        if fence.kind == "keep_out" and is_inside:
+            closed.append(_heights_m(fence))
+    return closed
+
+
+def _heights_m(fence: FenceEntry) -> tuple[float, float]:
+    """Return the lowest and the highest point of a fence, infinite where it has no end."""
+    low = -math.inf if fence.low is None else fence.low
+    high = math.inf if fence.high is None else fence.high
+    return low, high
 
 
 def _has_gap(low: float, high: float, closed: list[tuple[float, float]]) -> bool:
@@ -205,19 +242,20 @@ def examined(
         person_m: position of the person. None: anywhere.
         poses_m: further positions from which people point at things.
     """
-    has = ""
     try:
         file = read()
         clouds = read_clouds(path, file)
     except MapError as unreadable:
-        return has, [error(where, text) for where, text in unreadable.mistakes]
+        return "", [error(where, text) for where, text in unreadable.mistakes]
     except ConfigError as unreadable:
-        return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
-    has = contents(file, clouds)
+        return "", [error(name, str(unreadable).removeprefix(f"{path}: "))]
+    summary = contents(file, clouds)
     findings = check_map(file, clouds, person_m=person_m, poses_m=poses_m)
-    if not any(each.severity == "error" for each in findings):
+
+    # Only a map without errors has a message, which may be too large
+    if not any(finding.severity == "error" for finding in findings):
         try:
             to_message(path, file, clouds, 0)
         except ConfigError as too_large:
             findings.append(error(name, str(too_large).removeprefix(f"{path}: ")))
-    return has, findings
+    return summary, findings

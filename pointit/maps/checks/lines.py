@@ -57,14 +57,15 @@ def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntr
     for index, link in links:
         yield from _check_link(index, link, lanes)
     yield from _twice(links)
-    plain = [link for _, link in links]
+    plain_links = [link for _, link in links]
     bays = {bay: lane for bay, lane in file.bays.items() if lane in lanes}
-    yield from _check_bays(bays, plain, lanes)
+    yield from _check_bays(bays, plain_links, lanes)
     if file.belts:
-        yield from _missing_links(plain, lanes)
-    if plain or bays:
-        yield from _loose_lanes("belts" if file.belts else "strips", plain, set(bays.values()), lanes)
-    yield from _endless(plain, set(bays.values()), lanes)
+        yield from _missing_links(plain_links, lanes)
+    if plain_links or bays:
+        section = "belts" if file.belts else "strips"
+        yield from _loose_lanes(section, plain_links, set(bays.values()), lanes)
+    yield from _endless(plain_links, set(bays.values()), lanes)
 
 
 def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFinding]:
@@ -80,10 +81,10 @@ def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFindin
         others = [lane for lane in lanes.values() if lane.name not in (source.name, target.name)]
         bare = _bare_m(a, b, others)
         if bare > width:
+            distance = round_beyond(bare, width, 2)
             yield error(
                 where,
-                f"{source.name} at {leaves:.3g} m and {target.name} at {enters:.3g} m are "
-                f"{round_beyond(bare, width, 2)} m "
+                f"{source.name} at {leaves:.3g} m and {target.name} at {enters:.3g} m are {distance} m "
                 f"apart, more than a belt's width of {width:g} m; correct the positions, or the lines",
             )
     if enters > target.line.length_m - AT_END_M:
@@ -98,7 +99,8 @@ def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
     places = np.linspace(a, b, SAMPLES)
     covered = np.zeros(SAMPLES, dtype=bool)
     for lane in others:
-        covered |= lane.line.nearest_to(places)[1] <= lane.width_m / 2
+        _, distances_m = lane.line.nearest_to(places)
+        covered |= distances_m <= lane.width_m / 2
     return math.dist(a, b) * (1.0 - float(covered.mean()))
 
 
@@ -113,8 +115,9 @@ def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
 
 def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
     """Return the lane that follows the end of `lane` by a link, or None."""
+    end_m = lane.line.length_m - AT_END_M
     for link in links:
-        if link.source == lane.name and leaves_at(link, lane) >= lane.line.length_m - AT_END_M:
+        if link.source == lane.name and leaves_at(link, lane) >= end_m:
             return link.target
     return None
 
@@ -135,26 +138,31 @@ def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lane
 
 def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
     """Yield belts that begin or end beside another one without a link to it."""
-    known = {(link.source, link.target) for link in links}
+    joined_pairs = {(link.source, link.target) for link in links}
     fed = {link.target for link in links}
     around = _Around(lanes)
     for lane in lanes.values():
         for at_start in (False, True):
-            if lane.name in fed if at_start else _goes_on(lane, links) is not None:
+            # The end of the lane, unless it is linked
+            has_link = lane.name in fed if at_start else _goes_on(lane, links) is not None
+            if has_link:
                 continue
             place = lane.line.point_at(0.0 if at_start else lane.line.length_m)
+
+            # A lane beside it. Two lanes that meet are found from both, and reported once.
             other, position = _beside(place, lane, around.near(place), at_start=at_start)
             if other is None:
                 continue
             pair = (other.name, lane.name) if at_start else (lane.name, other.name)
-            if pair in known:
+            if pair in joined_pairs:
                 continue
-            known.add(pair)
+            joined_pairs.add(pair)
             text = _link_text(pair, other, position, at_start=at_start)
+            verb = "begins" if at_start else "ends"
             yield warning(
                 f"belts.{lane.name}",
-                f"{'begins' if at_start else 'ends'} beside {other.name} and no link joins them; "
-                f"if objects pass there, add to links: {text}",
+                f"{verb} beside {other.name} and no link joins them; if objects pass there, add to links: "
+                f"{text}",
             )
 
 
@@ -164,8 +172,9 @@ class _Around:
     def __init__(self, lanes: Lanes) -> None:
         self._lanes = list(lanes.values())
         widest_m = max(lane.width_m for lane in self._lanes)
-        self._low = np.array([lane.line.vertices_m.min(axis=0) for lane in self._lanes]) - widest_m
-        self._high = np.array([lane.line.vertices_m.max(axis=0) for lane in self._lanes]) + widest_m
+        vertices_m = [lane.line.vertices_m for lane in self._lanes]
+        self._low = np.array([line_m.min(axis=0) for line_m in vertices_m]) - widest_m
+        self._high = np.array([line_m.max(axis=0) for line_m in vertices_m]) + widest_m
 
     def near(self, place: Vec3) -> list[Lane]:
         """Return a superset of the lanes within a lane's width of `place`."""
@@ -185,13 +194,18 @@ def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -
         positions, distances = other.line.nearest_to(np.array([place]))
         distance = float(distances[0])
         position = float(positions[0])
-        neighbour = position < AT_END_M if at_start else position > other.line.length_m - AT_END_M
-        if not neighbour and distance <= max(lane.width_m, other.width_m) and distance < best[0]:
+        is_neighbour = position > other.line.length_m - AT_END_M
+        if at_start:
+            is_neighbour = position < AT_END_M
+        if is_neighbour or distance > max(lane.width_m, other.width_m):
+            continue
+        if distance < best[0]:
             best = (distance, other, position)
     return best[1:]
 
 
 def _link_text(pair: tuple[str, str], other: Lane, position: float, *, at_start: bool) -> str:
+    """Return the entry of `links` for a pair of lanes that meet at `position` of `other`."""
     source, target = pair
     if at_start and position < other.line.length_m - AT_END_M:
         return f"- {{from: {source}, from_position: {position:.3f}, to: {target}}}"
@@ -204,17 +218,21 @@ def _loose_lanes(
     section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes
 ) -> Iterator[MapFinding]:
     """Yield lanes without connection, in a map with links or bays."""
-    touched = {link.source for link in links} | {link.target for link in links} | bays
-    entered_at_start = {link.target for link in links if enters_at(link, lanes[link.target]) < AT_END_M}
+    touched = set(bays)
+    entered_at_start: set[str] = set()
+    for link in links:
+        touched |= {link.source, link.target}
+        if enters_at(link, lanes[link.target]) < AT_END_M:
+            entered_at_start.add(link.target)
     for lane in lanes.values():
+        where = f"{section}.{lane.name}"
         if lane.name not in touched:
+            yield warning(where, "nothing leads to it or from it; add it to links, or give it a bay")
+            continue
+        needs_exit = bool(bays) and lane.name not in bays
+        if needs_exit and _goes_on(lane, links) is None:
             yield warning(
-                f"{section}.{lane.name}", "nothing leads to it or from it; add it to links, or give it a bay"
-            )
-        elif bays and lane.name not in bays and _goes_on(lane, links) is None:
-            yield warning(
-                f"{section}.{lane.name}",
-                "ends without a bay and without a link; say in links where it leads, or give it a bay",
+                where, "ends without a bay and without a link; say in links where it leads, or give it a bay"
             )
     if entered_at_start.issuperset(lanes):
         yield warning(section, "none has a start that is free, so nothing can be fed; free one of its links")
@@ -224,29 +242,53 @@ def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterat
     """Yield circles that objects never leave. Without bays, objects leave where a lane has no link."""
     if not links:
         return
-    exits = bays or {name for name, lane in lanes.items() if _goes_on(lane, links) is None}
-    leaving: dict[str, list[int]] = {}
-    for index, link in enumerate(links):
-        leaving.setdefault(link.source, []).append(index)
-    pairs = [
-        (index, then)
-        for index, link in enumerate(links)
-        for then in leaving.get(link.target, ())
-        if leaves_at(links[then], lanes[link.target]) >= enters_at(link, lanes[link.target])
-    ]
-    at = ([first for first, _ in pairs], [then for _, then in pairs])
-    follows = csr_array((np.ones(len(pairs)), at), shape=(len(links), len(links)))
-    saved = np.array([link.target in exits for link in links])
-    while (more := saved | (follows @ saved > 0)).sum() > saved.sum():
-        saved = more
-    count, circle = connected_components(follows, directed=True, connection="strong")
+    exits = bays
+    if not exits:
+        exits = {name for name, lane in lanes.items() if _goes_on(lane, links) is None}
+
+    # Graph of links: one follows another if it leaves the lane behind where that enters it
+    pairs = _following_links(links, lanes)
+    first_indices = [first for first, _ in pairs]
+    next_indices = [following for _, following in pairs]
+    ones = np.ones(len(pairs))
+    follows = csr_array((ones, (first_indices, next_indices)), shape=(len(links), len(links)))
+
+    # Links from which an exit can be reached, from the exits backwards
+    reaches_exit = np.array([link.target in exits for link in links])
+    while True:
+        extended = reaches_exit | (follows @ reaches_exit > 0)
+        if extended.sum() <= reaches_exit.sum():
+            break
+        reaches_exit = extended
+
+    # Circles among the others. A component of one link is none, unless that follows itself.
+    count, component = connected_components(follows, directed=True, connection="strong")
     for number in range(count):
-        members = {int(index) for index in np.flatnonzero((circle == number) & ~saved)}
-        if not any(first in members and then in members for first, then in pairs):
+        is_member = (component == number) & ~reaches_exit
+        members = {int(index) for index in np.flatnonzero(is_member)}
+        if not any(members.issuperset(pair) for pair in pairs):
             continue
         names = join_names(dict.fromkeys(links[index].target for index in sorted(members)))
         text = f"objects on {names} circulate forever; link one of these to a belt that"
-        yield error("links", f"{text} has a bay") if bays else warning("links", f"{text} ends")
+        if bays:
+            yield error("links", f"{text} has a bay")
+        else:
+            yield warning("links", f"{text} ends")
+
+
+def _following_links(links: Sequence[LinkEntry], lanes: Lanes) -> list[tuple[int, int]]:
+    """Return pairs of indices of a link and one that leaves the lane where objects still come by."""
+    leaving: dict[str, list[int]] = {}
+    for index, link in enumerate(links):
+        leaving.setdefault(link.source, []).append(index)
+    pairs: list[tuple[int, int]] = []
+    for index, link in enumerate(links):
+        lane = lanes[link.target]
+        entered_m = enters_at(link, lane)
+        for following in leaving.get(link.target, ()):
+            if leaves_at(links[following], lane) >= entered_m:
+                pairs.append((index, following))
+    return pairs
 
 
 def check_strips(file: MapFile) -> Iterator[MapFinding]:
@@ -261,21 +303,26 @@ def check_strips(file: MapFile) -> Iterator[MapFinding]:
             f"strips.{name}",
             f"has pixels of the wire that {other} has, too; correct an offset, or give each its own output",
         )
-    densities = {
-        name: strip.pixels / lines[name].length_m for name, strip in file.strips.items() if is_even(strip)
-    }
+
+    # Strips of one map are mostly of one kind. Their lines must have pixels in order to be compared.
+    densities: dict[str, float] = {}
+    for name, strip in file.strips.items():
+        if is_even(strip):
+            densities[name] = strip.pixels / lines[name].length_m
     if len(densities) < 2:
         return
     median = statistics.median(densities.values())
     for name, density in densities.items():
-        if abs(density / median - 1.0) > DENSITY_SPREAD:
-            length = lines[name].length_m
-            yield warning(
-                f"strips.{name}",
-                f"{file.strips[name].pixels} pixels on {length:.2f} m are {density:.1f} a metre and the "
-                f"strips' median is {median:.1f}; correct pixels (to about {max(1, round(median * length))}) "
-                "or the line, unless it is another kind of strip",
-            )
+        if abs(density / median - 1.0) <= DENSITY_SPREAD:
+            continue
+        length = lines[name].length_m
+        usual_pixels = max(1, round(median * length))
+        yield warning(
+            f"strips.{name}",
+            f"{file.strips[name].pixels} pixels on {length:.2f} m are {density:.1f} a metre and the "
+            f"strips' median is {median:.1f}; correct pixels (to about {usual_pixels}) "
+            "or the line, unless it is another kind of strip",
+        )
 
 
 def is_even(strip: StripEntry) -> bool:
@@ -300,18 +347,25 @@ def check_lines(file: MapFile) -> Iterator[MapFinding]:
 
 
 def _check_beside(name: str, line: Polyline, lanes: Mapping[str, Lane]) -> Iterator[MapFinding]:
+    """Yield a strip of which more than `OFF_SHARE` lies beside no belt."""
+    # Distances of places of the strip from the edge of each belt
     places = line.points_at(np.linspace(0.0, line.length_m, SAMPLES))
-    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in lanes.items()}
-    off = np.min(list(beyond.values()), axis=0) > BESIDE_BELT_M
-    share = float(off.mean())
+    beyond_m: dict[str, NDArray[np.float64]] = {}
+    for belt, lane in lanes.items():
+        _, distances_m = lane.line.nearest_to(places)
+        beyond_m[belt] = distances_m - lane.width_m / 2
+    is_off = np.min(list(beyond_m.values()), axis=0) > BESIDE_BELT_M
+    share = float(is_off.mean())
     if share <= OFF_SHARE:
         return
-    nearest = min(beyond, key=lambda belt: float(beyond[belt].mean()))
-    how_much = "lies" if share == 1.0 else f"{share:.0%} of it lies"
-    far = float(beyond[nearest].max())
+
+    # The belt that is probably meant
+    nearest = min(beyond_m, key=lambda belt: float(beyond_m[belt].mean()))
+    farthest_m = float(beyond_m[nearest].max())
+    extent = "lies" if share == 1.0 else f"{share:.0%} of it lies"
     yield warning(
         f"strips.{name}",
-        f"{how_much} beside no belt, its pixels are up to {far:.2f} m from the edge of {nearest}; "
+        f"{extent} beside no belt, its pixels are up to {farthest_m:.2f} m from the edge of {nearest}; "
         f"correct its line (a strip shows what is on belts up to {BESIDE_BELT_M:g} m beside it)",
     )
 
@@ -319,17 +373,21 @@ def _check_beside(name: str, line: Polyline, lanes: Mapping[str, Lane]) -> Itera
 def _check_line(
     where: str, vertices: Sequence[Vec3], given: float | None, *, is_winding: bool = False
 ) -> Iterator[MapFinding]:
+    """Yield a wrong `given` length, equal vertices, and sharp turns unless the line `is_winding`."""
     length = Polyline(vertices).length_m
-    if given is not None and abs(given - length) > max(LENGTH_M, LENGTH_SPREAD * length):
+    tolerance = max(LENGTH_M, LENGTH_SPREAD * length)
+    if given is not None and abs(given - length) > tolerance:
         yield warning(
             where, f"length is given as {given:g} m and the line is {length:.3f} m long; correct one of them"
         )
-    lengths = np.linalg.norm(np.diff(np.array(vertices), axis=0), axis=1)
-    for index in np.flatnonzero(lengths <= SAME_M).tolist():
+    steps = np.linalg.norm(np.diff(np.array(vertices), axis=0), axis=1)
+    for index in np.flatnonzero(steps <= SAME_M).tolist():
         yield warning(
             where, f"vertex {index + 1} is where vertex {index} is, {list(vertices[index])}; remove it"
         )
-    for vertex, turn in [] if is_winding else _sharp_turns(vertices):
+    if is_winding:
+        return
+    for vertex, turn in _sharp_turns(vertices):
         yield warning(
             where, f"turns by {turn:.0f}° at vertex {vertex}, {list(vertices[vertex])}; put vertices in order"
         )
@@ -339,28 +397,36 @@ def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
     """Return index and angle (degrees) of the vertices where a line turns by more than `SHARPEST_DEG`."""
     steps = np.diff(np.array(vertices), axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    distinct = lengths > SAME_M
-    at = np.flatnonzero(distinct)
-    steps = steps[distinct] / lengths[distinct, None]
-    turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
-    return [(int(at[1 + index]), float(turns[index])) for index in np.flatnonzero(turns > SHARPEST_DEG)]
+    is_distinct = lengths > SAME_M
+    starts = np.flatnonzero(is_distinct)
+    tangents = steps[is_distinct] / lengths[is_distinct, None]
+    cosines = np.einsum("ij,ij->i", tangents[:-1], tangents[1:])
+    turns = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    sharp = np.flatnonzero(turns > SHARPEST_DEG)
+    return [(int(starts[1 + index]), float(turns[index])) for index in sharp]
 
 
 def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
     """Yield a map in another unit, clouds below the floor or too high; `clouds` are n x 3, in {W}."""
+    # Everything that has a position
     centers = [box.center for box in file.boxes.values()]
     centers += [cylinder.center for cylinder in file.cylinders.values()]
     centers += [sphere.center for sphere in file.spheres.values()]
-    centers += [thing.center for thing in file.things.values() if thing.center is not None]
+    for thing in file.things.values():
+        if thing.center is not None:
+            centers.append(thing.center)
     places = np.array([*line_places(file), *centers]).reshape(-1, 3)
     if len(places):
         width_m = float(np.ptp(places[:, :2], axis=0).max())
         height_m = float(places[:, 2].max())
         density = _density(file)
-        if height_m > MAX_HEIGHT_M or width_m > MAX_WIDTH_M or density < MIN_DENSITY:
-            sparse = f", its strips have {density:.2g} pixels a metre" if density < MIN_DENSITY else ""
+        sparse = f", its strips have {density:.2g} pixels a metre" if density < MIN_DENSITY else ""
+        is_too_large = height_m > MAX_HEIGHT_M or width_m > MAX_WIDTH_M
+        if is_too_large or sparse:
             text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres"
             yield warning("map", text)
+
+    # Clouds have a unit and axes of their own
     for name, points in clouds.items():
         low_m = float(points[:, 2].min())
         high_m = float(np.ptp(points[:, 2]))
@@ -375,12 +441,16 @@ def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> It
 
 
 def _extent(width_m: float, height_m: float) -> str:
-    return f"is {width_m:.0f} m wide" + (f" and {height_m:.0f} m high" if height_m > MAX_HEIGHT_M else "")
+    text = f"is {width_m:.0f} m wide"
+    if height_m > MAX_HEIGHT_M:
+        text += f" and {height_m:.0f} m high"
+    return text
 
 
 def _density(file: MapFile) -> float:
     """Return the median of the pixels per metre of strips, infinite if none has enough pixels."""
-    densities = [
-        strip.pixels / Polyline(strip.line).length_m for strip in file.strips.values() if is_even(strip)
-    ]
+    densities: list[float] = []
+    for strip in file.strips.values():
+        if is_even(strip):
+            densities.append(strip.pixels / Polyline(strip.line).length_m)
     return float(np.median(densities)) if densities else math.inf

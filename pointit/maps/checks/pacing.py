@@ -12,7 +12,8 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import MapFinding, warning
-from pointit.maps.model import MapFile, broken_things, things_of
+from pointit.maps.model import MapFile
+from pointit.maps.things import broken_things, things_of
 from pointit.schemas.environment import PacedPlace, Thing
 from pointit.schemas.text import first_of
 
@@ -48,16 +49,14 @@ def direction_sigma_deg(
     origin = _nearest_between(places_m, np.array(eyes_m[:2]))
     line = np.array(thing_m[:2]) - origin
     sight = np.array(thing_m[:2]) - np.array(eyes_m[:2])
+    length_m = float(np.linalg.norm(line))
     range_m = max(float(np.linalg.norm(sight)), NEAREST_M)
     share = DEPTH_SHARE if len(places_m) > 1 else ONE_PLACE_SHARE
 
-    # An error along the line from the place is seen from the side by the sine of the angle between both.
-    sine = (
-        abs(float(line[0] * sight[1] - line[1] * sight[0]))
-        / max(float(np.linalg.norm(line)), NEAREST_M)
-        / range_m
-    )
-    beside_m = share * float(np.linalg.norm(line)) * sine
+    # An error along the line from the place is seen from the side by the sine of the angle between both
+    cross = abs(float(line[0] * sight[1] - line[1] * sight[0]))
+    sine = cross / max(length_m, NEAREST_M) / range_m
+    beside_m = share * length_m * sine
     return math.hypot(PRESS_DEG, math.degrees(math.atan2(beside_m, range_m)))
 
 
@@ -66,11 +65,11 @@ def uncovered_things(places: Sequence[PacedPlace], things: Sequence[Thing], x: f
     places_m = [place.position_m for place in places]
     if not places_m:
         return []
-    return [
-        index
-        for index, thing in enumerate(things)
-        if direction_sigma_deg(places_m, thing.center_m, (x, y)) > MAX_DIRECTION_DEG
-    ]
+    uncovered: list[int] = []
+    for index, thing in enumerate(things):
+        if direction_sigma_deg(places_m, thing.center_m, (x, y)) > MAX_DIRECTION_DEG:
+            uncovered.append(index)
+    return uncovered
 
 
 def covered_m(places_m: Sequence[tuple[float, float]], things: Sequence[Thing]) -> float:
@@ -93,9 +92,10 @@ def pacing_text(file: MapFile) -> str:
     """Return a clause on the accuracy of a paced map for its summary, or `""` if it is not paced."""
     if not file.paced_from:
         return ""
-    places = [
-        f"{name} ({entry.position[0]:g}, {entry.position[1]:g})" for name, entry in file.paced_from.items()
-    ]
+    places: list[str] = []
+    for name, entry in file.paced_from.items():
+        x, y = entry.position
+        places.append(f"{name} ({x:g}, {y:g})")
     text = f"lengths are paced from {' and '.join(places)}"
     if not file.things or any(broken_things(file)):
         return text
@@ -122,6 +122,8 @@ def _nearest_between(places_m: Sequence[tuple[float, float]], point: np.ndarray)
     """Return the point nearest to `point` on the line from the first to the last of `places_m`."""
     start = np.array(places_m[0])
     step = np.array(places_m[-1]) - start
-    length2 = float(step @ step)
-    share = 0.0 if length2 == 0.0 else float(np.clip((point - start) @ step / length2, 0.0, 1.0))
+    square = float(step @ step)
+    share = 0.0
+    if square != 0.0:
+        share = float(np.clip((point - start) @ step / square, 0.0, 1.0))
     return start + share * step

@@ -14,7 +14,8 @@ from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.checks.pacing import uncovered_things
-from pointit.maps.model import ROUNDED_M, LampEntry, MapFile, broken_things, things_of
+from pointit.maps.model import LampEntry, MapFile
+from pointit.maps.things import ROUNDED_M, broken_things, things_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
 from pointit.schemas.environment import PacedPlace
@@ -72,6 +73,7 @@ def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
 
     Equal labels are left out, since `check_things` reports them; so are ids that are too long.
     """
+    # First thing and label of each sound, and of each begin
     sounds: dict[str, tuple[str, str]] = {}
     begins: dict[str, tuple[str, str]] = {}
     slow: list[str] = []
@@ -81,15 +83,25 @@ def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
         duration_s = SYLLABLE_S * sum(map(syllable_count, words))
         if thing.label and duration_s > MAX_SPOKEN_S + 1e-9:
             slow.append(f"{label!r} ({duration_s:.1f} s)")
+
+        # Both are noted before either is reported, so that later things are compared with this one
         sound = " ".join(sound_of(ALIKE.get(word, word)) for word in words)
+        sound_id = begin_id = thing.id
+        sound_label = begin_label = label
+        if sound:
+            sound_id, sound_label = sounds.setdefault(sound, (thing.id, label))
         begin = BEGIN.match(" ".join(words)) if thing.label else None
-        first, same = (thing.id, label) if begin is None else begins.setdefault(begin[0], (thing.id, label))
-        duplicate, other = sounds.setdefault(sound, (thing.id, label)) if sound else (thing.id, label)
-        if duplicate != thing.id and other != label:
-            text = f"{label!r} sounds like {other!r} of {duplicate}; change one label"
+        if begin is not None:
+            begin_id, begin_label = begins.setdefault(begin[0], (thing.id, label))
+
+        if sound_id != thing.id and sound_label != label:
+            text = f"{label!r} sounds like {sound_label!r} of {sound_id}; change one label"
             yield warning(f"things.{thing.id}", text)
-        elif first != thing.id and same != label:
-            text = f"{label!r} begins for {MAX_SPOKEN_S:g} s as {same!r} of {first}; say first what differs"
+        elif begin_id != thing.id and begin_label != label:
+            text = (
+                f"{label!r} begins for {MAX_SPOKEN_S:g} s as {begin_label!r} of {begin_id}; "
+                "say first what differs"
+            )
             yield warning(f"things.{thing.id}", text)
     if slow:
         limit = f"labels take longer than {MAX_SPOKEN_S:g} s to speak: {first_of(slow, NAMED)}"
@@ -100,7 +112,7 @@ def spoken_words(label: str) -> list[str]:
     """Return the words of a label in small Latin letters without accents, numbers in English."""
     plain = unicodedata.normalize("NFKD", label).casefold()
     spelled = re.sub(r"[0-9]+", lambda digits: f" {_spelled(digits[0])} ", plain)
-    letters = "".join(each for each in spelled if not unicodedata.combining(each))
+    letters = "".join(letter for letter in spelled if not unicodedata.combining(letter))
     return re.findall(r"[^\W_]+", letters)
 
 
@@ -109,19 +121,26 @@ def _spelled(digits: str) -> str:
     if len(digits) != 2 or digits[0] == "0":
         return " ".join(DIGITS[int(digit)] for digit in digits)
     tens, ones = map(int, digits)
-    return TEENS[ones] if tens == 1 else f"{TENS[tens]} {DIGITS[ones] if ones else ''}"
+    if tens == 1:
+        return TEENS[ones]
+    ones_word = DIGITS[ones] if ones else ""
+    return f"{TENS[tens]} {ones_word}"
 
 
 def syllable_count(word: str) -> int:
     """Return the approximate number of syllables: groups of vowels, without a silent e at the end."""
     groups = len(re.findall(r"[aeiouy]+", word))
-    is_silent = word.endswith("e") and not word.endswith("le") and groups > 1
-    return max(groups - is_silent, 1)
+    ends_with_silent_e = word.endswith("e") and not word.endswith("le")
+    if ends_with_silent_e:
+        groups -= 1
+    return max(groups, 1)
 
 
 def sound_of(word: str) -> str:
     """Return one letter for each sound of `word`. A single letter is spoken by its name."""
-    return word if len(word) == 1 else re.sub(r"(.)\1+", r"\1", word.translate(LETTERS))
+    if len(word) == 1:
+        return word
+    return re.sub(r"(.)\1+", r"\1", word.translate(LETTERS))
 
 
 def check_things(
@@ -135,16 +154,18 @@ def check_things(
     if len(things) > TESTED:
         text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
         yield warning("things", text)
-    unplaced = [name for name, each in file.things.items() if not (each.center or each.light or each.at)]
-    if unplaced:
-        text = f"{first_of(unplaced, NAMED)}: without a position, nobody can point there"
-        yield warning("things", f"{text}; place them by `pointit map point USER {unplaced[0]} --into MAP`")
+    yield from _check_unplaced(file)
+
+    # Names, lights and places of each
     names: dict[str, str] = {}
     for thing in everything:
-        if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
+        twin = names.setdefault(thing.label or thing.id, thing.id)
+        if twin != thing.id:
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
     yield from _check_lights(everything)
     yield from _check_places(things, file, clouds)
+
+    # Pairs that overlap, or are too close for pointing
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
     for (inner, _), (outer, solid) in permutations(zip(things, solids, strict=True), 2):
         if solid.contains(inner.center_m):  # as is the case if more than half of it is inside
@@ -153,37 +174,69 @@ def check_things(
         yield from _confused(things, solids, (x, y, EYES_M))
 
 
+def _check_unplaced(file: MapFile) -> Iterator[MapFinding]:
+    """Yield one finding for all things without a place."""
+    unplaced: list[str] = []
+    for name, entry in file.things.items():
+        has_place = bool(entry.center or entry.light or entry.at)
+        if not has_place:
+            unplaced.append(name)
+    if unplaced:
+        text = f"{first_of(unplaced, NAMED)}: without a position, nobody can point there"
+        yield warning("things", f"{text}; place them by `pointit map point USER {unplaced[0]} --into MAP`")
+
+
 def _check_lights(things: Sequence[Thing]) -> Iterator[MapFinding]:
-    until: dict[str, tuple[float, str]] = {}
-    for thing in sorted(things, key=lambda each: each.part_m):
-        if light := thing.strip or (thing.lamp and f"lamp {thing.lamp}"):
-            until_m, other = until.get(light, (-math.inf, ""))
-            if other and (thing.lamp or thing.part_m[0] < until_m - ROUNDED_M):
-                yield warning(f"things.{thing.id}", f"has the light of {other}; give each a light of its own")
-            until[light] = max((until_m, other), (thing.part_m[1], thing.id))
+    """Yield things with the light of another one: the same lamp, or a common part of a strip."""
+    ends: dict[str, tuple[float, str]] = {}
+    for thing in sorted(things, key=lambda thing: thing.part_m):
+        light = thing.strip
+        if not light and thing.lamp:
+            light = f"lamp {thing.lamp}"
+        if not light:
+            continue
+        start_m, end_m = thing.part_m
+        previous_end_m, previous_id = ends.get(light, (-math.inf, ""))
+        is_shared = bool(thing.lamp) or start_m < previous_end_m - ROUNDED_M
+        if previous_id and is_shared:
+            yield warning(
+                f"things.{thing.id}", f"has the light of {previous_id}; give each a light of its own"
+            )
+        ends[light] = max((previous_end_m, previous_id), (end_m, thing.id))
 
 
 def _check_places(
     things: Sequence[Thing], file: MapFile, clouds: Mapping[str, NDArray[np.float64]]
 ) -> Iterator[MapFinding]:
+    """Yield things below the floor, and those far from all else."""
+    # Extent of all else but things, empty if there is nothing
     places = line_places(file)
     for solids in (file.boxes, file.planes, file.cylinders, file.spheres):
         places += [solid.center for solid in solids.values()]
-    places += [(x, y, 0.0) for fence in file.fences.values() for x, y in fence.outline]
-    corners = [corner for points in clouds.values() for corner in (points.min(axis=0), points.max(axis=0))]
+    for fence in file.fences.values():
+        places += [(x, y, 0.0) for x, y in fence.outline]
+    corners: list[NDArray[np.float64]] = []
+    for points in clouds.values():
+        corners += (points.min(axis=0), points.max(axis=0))
     room = np.array([*places, *corners]).reshape(-1, 3)
-    room = np.array([room.min(axis=0), room.max(axis=0)]) if len(room) else room
+    if len(room):
+        room = np.array([room.min(axis=0), room.max(axis=0)])
+
     centers = np.array([thing.center_m for thing in things])
     for index, (thing, center) in enumerate(zip(things, centers, strict=True)):
         where = f"things.{thing.id}"
         half_m = thing.size_m[2] / 2.0
-        if (top_m := thing.center_m[2] + half_m) <= 0.0:
+        top_m = thing.center_m[2] + half_m
+        below_m = half_m - thing.center_m[2]
+        if top_m <= 0.0:
             yield error(where, f"ends {-top_m:g} m below the floor; correct its center")
-        elif (below_m := half_m - thing.center_m[2]) > FLOOR_M:
+        elif below_m > FLOOR_M:
             yield warning(where, f"reaches {below_m:.2g} m below the floor; correct its center or size")
-        if not len(rest := np.vstack([room, np.delete(centers, index, axis=0)])):
+        others = np.vstack([room, np.delete(centers, index, axis=0)])
+        if not len(others):
             continue
-        beyond_m = float(np.maximum(rest.min(axis=0) - center, center - rest.max(axis=0)).max())
+        offsets = np.maximum(others.min(axis=0) - center, center - others.max(axis=0))
+        beyond_m = float(offsets.max())
         if beyond_m > BEYOND_M:
             yield warning(where, f"is {beyond_m:.1f} m outside of all else in the map; correct its center")
 
@@ -191,16 +244,21 @@ def _check_places(
 def line_places(file: MapFile) -> list[Vec3]:
     """Return the places of lamps, strips and belts."""
     places = [lamp.position for lamp in file.lamps.values()]
-    places += [place for strip in file.strips.values() for place in strip.line]
-    return places + [place for belt in file.belts.values() for place in belt.centerline]
+    for strip in file.strips.values():
+        places += strip.line
+    for belt in file.belts.values():
+        places += belt.centerline
+    return places
 
 
 def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[MapFinding]:
-    near = sorted(
-        (apart_deg, things[one].id, things[other].id)
-        for one, other in _near(things, eyes_m)
-        if (apart_deg := _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)) < APART_DEG
-    )
+    """Yield the pairs of things that pointing does not tell apart from `eyes_m`, the nearest first."""
+    near: list[tuple[float, str, str]] = []
+    for one, other in _near(things, eyes_m):
+        apart_deg = _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)
+        if apart_deg < APART_DEG:
+            near.append((apart_deg, things[one].id, things[other].id))
+    near.sort()
     place = f"{eyes_m[0]:g},{eyes_m[1]:g}"
     for apart_deg, name, other_name in near[:NAMED]:
         yield warning(
@@ -208,8 +266,9 @@ def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3)
             f"is {apart_deg:.0f}° beside {other_name} as seen from {place}: people need light to tell them "
             "apart; move one, or let people stand nearer",
         )
-    if (more := len(near) - NAMED) > 0:
-        yield warning("things", f"{more} more pairs are as near as seen from {place}; stand nearer")
+    remaining = len(near) - NAMED
+    if remaining > 0:
+        yield warning("things", f"{remaining} more pairs are as near as seen from {place}; stand nearer")
 
 
 def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[int, int]]]:
@@ -223,19 +282,22 @@ def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[i
     """
     if not things:
         raise ConfigError("the map has no things that could be told apart; add a section `things`")
+
+    # Solids keep their outlines as seen from a place, so that they are made once for all places
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
 
     def pairs(x: float, y: float) -> list[tuple[int, int]]:
         eyes_m = (x, y, EYES_M)
         confused = set[int]()
-        found = list[tuple[int, int]]()
+        confused_pairs = list[tuple[int, int]]()
         for one, other in _near(things, eyes_m):
-            if not {one, other} <= confused:
-                start_m = things[one].center_m
-                if _apart_deg(solids[one], solids[other], start_m, eyes_m, APART_DEG) < APART_DEG:
-                    confused |= {one, other}
-                    found.append((one, other))
-        return found
+            if {one, other} <= confused:  # a further pair of theirs, which is slow to measure
+                continue
+            start_m = things[one].center_m
+            if _apart_deg(solids[one], solids[other], start_m, eyes_m, APART_DEG) < APART_DEG:
+                confused |= {one, other}
+                confused_pairs.append((one, other))
+        return confused_pairs
 
     return pairs
 
@@ -264,12 +326,15 @@ def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
     reach = np.array([thing.center_m for thing in things]).reshape(-1, 3) - eyes_m
     range_m = np.linalg.norm(reach, axis=1) + 1e-9
     sizes_m = np.array([thing.size_m for thing in things]).reshape(-1, 3)
-    halves = np.arctan(np.linalg.norm(sizes_m, axis=1) / 2.0 / range_m)
+    radii_rad = np.arctan(np.linalg.norm(sizes_m, axis=1) / 2.0 / range_m)
     towards = reach / range_m[:, None]
     for one in range(len(things)):
-        angles = np.arccos(np.clip(towards[one + 1 :] @ towards[one], -1.0, 1.0))
-        close = angles - halves[one + 1 :] - halves[one] < math.radians(APART_DEG)
-        yield from ((one, one + 1 + int(other)) for other in np.flatnonzero(close))
+        later = one + 1
+        cosines = towards[later:] @ towards[one]
+        angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+        is_close = angles - radii_rad[later:] - radii_rad[one] < math.radians(APART_DEG)
+        for other in np.flatnonzero(is_close):
+            yield one, later + int(other)
 
 
 def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enough_deg: float = 0.0) -> float:
@@ -305,6 +370,7 @@ def check_lamps(
     Without `has_heights` heights are not compared with those of a room. A home (`is_home`) may do without
     lamps: people say where they stand, and its lights are things.
     """
+    # Heights
     names = list(lamps)
     places = np.array([lamp.position for lamp in lamps.values()]).reshape(-1, 3)
     for name, z in zip(names, places[:, 2].tolist(), strict=True):
@@ -315,6 +381,8 @@ def check_lamps(
                 f"lamps.{name}",
                 f"is {z:g} m high, where pointing is difficult; mount it below {HIGHEST_LAMP_M:g} m",
             )
+
+    # Lamps too few or too close to one another for a pose
     for index, other in _at_one_place(places):
         yield error(
             f"lamps.{names[index]}",
@@ -323,36 +391,47 @@ def check_lamps(
     if is_home and not lamps:
         return
     if len(lamps) < 2:
+        count_text = "there is one lamp" if lamps else "there are no lamps"
         yield warning(
             "lamps",
-            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing needs two; "
-            "add lamps, or say where people stand",
+            f"{count_text} and localizing by pointing needs two; add lamps, or say where people stand",
         )
     elif _one_bearing([lamp.position for lamp in lamps.values()], person_m):
-        seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
-        yield error("lamps", f"all lie {seen}, which determines no position; move one of them aside")
+        arrangement = "one above the other"
+        if person_m is not None:
+            arrangement = f"in one direction from {list(person_m)}"
+        yield error("lamps", f"all lie {arrangement}, which determines no position; move one of them aside")
 
 
 def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Return pairs of a lamp and an earlier one where it is, at most one a lamp."""
+    # Exactly at one place
     distinct, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
     earlier = first[inverse.reshape(-1)]
-    found = {int(index): int(earlier[index]) for index in np.flatnonzero(earlier != np.arange(len(places)))}
+    twins: dict[int, int] = {}
+    for index in np.flatnonzero(earlier != np.arange(len(places))):
+        twins[int(index)] = int(earlier[index])
+
+    # Nearly so
     if len(distinct) > 1:
         from scipy.spatial import KDTree  # noqa: PLC0415 - the page loads this module
 
-        nearest = KDTree(distinct).query(distinct, k=[2])  # the first one is the lamp itself
-        away_m, near = (np.asarray(each).reshape(-1) for each in nearest)
-        for row in np.flatnonzero(away_m < SAME_PLACE_M):
-            pair = sorted((int(first[row]), int(first[int(near[row])])))
-            found.setdefault(pair[1], pair[0])
-    return sorted(found.items())
+        distances, neighbours = KDTree(distinct).query(distinct, k=[2])  # the first one is the lamp itself
+        distances_m = np.asarray(distances).reshape(-1)
+        neighbour_of = np.asarray(neighbours).reshape(-1)
+        for row in np.flatnonzero(distances_m < SAME_PLACE_M):
+            neighbour = int(neighbour_of[row])
+            earlier_lamp, later_lamp = sorted((int(first[row]), int(first[neighbour])))
+            twins.setdefault(later_lamp, earlier_lamp)
+    return sorted(twins.items())
 
 
 def _one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -> bool:
     flat = np.array(places)[:, :2]
     if person_m is None:
         return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
-    bearings = np.arctan2(*(flat - person_m).T[::-1])
-    apart = np.degrees(np.abs(np.angle(np.exp(1j * (bearings - bearings[0])))))
-    return bool(apart.max() < MIN_SPREAD_DEG)
+    east, north = (flat - person_m).T
+    bearings = np.arctan2(north, east)
+    turns = np.angle(np.exp(1j * (bearings - bearings[0])))
+    apart_deg = np.degrees(np.abs(turns))
+    return bool(apart_deg.max() < MIN_SPREAD_DEG)

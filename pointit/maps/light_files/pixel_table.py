@@ -57,7 +57,9 @@ def parse_pixel_columns(text: str, content: str = "") -> dict[str, DeclaredColum
     Raises:
         ConfigError: If it is not such.
     """
-    names = header_names(content.splitlines()[:MAX_HEADER_LINES]) if "/" in text else frozenset[str]()
+    names = frozenset[str]()
+    if "/" in text:
+        names = header_names(content.splitlines()[:MAX_HEADER_LINES])
     return parse_columns(text, PIXEL_COLUMNS, names)
 
 
@@ -69,17 +71,23 @@ def pixels_of(
     Raises:
         ConfigError: If a line is no pixel, or it does not have the columns x, y and z, or `declared`.
     """
+    # Columns: with a declared number no other one is read, which would count otherwise
     lines = list(check_lengths(text.splitlines()))
-    wanted = {name: name for name in AXES} | {name: each.source for name, each in declared.items()}
+    wanted: dict[str, str | int] = {name: name for name in AXES}
+    for name, column in declared.items():
+        wanted[name] = column.source
     optional = [name for name in PIXEL_COLUMNS if name not in wanted]
     if {"pixel", "wire"} & declared.keys():
         optional = [name for name in optional if name == "strip"]
     layout = find_layout(
         lines[:MAX_HEADER_LINES], wanted, optional=optional, anchors=AXES, texts=("strip",), remedy=REMEDY
     )
-    factors = [
-        size_of_unit(declared[axis].unit or "m", LENGTHS_M) if axis in declared else 1.0 for axis in AXES
-    ]
+    factors: list[float] = []
+    for axis in AXES:
+        unit = declared[axis].unit if axis in declared else ""
+        factors.append(size_of_unit(unit or "m", LENGTHS_M))
+
+    # Rows
     pixels: list[TablePixel] = []
     for line, content in enumerate(lines[layout.skip :], start=layout.skip + 1):
         if not content.strip() or content.lstrip().startswith(COMMENTS):
@@ -90,24 +98,36 @@ def pixels_of(
         layout.check_row(line, cells)
         pixels.append(_pixel(line, cells, layout, factors))
     used = {*layout.indices.values()}
-    unused = [name for at, name in enumerate(layout.names) if name and at not in used]
+    unused: list[str] = []
+    for index, name in enumerate(layout.names):
+        if name and index not in used:
+            unused.append(name)
     return pixels, "wire" in layout.indices, unused
 
 
 def _pixel(line: int, cells: Sequence[str], layout: TextLayout, factors: Sequence[float]) -> TablePixel:
-    def number(name: str) -> float:
+    """Return the pixel in the `cells` of a line. Raises ConfigError if its numbers cannot be used."""
+
+    def value(name: str) -> float:
         return parse_number(cells[layout.indices[name]], layout.delimiter)
 
+    # A number on the wire wins over one on the strip
+    point = np.array([value(axis) for axis in AXES]) * factors
+    number: float | None = None
+    if "wire" in layout.indices:
+        number = value("wire")
+    elif "pixel" in layout.indices:
+        number = value("pixel")
+
     shown = repr(layout.delimiter.join(cells)[:60])
-    point = np.array([number(axis) for axis in AXES]) * factors
-    count = next((number(name) for name in ("wire", "pixel") if name in layout.indices), None)
-    if not np.all(np.abs([*point, count or 0.0]) <= FARTHEST):
+    if not np.all(np.abs([*point, number or 0.0]) <= FARTHEST):
         raise ConfigError(f"line {line}: {shown} is no pixel; write numbers up to {FARTHEST:g}, m")
-    if count is not None and (count < 0 or count != int(count)):
-        raise ConfigError(f"line {line}: {shown} has the number {count:g}; write whole numbers from 0")
+    if number is not None and (number < 0 or number != int(number)):
+        raise ConfigError(f"line {line}: {shown} has the number {number:g}; write whole numbers from 0")
+    strip = cells[layout.indices["strip"]] if "strip" in layout.indices else ""
     return TablePixel(
         line=line,
-        strip=cells[layout.indices["strip"]] if "strip" in layout.indices else "",
-        number=None if count is None else int(count),
+        strip=strip,
+        number=None if number is None else int(number),
         point=point,
     )

@@ -51,7 +51,8 @@ def first_pixels(strips: Mapping[str, StripEntry]) -> dict[str, int]:
 def unused_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[int, int]]:
     """Yield first and last of the pixels of the wire that are in no strip, before or between others."""
     end = 0
-    for first, name in sorted((first, name) for name, first in first_pixels(strips).items()):
+    firsts = [(first, name) for name, first in first_pixels(strips).items()]
+    for first, name in sorted(firsts):
         if first > end:
             yield end, first - 1
         end = max(end, first + strips[name].pixels)
@@ -64,14 +65,19 @@ def shared_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[str, str]]
     """
     if all(strip.offset is None for strip in strips.values()):
         return
-    firsts = first_pixels(strips)
-    ordered = sorted((first, first + strips[name].pixels, name) for name, first in firsts.items())
-    longest = ordered[0]
-    for before, (first, end, name) in pairwise(ordered):
-        longest = max(longest, before, key=lambda each: each[1])
-        if first < longest[1]:
-            yield name, longest[2]
-        longest = max(longest, (first, end, name), key=lambda each: each[1])
+    spans: list[tuple[int, int, str]] = []
+    for name, first in first_pixels(strips).items():
+        spans.append((first, first + strips[name].pixels, name))
+
+    # By their first pixels, each is compared with the strip before that reaches farthest
+    spans.sort()
+    _, farthest_end, farthest_name = spans[0]
+    for first, end, name in spans[1:]:
+        if first < farthest_end:
+            yield name, farthest_name
+        if end > farthest_end:
+            farthest_end = end
+            farthest_name = name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +105,9 @@ def fit_strips(
         gap_m: longest step within a strip, m.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    edges = np.flatnonzero((np.diff(numbers) != 1) | (steps > gap_m)) + 1
-    for start, stop in pairwise([0, *edges.tolist(), len(points)]):
+    is_last = (np.diff(numbers) != 1) | (steps > gap_m)
+    starts = np.flatnonzero(is_last) + 1
+    for start, stop in pairwise([0, *starts.tolist(), len(points)]):
         for first in range(start, stop, MAX_PIXELS):
             run = points[first : min(first + MAX_PIXELS, stop)]
             yield FittedStrip(first=first, pixels=len(run), line=_fitted_line(run, usual))
@@ -114,24 +121,28 @@ def check_steps(points: Array) -> None:
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     step = median_step(steps)
-    if step and (longest := float(steps.max())) > MAX_SLACK * step:
-        at = int(np.argmax(steps))
+    if not step:
+        return
+    longest = float(steps.max())
+    if longest > MAX_SLACK * step:
+        index = int(np.argmax(steps))
         raise ConfigError(
-            f"pixels {at} and {at + 1} are {longest:.3g} m apart, and others {step:.3g} m; name strips in a "
-            f"column strip, or set gap to the longest step within a strip, such as {2.0 * step:.3g}"
+            f"pixels {index} and {index + 1} are {longest:.3g} m apart, and others {step:.3g} m; name strips "
+            f"in a column strip, or set gap to the longest step within a strip, such as {2.0 * step:.3g}"
         )
 
 
 def pixels_along(line: Array, pixels: int) -> Array:
     """Return the positions of a strip's pixels from the line's first vertex on, n x 3, m."""
     polyline = Polyline(line.tolist())
-    return polyline.points_at((np.arange(pixels) + 0.5) * polyline.length_m / pixels)
+    positions_m = (np.arange(pixels) + 0.5) * polyline.length_m / pixels
+    return polyline.points_at(positions_m)
 
 
 def median_step(steps: Array) -> float:
     """Return the median of the steps that are not zero, 0 if all are."""
-    moved = steps[steps > 0.0]
-    return float(np.median(moved)) if len(moved) else 0.0
+    positive_steps = steps[steps > 0.0]
+    return float(np.median(positive_steps)) if len(positive_steps) else 0.0
 
 
 def _fitted_line(points: Array, usual: float) -> Array:
@@ -139,16 +150,26 @@ def _fitted_line(points: Array, usual: float) -> Array:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     step = median_step(steps) or usual
     limit = min(MAX_OFFSET * min(step, usual), MAX_OFFSET_M)
-    even = steps[np.abs(steps - step) <= EVEN * step]
-    candidates: list[Callable[[], Array]] = [lambda: _smooth(points, step, limit)]
-    if len(even) >= (1 - MAX_BENDS) * len(steps):
-        pitch = float(even.mean()) if len(even) else step
-        candidates.insert(0, lambda: _bent(points, pitch, EVEN))
-    for candidate in candidates:
-        line = candidate()
-        if np.linalg.norm(pixels_along(line, len(points)) - points, axis=1).max() <= limit:
+
+    # Pixels with one pitch but for some bends
+    even_steps = steps[np.abs(steps - step) <= EVEN * step]
+    if len(even_steps) >= (1 - MAX_BENDS) * len(steps):
+        pitch = float(even_steps.mean()) if len(even_steps) else step
+        line = _bent(points, pitch, EVEN)
+        if _max_offset(line, points) <= limit:
             return line
+
+    # Else pixels that are evenly along the line through corners, or all of them with detours
+    line = _smooth(points, step, limit)
+    if _max_offset(line, points) <= limit:
+        return line
     return _bent(points, float(steps.max()) or usual, 1e-6)
+
+
+def _max_offset(line: Array, points: Array) -> float:
+    """Return the largest distance of a pixel along `line` from that of `points`, m."""
+    offsets = pixels_along(line, len(points)) - points
+    return float(np.linalg.norm(offsets, axis=1).max())
 
 
 def _smooth(points: Array, step: float, limit: float) -> Array:
@@ -163,34 +184,48 @@ def _bent(points: Array, pitch: float, tolerance: float) -> Array:
     The detour goes on in the direction from which the line comes, so that it is the corner of a bent strip.
     Steps that are shorter by a share of up to `tolerance` have none.
     """
-    moves = np.diff(points, axis=0)
-    lengths = np.linalg.norm(moves, axis=1)
-    moved = np.flatnonzero(lengths > 0.0)
-    towards = moves[moved[0]] / lengths[moved[0]] if len(moved) else np.array([1.0, 0.0, 0.0])
+    # Direction from which the line comes, at first that of the first step
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    positive = np.flatnonzero(lengths > 0.0)
+    towards = np.array([1.0, 0.0, 0.0])
+    if len(positive):
+        towards = steps[positive[0]] / lengths[positive[0]]
+
+    # A detour goes ahead so far that its two legs are as long as the pitch (law of cosines)
     nodes = [points[0]]
-    for point, move, length in zip(points, moves, lengths, strict=False):
+    for point, step, length in zip(points, steps, lengths, strict=False):
         if length < pitch * (1 - tolerance):
-            ahead = (pitch**2 - length**2) / (2.0 * (pitch - float(move @ towards)))
+            ahead = (pitch**2 - length**2) / (2.0 * (pitch - float(step @ towards)))
             nodes.append(point + ahead * towards)
-        nodes.append(point + move)
+        nodes.append(point + step)
         if length > 0.0:
-            last = nodes[-1] - nodes[-2]
-            towards = last / np.linalg.norm(last)
+            last_leg = nodes[-1] - nodes[-2]
+            towards = last_leg / np.linalg.norm(last_leg)
     line = np.array(nodes)
-    if len(line) < 1.5 * len(points):  # otherwise there is a detour nearly everywhere
-        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-        line = line[_vertices(along, line, min(EVEN / 10 * pitch, MAX_OFFSET_M / 10))]
+
+    # Straight stretches need their ends only, unless there is a detour nearly everywhere
+    if len(line) < 1.5 * len(points):
+        legs = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        along = np.r_[0.0, np.cumsum(legs)]
+        limit = min(EVEN / 10 * pitch, MAX_OFFSET_M / 10)
+        line = line[_vertices(along, line, limit)]
     return _with_ends(line, pitch)
 
 
 def _with_ends(vertices: Array, step: float) -> Array:
     """Return the line through `vertices`, half a `step` longer at both ends."""
-    moves = np.diff(vertices, axis=0)
-    moves = moves[np.linalg.norm(moves, axis=1) > 0.0]
-    ends = (moves[0], moves[-1]) if len(moves) else (np.array([1.0, 0.0, 0.0]),) * 2
-    before, behind = (end / np.linalg.norm(end) * step / 2 for end in ends)
-    inner = vertices if len(moves) else vertices[:0]
-    return np.vstack([vertices[0] - before, *inner[1:-1], vertices[-1] + behind])
+    steps = np.diff(vertices, axis=0)
+    steps = steps[np.linalg.norm(steps, axis=1) > 0.0]
+    first_step = last_step = np.array([1.0, 0.0, 0.0])
+    inner = vertices[:0]
+    if len(steps):
+        first_step = steps[0]
+        last_step = steps[-1]
+        inner = vertices[1:-1]
+    before = first_step / np.linalg.norm(first_step) * step / 2
+    behind = last_step / np.linalg.norm(last_step) * step / 2
+    return np.vstack([vertices[0] - before, *inner, vertices[-1] + behind])
 
 
 def _vertices(at: Array, points: Array, limit: float) -> list[int]:
@@ -205,12 +240,16 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
         low, high = stack.pop()
         if high - low < 2:
             continue
-        share = (at[low + 1 : high] - at[low]) / (at[high] - at[low])
-        apart = np.linalg.norm(
-            points[low + 1 : high] - points[low] - share[:, None] * (points[high] - points[low]), axis=1
-        )
-        worst = int(np.argmax(apart))
-        if apart[worst] > limit:
+
+        # The worst of the points between becomes a vertex, if it is too far off. Points that are all in one
+        # place have no shares, and need none.
+        between = slice(low + 1, high)
+        shares = (at[between] - at[low]) / (at[high] - at[low])
+        chord = points[high] - points[low]
+        offsets = points[between] - points[low] - shares[:, None] * chord
+        distances = np.linalg.norm(offsets, axis=1)
+        worst = int(np.argmax(distances))
+        if distances[worst] > limit:
             if len(vertices) > len(points) // 8 + 8:
                 return list(range(len(points)))
             corner = low + 1 + worst
@@ -235,15 +274,21 @@ def named_strips(
         )
     strips: dict[str, StripEntry] = {}
     end = 0
-    for name, first, each in found:
+    for name, first, strip in found:
+        # The name of the file, or one like it that neither the file nor the map has
         plain = valid_name(name)
-        is_free = name and name == plain and name not in strips
-        key = name if is_free else free_name(plain or f"strip_{len(strips) + 1}", strips, names)
+        key = name
+        if not name or name != plain or name in strips:
+            key = free_name(plain or f"strip_{len(strips) + 1}", strips, names)
         if name != plain:
             on_note(f"strip {format_value(name)} is called {key}, a name that a map can have")
-        line = [[round(float(value), 6) for value in vertex] for vertex in each.line]
-        strips[key] = strip_entry(line, each.pixels, None if first == end else first)
-        end = first + each.pixels
+
+        # Without an offset, it goes on where the strip before ends
+        line: list[list[float]] = []
+        for vertex in strip.line.tolist():
+            line.append([round(value, 6) for value in vertex])
+        strips[key] = strip_entry(line, strip.pixels, None if first == end else first)
+        end = first + strip.pixels
     return strips
 
 
@@ -259,8 +304,9 @@ def strip_entry(line: Sequence[Sequence[float]], pixels: int, offset: int | None
 
 def free_name(name: str, *taken: Container[str]) -> str:
     """Return `name`, with a number if one of `taken` has it."""
-
-    def is_free(key: str) -> bool:
-        return not any(key in each for each in taken)
-
-    return name if is_free(name) else next(filter(is_free, (f"{name[:60]}_{number}" for number in count(2))))
+    candidate = name
+    for number in count(2):
+        if not any(candidate in names for names in taken):
+            break
+        candidate = f"{name[:60]}_{number}"
+    return candidate

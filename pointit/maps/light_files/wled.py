@@ -62,17 +62,23 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     state = cast("Json", data) if isinstance(data, dict) else {}
     if isinstance(state.get("state"), dict):
         state = state["state"]
-    if preset is not None or (state and all(key.isdecimal() for key in state)):
+
+    # Presets have numbers as keys, the configuration has outputs, and a state has segments
+    has_presets = bool(state) and all(key.isdecimal() for key in state)
+    if preset is not None or has_presets:
         state = _preset(state, preset)
-    elif outputs := list_of(inside(state, "hw", "led", "ins")):
-        used = _used([_output(number, each) for number, each in enumerate(outputs)])
-        return _on_panels(used, list_of(inside(state, "hw", "led", "matrix", "panels")))
+    else:
+        outputs = list_of(inside(state, "hw", "led", "ins"))
+        if outputs:
+            used = _used([_output(number, output) for number, output in enumerate(outputs)])
+            return _on_panels(used, list_of(inside(state, "hw", "led", "matrix", "panels")))
     seg = state.get("seg")
-    if not (listed := [seg] if isinstance(seg, dict) else list_of(seg)):
+    entries = [seg] if isinstance(seg, dict) else list_of(seg)
+    if not entries:
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
-    if len(listed) > MAX_SEGMENTS:
+    if len(entries) > MAX_SEGMENTS:
         raise ConfigError(f"has more than {MAX_SEGMENTS} segments, and WLED has 64; give its state")
-    segments = [_segment(number, each) for number, each in enumerate(listed)]
+    segments = [_segment(number, entry) for number, entry in enumerate(entries)]
     return _behind_matrix(_used(segments))
 
 
@@ -82,8 +88,10 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
     Raises:
         ConfigError: If it is no ledmap with width and height, or a pixel is in two cells. One sentence.
     """
+    # A grid with as many cells as its width and height say
     data = read_json(text)
-    if not (cells := list_of(inside(data, "map"))):
+    cells = list_of(inside(data, "map"))
+    if not cells:
         raise ConfigError('is no ledmap of WLED; give {"width": 2, "height": 1, "map": [0, 1]}')
     if len(cells) > MAX_CELLS:
         raise ConfigError(f"map has {len(cells)} cells, limit {MAX_CELLS}; give a smaller one")
@@ -99,20 +107,25 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
             f"width {width} times height {height} are {width * height} cells, and map has {len(cells)}; "
             "correct them"
         )
-    places: dict[int, int] = {}
+
+    # Cell of each pixel
+    cell_of: dict[int, int] = {}
     for index, value in enumerate(cells):
         number = whole_number(value, f"cell {index} of map")
         if number < 0 or number >= _NO_PIXEL:
             continue
-        if (other := places.setdefault(number, index)) != index:
-            first, second = (f"column {at % width}, row {at // width}" for at in (other, index))
+        other = cell_of.setdefault(number, index)
+        if other != index:
+            first = f"column {other % width}, row {other // width}"
+            second = f"column {index % width}, row {index // width}"
             raise ConfigError(
                 f"pixel {number} is in two cells ({first}; {second}); remove it from one, write -1"
             )
-    if not places:
+    if not cell_of:
         raise ConfigError("has no pixels, all cells are -1; write their numbers")
-    _check_pixels(len(places))
-    return [(number, at % width, at // width) for number, at in sorted(places.items())], height
+    _check_pixels(len(cell_of))
+    pixels = [(number, index % width, index // width) for number, index in sorted(cell_of.items())]
+    return pixels, height
 
 
 def _check_pixels(count: int) -> None:
@@ -121,7 +134,9 @@ def _check_pixels(count: int) -> None:
 
 
 def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
-    if not (used := [each for each in segments if each]):
+    """Return the segments with pixels. Raises ConfigError if there are none."""
+    used = [segment for segment in segments if segment]
+    if not used:
         raise ConfigError("has no segments with pixels; save it with its bounds (stop above start)")
     return used
 
@@ -131,13 +146,29 @@ def _behind_matrix(segments: list[WledSegment]) -> list[WledSegment]:
 
     A segment of one row is behind the matrix if it starts at or after its last pixel.
     """
-    of_matrix = [each for each in segments if each.rows > 1 or each.row]
-    if not of_matrix:
+    # Size of the matrix
+    columns = rows = 0
+    for segment in segments:
+        if _is_of_matrix(segment):
+            columns = max(columns, (segment.start or 0) + segment.columns)
+            rows = max(rows, segment.row + segment.rows)
+    if not rows:
         return segments
-    columns = max((each.start or 0) + each.columns for each in of_matrix)
-    rows = max(each.row + each.rows for each in of_matrix)
-    behind = [each for each in segments if each not in of_matrix and (each.start or 0) >= columns * rows]
-    return [*(replace(each, start=None) for each in segments if each not in behind), *behind]
+
+    in_matrix: list[WledSegment] = []
+    behind: list[WledSegment] = []
+    for segment in segments:
+        starts_behind = (segment.start or 0) >= columns * rows
+        if starts_behind and not _is_of_matrix(segment):
+            behind.append(segment)
+        else:
+            in_matrix.append(replace(segment, start=None))
+    return [*in_matrix, *behind]
+
+
+def _is_of_matrix(segment: WledSegment) -> bool:
+    """Return True if only a matrix has the rows of `segment`."""
+    return segment.rows > 1 or segment.row > 0
 
 
 def _segment(number: int, data: Any) -> WledSegment | None:
@@ -148,16 +179,20 @@ def _segment(number: int, data: Any) -> WledSegment | None:
     where = f"segment {data.get('id', number)}"
     if not {"stop", "len"} & data.keys():
         raise ConfigError(f"{where} has neither stop nor len; save the segments with their bounds")
+
+    # Old versions have a length in place of the stop
     start = _count(data, "start", where, 0)
-    stop = _count(data, "stop", where, 0) if "stop" in data else start + _count(data, "len", where, 0)
+    if "stop" in data:
+        stop = _count(data, "stop", where, 0)
+    else:
+        stop = start + _count(data, "len", where, 0)
     start_y = _count(data, "startY", where, 0)
-    rows = max(1, _count(data, "stopY", where, start_y + 1)) - start_y
+    stop_y = max(1, _count(data, "stopY", where, start_y + 1))
+    rows = stop_y - start_y
     if stop <= start:
         return None
     if rows < 1:
-        raise ConfigError(
-            f"{where} has startY {start_y} and stopY {start_y + rows}; stopY must be above startY"
-        )
+        raise ConfigError(f"{where} has startY {start_y} and stopY {stop_y}; stopY must be above startY")
     return WledSegment(
         name=str(data.get("n") or ""),
         number=whole_number(data.get("id", number), f"id of segment {number}"),
@@ -172,22 +207,27 @@ def _output(number: int, data: Any) -> WledSegment | None:
     """Return the pixels of an output of WLED's configuration, None if it has none."""
     if not isinstance(data, dict):
         raise ConfigError(f"output {number} of hw.led.ins is {format_value(data)}; give WLED's cfg.json")
+    output = cast("Json", data)
     where = f"output {number} of hw.led.ins"
-    length, start = (_count(cast("Json", data), key, where, 0) for key in ("len", "start"))
-    name = f"output_{number}"
-    return WledSegment(name=name, number=number, start=start, columns=length, rows=1) if length else None
+    length = _count(output, "len", where, 0)
+    start = _count(output, "start", where, 0)
+    if not length:
+        return None
+    return WledSegment(name=f"output_{number}", number=number, start=start, columns=length, rows=1)
 
 
 def _on_panels(outputs: Sequence[WledSegment], panels: Sequence[Any]) -> list[WledSegment]:
     """Return `outputs` with the number of `panels`, whose pixels are on the wire one after the other."""
     counts: Counter[int] = Counter()
     first = 0
-    for number, each in enumerate(panels[:MAX_SEGMENTS]):
-        if not isinstance(each, dict):
-            raise ConfigError(f"panel {number} is {format_value(each)}; give WLED's cfg.json")
-        panel = cast("Json", each)
+    for number, data in enumerate(panels[:MAX_SEGMENTS]):
+        if not isinstance(data, dict):
+            raise ConfigError(f"panel {number} is {format_value(data)}; give WLED's cfg.json")
+        panel = cast("Json", data)
         where = f"panel {number} of hw.led.matrix"
-        end = first + _count(panel, "w", where, 0) * _count(panel, "h", where, 0)
+        width = _count(panel, "w", where, 0)
+        height = _count(panel, "h", where, 0)
+        end = first + width * height
         for output in outputs:
             start = output.start or 0
             if start < end and first < start + output.pixels:
@@ -198,44 +238,60 @@ def _on_panels(outputs: Sequence[WledSegment], panels: Sequence[Any]) -> list[Wl
 
 def _preset(data: Json, wanted: int | None) -> Json:
     """Return the state of the preset `wanted`, or of any if all have the same segments."""
-    presets = {number: cast("Json", each) for number, each in data.items() if _has_bounds(each)}
+    presets: dict[str, Json] = {}
+    for number, preset in data.items():
+        if _has_bounds(preset):
+            presets[number] = cast("Json", preset)
     if not presets:
         raise ConfigError("has no preset with segments; save one in WLED with *Save segment bounds*")
     if wanted is not None:
         if str(wanted) not in presets:
             raise ConfigError(f"has no preset {wanted} with segments; use one of {join_names(presets)}")
         return presets[str(wanted)]
-    kinds = [_used_segments(preset) for preset in presets.values()]
-    if any(each != kinds[0] for each in kinds):
-        names = [f"{number} ({each['n']})" if each.get("n") else number for number, each in presets.items()]
+
+    # Any will do if all agree
+    layouts = [_used_segments(preset) for preset in presets.values()]
+    if any(layout != layouts[0] for layout in layouts):
+        names: list[str] = []
+        for number, preset in presets.items():
+            names.append(f"{number} ({preset['n']})" if preset.get("n") else number)
         raise ConfigError(f"presets {join_names(names)} have other segments; choose one by --preset")
     return next(iter(presets.values()))
 
 
 def _segments_of(preset: Json) -> Iterator[Json]:
-    segments = preset.get("seg")
-    for each in list_of(segments) or [segments]:
-        if isinstance(each, dict):
-            yield cast("Json", each)
+    """Yield the entries of the segments: of a list, or the only one."""
+    seg = preset.get("seg")
+    for segment in list_of(seg) or [seg]:
+        if isinstance(segment, dict):
+            yield cast("Json", segment)
 
 
 def _used_segments(preset: Json) -> list[WledSegment]:
     """Return the segments with pixels. Presets have more, which fill up their list."""
-    segments = [_segment(number, each) for number, each in enumerate(_segments_of(preset))]
-    used = [replace(each, number=0) for each in segments if each]
-    return sorted(used, key=lambda each: (each.row, each.start or 0))
+    used: list[WledSegment] = []
+    for number, data in enumerate(_segments_of(preset)):
+        segment = _segment(number, data)
+        if segment:
+            used.append(replace(segment, number=0))
+    return sorted(used, key=lambda segment: (segment.row, segment.start or 0))
 
 
 def _has_bounds(preset: object) -> bool:
     if not isinstance(preset, dict):
         return False
-    return any(each.get("stop") or each.get("len") for each in _segments_of(cast("Json", preset)))
+    for segment in _segments_of(cast("Json", preset)):
+        if segment.get("stop") or segment.get("len"):
+            return True
+    return False
 
 
 def inside(data: Any, *keys: str) -> Any:
     """Return the value at `keys`, one below the other, None if there is none."""
     for key in keys:
-        data = cast("Json", data).get(key) if isinstance(data, dict) else None
+        if not isinstance(data, dict):
+            return None
+        data = cast("Json", data).get(key)
     return data
 
 
@@ -245,9 +301,12 @@ def list_of(value: object) -> list[Any]:
 
 
 def _count(data: Json, key: str, where: str, otherwise: int) -> int:
-    if (value := data.get(key)) is None:
+    """Return the count at `key`, `otherwise` if there is none. Raises ConfigError if it is no count."""
+    value = data.get(key)
+    if value is None:
         return otherwise
-    if not 0 <= (number := whole_number(value, f"{key} of {where}")) <= LAST_PIXEL:
+    number = whole_number(value, f"{key} of {where}")
+    if not 0 <= number <= LAST_PIXEL:
         raise ConfigError(f"{key} of {where} is {number}; write a whole number from 0 to {LAST_PIXEL}")
     return number
 
@@ -270,5 +329,6 @@ def read_json(text: str) -> Any:
 def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     names = Counter(name for name, _ in pairs)
     if len(names) < len(pairs):
-        raise ConfigError(f"the key {names.most_common(1)[0][0]!r} occurs twice; keep one")
+        [(name, _)] = names.most_common(1)
+        raise ConfigError(f"the key {name!r} occurs twice; keep one")
     return dict(pairs)

@@ -12,7 +12,7 @@ from pointit.bridges.home_assistant import service
 from pointit.bridges.home_assistant.entities import entities_of
 from pointit.cli.maps.home_assistant import with_things
 from pointit.maps.file import parse_map_file
-from pointit.maps.model import things_of
+from pointit.maps.things import things_of
 from pointit.schemas import Announced, Environment
 from pointit.schemas.topics import ANNOUNCED, HEALTH, MAP
 from tests.support.bench import Bench, memory_bench, stand_still, until

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.bridges.home_assistant.home_action import HomeAction
 from pointit.maps.file import parse_map_file
-from pointit.maps.model import things_of
+from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 
 LAMP = "light.desk"

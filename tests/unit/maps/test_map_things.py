@@ -11,8 +11,8 @@ from matplotlib.collections import QuadMesh
 from pointit.cli.main import command
 from pointit.maps.checks.things import check_labels, separability, spoken_words, syllable_count
 from pointit.maps.file import load_map, parse_map_file
-from pointit.maps.model import things_of
 from pointit.maps.picture import map_figure
+from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
 

@@ -410,7 +410,7 @@ class _Document:
     def _in_flow(
         self, end: int, pairs: Pairs, removed: Sequence[bool], added: Sequence[str]
     ) -> Iterator[_Splice]:
-        """Yield changes between braces. A pair goes with the comma before it, the first with the one behind."""
+        """Yield changes between braces. A pair goes with the comma before it, the first with that behind."""
         for index, (key, value) in enumerate(pairs):
             previous_end = end
             end = self._end(value)

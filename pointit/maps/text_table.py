@@ -230,7 +230,7 @@ def find_layout(
 
 
 def _count_columns(wanted: Wanted, names: Sequence[str]) -> int:
-    """Return how many of the columns `wanted` are in `names`."""
+    """Return the number of columns of `wanted` that are in `names`."""
     return sum(column_indices({name: source}, names) is not None for name, source in wanted.items())
 
 

@@ -20,8 +20,9 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.moving_target import MovingTarget, TargetDisambiguator, rank_by_posterior
+from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.target_disambiguator import TargetDisambiguator, rank_by_posterior
 from pointit.services.localizer.verification import followed, without_spikes
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from pointit_lab.evaluation.datasets import motion_relloc, read_trials

@@ -167,7 +167,7 @@ class MotionTable:
             except ValueError:
                 texts = zip(self.names, self._titles, row, strict=True)
                 numbers_of_row = [
-                    self._number(line, name, title, text, layout.delimiter) for name, title, text in texts
+                    self._parse_cell(line, name, title, text, layout.delimiter) for name, title, text in texts
                 ]
                 values.append(numbers_of_row)
         if not values:
@@ -176,7 +176,7 @@ class MotionTable:
         """n: line in the file of each row."""
         return np.array(values, dtype=np.float64)
 
-    def _number(self, line: int, name: str, title: str, text: str, delimiter: str) -> float:
+    def _parse_cell(self, line: int, name: str, title: str, text: str, delimiter: str) -> float:
         """Return the number in a cell, NaN if it is lost."""
         value = parse_number(text, delimiter)
         if name == TIME:
@@ -211,11 +211,11 @@ class MotionTable:
                 "it"
             )
 
-    def _at(self, row: int) -> str:
+    def _line_of(self, row: int) -> str:
         return f"{self._path}, line {self.lines[row]}"
 
     def _cell(self, row: int, title: str) -> str:
-        return f"{self._at(row)}, column {title!r}"
+        return f"{self._line_of(row)}, column {title!r}"
 
     def _column_range(self, names: Sequence[str]) -> str:
         return f"{self.title(names[0])!r} to {self.title(names[-1])!r}"
@@ -317,7 +317,7 @@ class MotionTable:
         is_zero = (vectors == 0.0).all(axis=1)
         zeros = np.flatnonzero(is_zero & ~is_lost_row)
         if len(zeros) and not self._form.lost:
-            place = self._at(int(zeros[0]))
+            place = self._line_of(int(zeros[0]))
             raise ConfigError(
                 f"{place}, columns {columns}: are all 0; set lost to 0 if the {body} is lost there, or to "
                 "nan if it is not"
@@ -345,7 +345,7 @@ class MotionTable:
         if problem is None:
             return
         row, clause = problem
-        place = f"{self._path}" if row is None else self._at(row)
+        place = f"{self._path}" if row is None else self._line_of(row)
         columns = self._column_range(names)
         remedies = self._remedies_of_positions(body, names, positions, times_s)
         if row is not None:

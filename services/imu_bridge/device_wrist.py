@@ -284,7 +284,7 @@ class SensorSample(NamedTuple):
     """One orientation of the sensor."""
 
     stamp_ns: int
-    """Host time of capture, as far as the device's clock tells it; else that of the reading."""
+    """Host time of capture, as far as the device's clock shows it; else that of the reading."""
     world_from_sensor: Quaternion
     device_time_ns: int | None
     """The device's clock without wraps, or None if it has none that runs."""

@@ -89,7 +89,7 @@ class PeriodRegression:
 
     @property
     def period_s(self) -> float | None:
-        """Return the sample period, s, or None if it cannot be told yet."""
+        """Return the sample period, s, or None if it is not known yet."""
         if self._var_x > 0.0 and self._cov > 0.0:
             return self._cov / self._var_x
         return None
@@ -152,9 +152,9 @@ class Fusion:
         """Time of the last rest, s."""
         self.restarts = 0
         """Number of restarts after the first start: each has another yaw origin."""
-        self._begin()
+        self._reset_readings()
 
-    def _begin(self) -> None:
+    def _reset_readings(self) -> None:
         self._period_s = 0.0
         self._filter_period_s = 0.0
         self._arrival_regression = PeriodRegression()
@@ -167,14 +167,14 @@ class Fusion:
             self._bias = self._vqf.getBiasEstimate()[0]
             self._vqf = None
             self.restarts += 1
-        self._begin()
+        self._reset_readings()
 
     def update(self, reading: RawReading) -> Quaternion | None:
         """Return the orientation, or None in the first second and for a repeated reading."""
-        step_s = self._step(reading)
+        step_s = self._step_s(reading)
         if step_s > MAX_GAP_S:
             self.restart()
-            self._step(reading)
+            self._step_s(reading)
             return None
         if step_s <= 0.0:
             return None
@@ -184,13 +184,13 @@ class Fusion:
             self._held_back.append((values, step_s))
             if self._arrival_regression.span_s < START_S or self._arrival_regression.count < MIN_START:
                 return None
-            vqf = self._start()
+            vqf = self._start_filter()
         else:
-            self._add(vqf, values, step_s)
+            self._update_filter(vqf, values, step_s)
         qw, qx, qy, qz = vqf.getQuat6D().tolist()
         return (qx, qy, qz, qw)
 
-    def _add(self, vqf: "Vqf", values: Values, step_s: float) -> None:
+    def _update_filter(self, vqf: "Vqf", values: Values, step_s: float) -> None:
         steps = max(1, round(step_s / self._period_s))
         scale = step_s / (steps * self._filter_period_s)
         gyr = self._gyr
@@ -246,7 +246,7 @@ class Fusion:
             "never lay still: lay it down, or hold it still on a table, for 3 s"
         )
 
-    def _start(self) -> "Vqf":
+    def _start_filter(self) -> "Vqf":
         self._filter_period_s = self._period_s
         vqf = self._vqf = self._make(self._period_s)
         values = np.array([held_back for held_back, _ in self._held_back])
@@ -261,11 +261,11 @@ class Fusion:
 
         # Make up for the readings of the first second
         for held_back, step_s in self._held_back:
-            self._add(vqf, held_back, step_s)
+            self._update_filter(vqf, held_back, step_s)
         self._held_back.clear()
         return vqf
 
-    def _step(self, reading: RawReading) -> float:
+    def _step_s(self, reading: RawReading) -> float:
         """Return the time since the last reading, s. 0: nothing is to be done with this one."""
         arrivals = self._arrival_regression
         device_ns = reading.device_time_ns

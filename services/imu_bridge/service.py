@@ -144,7 +144,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         sample = wrist.process_item(item, self.clock.now_ns(), self._time_s())
         has_page = self._has_page
         if sample is not None and not has_page:
-            self._publish(sample)
+            self._publish_sample(sample)
         if wrist.has_changed:
             self._show_warnings()
         if has_page or wrist.is_refused:
@@ -156,7 +156,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             seq = next(self._step_numbers)
             self._steps.put(Step(stamp_ns=item.stamp_ns, seq=seq, by=item.by))
 
-    def _publish(self, sample: SensorSample) -> None:
+    def _publish_sample(self, sample: SensorSample) -> None:
         self._samples.put(
             ImuSample(
                 stamp_ns=sample.stamp_ns,
@@ -200,9 +200,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         orientation = self._page.process_sample(
-            sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed
+            sample, self.clock.now_ns(), home=self._home_epoch(), speed=self.clock.speed
         )
-        self._report(sample)
+        self._report_page(sample)
         self._release_timer.start(WRIST_PATIENCE_S)
         if orientation is None:
             return
@@ -221,7 +221,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             )
         )
 
-    def _home(self) -> int | None:
+    def _home_epoch(self) -> int | None:
         """Return the number of the yaw origin while no page moves the wrist, or None if nothing else does."""
         if self._wrist.newest is None and not self._other_writers:
             return None
@@ -243,9 +243,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
         if self._has_page:
             self._release_timer.start(WRIST_PATIENCE_S)
         else:
-            self._report(None)
+            self._report_page(None)
 
-    def _report(self, sample: WristSample | None) -> None:
+    def _report_page(self, sample: WristSample | None) -> None:
         moved_by = mover_name(sample)
         if moved_by and moved_by != self._moved_by:
             log.info("%s: a page's %s moves the wrist", self.user, moved_by)
@@ -294,7 +294,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             if stored_mountings is not None:
                 self._mounting.stored_mountings = stored_mountings
                 self._phone_mounting.stored_mountings = stored_mountings
-                problem = await self._store(stored_mountings)
+                problem = await self._store_mountings(stored_mountings)
         message = selection.describe()
         if problem:
             message += f"; it is used now, but not stored: {problem}"
@@ -322,7 +322,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self.bus.warn("state", f"the person's measured mounting is not used: {error}")
             return None
 
-    async def _store(self, stored_mountings: StoredMountings) -> str:
+    async def _store_mountings(self, stored_mountings: StoredMountings) -> str:
         try:
             if stored_mountings.by_source:
                 await asyncio.to_thread(self._state.write, stored_mountings)

@@ -246,12 +246,12 @@ class LifeCycle:
         """Return the first state."""
         until_ns = now_ns + SETTLE_NS if self._config.localize else now_ns
         self._readiness.wait(until_ns)
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
-    def resume_from(self, before: Interaction, now_ns: int) -> None:
+    def resume_from(self, interaction: Interaction, now_ns: int) -> None:
         """Set the last state of an earlier supervisor. It may continue if the localizer is the same."""
         if self._stage == "idle" and self._pressed is None:
-            self._earlier.store(before, now_ns)
+            self._earlier.store(interaction, now_ns)
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture."""
@@ -260,7 +260,7 @@ class LifeCycle:
             return []
         self._pressed = pressed
         self._earlier.forget()
-        return self._on(event.gesture, now_ns)
+        return self._process_event(event.gesture, now_ns)
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Record a sample of the wrist. A timely one may start pointing, or resume it."""
@@ -268,23 +268,23 @@ class LifeCycle:
         if self._stage != "idle":
             return []
         is_timely = abs(now_ns - sample.stamp_ns) <= self._config.imu_timeout_s * NS_PER_S
-        return self._on("sample", now_ns) if is_timely else []
+        return self._process_event("sample", now_ns) if is_timely else []
 
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Set the person's pose."""
         self._pose_ns = pose.stamp_ns
         self._is_unsure = pose.method != "external" and pose.covariance[8] > UNSURE_YAW_RAD**2
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
     def manner(self, manner: SelectionManner | None, now_ns: int) -> list[Output]:
-        """Set how people select here, which the next step tells."""
+        """Set how people select here, which the next step says."""
         self._manner = manner
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
     def hear_names(self, now_ns: int) -> list[Output]:
         """Note that names of objects are spoken to the person."""
         self._hears_names = True
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
     def localization(self, localization: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
@@ -295,12 +295,12 @@ class LifeCycle:
         if event is None:
             return []
         reason = localization.reason if event in ("refused", "cancelled") else ""
-        return self._on(event, now_ns, reason=reason, localization=localization)
+        return self._process_event(event, now_ns, reason=reason, localization=localization)
 
     def on_start_accepted(self, run: int) -> list[Output]:
         """Process the reply to a `Start`. It is cancelled if the person rests again."""
         if self._stage == "idle":
-            return self._apply("cancel", "idle", 0)
+            return self._apply_effect("cancel", "idle", 0)
         if self._attempt is not None and run == self._attempt.run:
             self._attempt.is_answered = True
         return []
@@ -308,7 +308,7 @@ class LifeCycle:
     def on_start_failed(self, run: int, reason: str, now_ns: int) -> list[Output]:
         """Process the failure of a `Start`."""
         is_current = self._attempt is not None and run == self._attempt.run
-        return self._on("rejected", now_ns, reason=reason) if is_current else []
+        return self._process_event("rejected", now_ns, reason=reason) if is_current else []
 
     def on_cancel_reply(self, now_ns: int) -> None:
         """Process the reply to a `Cancel`, successful or not."""
@@ -328,14 +328,14 @@ class LifeCycle:
         """Set the next step of a person while they point, until `service` gives another one or ends."""
         self._advice.pop(service, None)
         self._advice[service] = text
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
     def end_advice(self, service: str, now_ns: int, text: str = "") -> list[Output]:
         """End the next step of `service`, if it is `text` or that is empty. Another service's shows again."""
         if service not in self._advice or text not in ("", self._advice[service]):
             return []
         del self._advice[service]
-        return [*self._show(now_ns)]
+        return [*self._show_state(now_ns)]
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
@@ -343,8 +343,10 @@ class LifeCycle:
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         if now_ns >= self._silent_ns:
-            return self._on("silent", now_ns, reason=transitions.silent(self._config.imu_timeout_s))
-        return self._on("timeout", now_ns, reason=transitions.too_long(self._config.localization_timeout_s))
+            reason = transitions.silent(self._config.imu_timeout_s)
+            return self._process_event("silent", now_ns, reason=reason)
+        reason = transitions.too_long(self._config.localization_timeout_s)
+        return self._process_event("timeout", now_ns, reason=reason)
 
     @property
     def _silent_ns(self) -> int:
@@ -390,7 +392,7 @@ class LifeCycle:
                 has_place = is_known and not must_localize
                 return has_place and self._readiness.may_resume(now_ns)
 
-    def _on(
+    def _process_event(
         self, event: Event, now_ns: int, *, reason: str = "", localization: Localization | None = None
     ) -> list[Output]:
         """Make the transition of `event`, if there is one. `reason` replaces that of the table."""
@@ -406,10 +408,10 @@ class LifeCycle:
         before = self._before_attempt
         self._reason = reason or row.reason or self._reason
         stage = before if row.then == "before" else row.then
-        self._enter(stage, now_ns, localization)
+        self._enter_stage(stage, now_ns, localization)
         outputs: list[Output] = []
         for effect in row.effects:
-            outputs += self._apply(effect, before, now_ns)
+            outputs += self._apply_effect(effect, before, now_ns)
         outputs += self._closing_outputs(row.cue, now_ns, localization)
         return outputs
 
@@ -418,7 +420,7 @@ class LifeCycle:
         stage = self._stage if self._attempt is None else self._attempt.before
         return "pointing" if stage == "pointing" else "idle"
 
-    def _enter(self, then: Stage, now_ns: int, localization: Localization | None) -> None:
+    def _enter_stage(self, then: Stage, now_ns: int, localization: Localization | None) -> None:
         before = self._before_attempt
         since_ns = now_ns if localization is None else min(now_ns, localization.stamp_ns)
         if then not in ("idle", self._stage) and before == "idle":
@@ -433,7 +435,7 @@ class LifeCycle:
             )
         self._stage = then
 
-    def _apply(self, effect: Effect, before: Stage, now_ns: int) -> list[Output]:
+    def _apply_effect(self, effect: Effect, before: Stage, now_ns: int) -> list[Output]:
         """Change what samples may start. Return the request of `effect`, if it is one."""
         match effect:
             case "request pose" | "request anchor":
@@ -470,13 +472,13 @@ class LifeCycle:
             outputs: list[Output] = []
             if outcome and outcome != last:
                 outputs.append(cue(now_ns, outcome, self._reason))
-            outputs += self._show(now_ns)
+            outputs += self._show_state(now_ns)
             outputs.append(cue(now_ns, last, text))
             return outputs
 
         # An attempt is running: the state names the target before its cue is played
         is_target_due = localization is not None and attempt.follow(localization, now_ns)
-        outputs = [*self._show(now_ns)]
+        outputs = [*self._show_state(now_ns)]
         target = attempt.target_id
         next_cue: Cue | Literal[""] = outcome
         if not next_cue and is_target_due:
@@ -485,7 +487,7 @@ class LifeCycle:
             outputs.append(cue(now_ns, next_cue, attempt.next_step, target, waits=not target))
         return outputs
 
-    def _show(self, now_ns: int) -> list[Interaction]:
+    def _show_state(self, now_ns: int) -> list[Interaction]:
         ahead = () if self._attempt is None else self._attempt.ahead
         is_pointing = self._stage == "pointing"
         is_unsure = is_pointing and self._is_unsure

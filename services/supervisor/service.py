@@ -103,18 +103,18 @@ class Supervisor(Service[SupervisorConfig]):
             self._last = last.model_copy(update={"stamp_ns": localization.stamp_ns})
             self._has_last.set()
 
-    def _on_interaction(self, before: Interaction, _user: str) -> None:
-        if before.stamp_ns < self._began_ns:  # otherwise it is our own
-            self._cycle.resume_from(before, self.clock.now_ns())
+    def _on_interaction(self, interaction: Interaction, _user: str) -> None:
+        if interaction.stamp_ns < self._began_ns:  # otherwise it is our own
+            self._cycle.resume_from(interaction, self.clock.now_ns())
 
     def _restore_last(self) -> None:
         try:
-            before = self._stored_last.read()
+            interaction = self._stored_last.read()
         except ConfigError as error:
             self.bus.warn("last-word", f"the last interaction is not resumed: {error}")
             return
-        if before is not None:
-            self._cycle.resume_from(before, self._began_ns)
+        if interaction is not None:
+            self._cycle.resume_from(interaction, self._began_ns)
 
     async def _store_last(self) -> None:
         while True:

@@ -142,8 +142,8 @@ class Arm:
         azimuth, elevation = self.deviation(now_ns)
         old = self._aim
         here = vector.direction(old.azimuth_rad + azimuth, old.elevation_rad + elevation)
-        there = vector.direction(aim.azimuth_rad, aim.elevation_rad)
-        return vector.angle_between(here, there)
+        target = vector.direction(aim.azimuth_rad, aim.elevation_rad)
+        return vector.angle_between(here, target)
 
     def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
         """Return a random duration of a reach of `amplitude_rad`, s (Fitts: 39 deg in 0.74 s).
@@ -245,7 +245,7 @@ class PosturalNoise:
         passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
         if passed_s != self._passed_s:
-            self._step = self._over(passed_s)
+            self._step = self._transition_over(passed_s)
             self._passed_s = passed_s
         keep, follow, keep_second, a, b, c = self._step
         n = self._rng.standard_normal(4).tolist()
@@ -269,7 +269,7 @@ class PosturalNoise:
         pitch_rad = self._factor * pitch_sd_rad * pitch + pitch_tremor_rad
         return (yaw_rad, pitch_rad)
 
-    def _over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
+    def _transition_over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
         """Return the exact update of the state over a step: three factors, the noise's triangular matrix."""
         first_s, second_s = self._poles_s
         k1 = math.exp(-passed_s / first_s)
@@ -303,13 +303,13 @@ class StandingPosition:
         if self._sd_m == 0.0:
             return self._place_m
         if self._next_ns is None:
-            self._next_ns = self._after(now_ns)
+            self._next_ns = self._next_step_ns(now_ns)
         elif now_ns >= self._next_ns:
             x, y = self._sd_m * self._rng.standard_normal(2)
             self._from = self._spot
             self._spot = (float(x), float(y))
             self._began_ns = now_ns
-            self._next_ns = self._after(now_ns)
+            self._next_ns = self._next_step_ns(now_ns)
         elapsed_s = max(0, now_ns - self._began_ns) / NS_PER_S
         remaining, _, _ = minimum_jerk_to_rest((1.0, 0.0, 0.0), STEP_S, elapsed_s)
         from_x, from_y = self._from
@@ -318,6 +318,6 @@ class StandingPosition:
         y = spot_y + remaining * (from_y - spot_y)
         return vector.add(self._place_m, (x, y, 0.0))
 
-    def _after(self, now_ns: int) -> int:
+    def _next_step_ns(self, now_ns: int) -> int:
         wait_s = STEP_S + float(self._rng.exponential(self._every_s))
         return now_ns + round(wait_s * NS_PER_S)

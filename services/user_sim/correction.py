@@ -124,12 +124,12 @@ class Correction:
     def expected_m(self, at_ns: int, goal: PersonGoal) -> Vec3 | None:
         """Return the approximate position of the cursor at `at_ns`, {W}, or None if unknown."""
         target = goal.point_at(at_ns)
-        did = self._recall(at_ns)
-        if target is None or did is None:
+        deliberate = self._recall(at_ns)
+        if target is None or deliberate is None:
             return None
         azimuth, elevation = self._stance.sight_of(target)
-        azimuth_rad = azimuth + did[0] + self._beside[0]
-        elevation_rad = elevation + did[1] + self._beside[1]
+        azimuth_rad = azimuth + deliberate[0] + self._beside[0]
+        elevation_rad = elevation + deliberate[1] + self._beside[1]
         away = vector.direction(azimuth_rad, elevation_rad)
         distance_m = math.dist(target, self._stance.eyes_m)
         return vector.add(self._stance.eyes_m, vector.scale(away, distance_m))
@@ -137,13 +137,13 @@ class Correction:
     def see(self, point_m: Vec3, at_ns: int, goal: PersonGoal, *, confirms: bool = True) -> None:
         """Process the position of the cursor at `at_ns`. `confirms`: it is exact, as far as people see."""
         target = goal.point_at(at_ns)
-        did = self._recall(at_ns)
-        if target is None or did is None:
+        deliberate = self._recall(at_ns)
+        if target is None or deliberate is None:
             return
         shown = self._stance.sight_of(point_m)
         intended = self._stance.sight_of(target)
-        azimuth_rad = vector.wrap(shown[0] - intended[0] - did[0])
-        self._beside = (azimuth_rad, shown[1] - intended[1] - did[1])
+        azimuth_rad = vector.wrap(shown[0] - intended[0] - deliberate[0])
+        self._beside = (azimuth_rad, shown[1] - intended[1] - deliberate[1])
         if at_ns < self._look_from_ns:
             return
         self._newest_ns = max(self._newest_ns, at_ns)
@@ -159,15 +159,15 @@ class Correction:
     def see_mark(self, point_m: Vec3, at_ns: int, goal: PersonGoal) -> None:
         """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
         target = goal.point_at(at_ns)
-        did = self._recall(at_ns)
-        if target is None or did is None:
+        deliberate = self._recall(at_ns)
+        if target is None or deliberate is None:
             return
         if at_ns < self._look_from_ns:
             return
         shown = self._stance.sight_of(point_m)
         intended = self._stance.sight_of(target)
         aside = vector.wrap(shown[0] - intended[0])
-        self._aside_rad = did[0] - aside
+        self._aside_rad = deliberate[0] - aside
 
     def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: PersonGoal, named_m: Vec3 | None) -> None:
         """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`.
@@ -175,15 +175,15 @@ class Correction:
         They lead to the thing that the cue names, at `named_m` if it is visible, and from there to the goal.
         """
         target = goal.point_at(at_ns)
-        did = self._recall(at_ns)
-        if target is None or did is None:
+        deliberate = self._recall(at_ns)
+        if target is None or deliberate is None:
             return
         named = self._stance.sight_of(named_m or target)
         intended = self._stance.sight_of(target)
         beyond_azimuth = vector.wrap(named[0] - intended[0])
         beyond_elevation = named[1] - intended[1]
-        azimuth = did[0] - turn_rad[0] - beyond_azimuth
-        elevation = did[1] + turn_rad[1] - beyond_elevation
+        azimuth = deliberate[0] - turn_rad[0] - beyond_azimuth
+        elevation = deliberate[1] + turn_rad[1] - beyond_elevation
         self.now_rad = _limited((azimuth, elevation))
         if named_m is not None:
             self._confirmed_rad = self.now_rad

@@ -121,7 +121,7 @@ class SeenPixels:
         for strip, line in drawable(room.strips):
             if self.count + strip.pixels > MAX_PIXELS:
                 break
-            places.append(self._add(strip, line))
+            places.append(self._add_strip(strip, line))
             pitches.append(np.full(strip.pixels, line.length_m / strip.pixels))
         points = np.concatenate(places) if places else np.empty((0, 3))
         self._pitches_m: Array = np.concatenate(pitches) if pitches else np.empty(0)
@@ -131,7 +131,7 @@ class SeenPixels:
         for belt, line in drawable(room.belts):
             budget -= len(points) * len(line.tangents)
             if budget >= 0 and len(points):
-                self._lay_beside(belt, line, points)
+                self._add_belt(belt, line, points)
         strips = [line for line in self.lines.values() if line.kind == "strip"]
         belts = [line for line in self.lines.values() if line.kind == "belt"]
         self._by_strip = _by_pixel(self.count, strips)
@@ -144,7 +144,7 @@ class SeenPixels:
         """Return the places that `pixel` shows, on belts or on strips only."""
         return (self._by_belt if kind == "belt" else self._by_strip)[pixel]
 
-    def _add(self, strip: Strip, line: Polyline) -> Array:
+    def _add_strip(self, strip: Strip, line: Polyline) -> Array:
         offset = self.count
         self.count = self.count + strip.pixels
         self.strips.append((strip.id, strip.pixels))
@@ -157,7 +157,7 @@ class SeenPixels:
         points = line.points_at(arcs)
         return points if strip.direction == 1 else points[::-1]
 
-    def _lay_beside(self, belt: Belt, line: Polyline, points: Array) -> None:
+    def _add_belt(self, belt: Belt, line: Polyline, points: Array) -> None:
         """Find the pixels beside a belt, each with the nearest arc length of its centre line."""
         reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
         low = line.vertices_m.min(axis=0) - reach_m
@@ -279,8 +279,8 @@ class UsualLooks:
             cursor_brightness: recent brightness of cursors, as a share.
         """
         # Pixels in the colour of the thing itself
-        known = self._dim.get(kind)
-        body = known[0] if known is not None else _commonest(shown[1:-1])
+        learned = self._dim.get(kind)
+        body = learned[0] if learned is not None else _commonest(shown[1:-1])
         is_plain = [is_same_hue(code, body) for code in shown]
         plain_positions = [position for position, plain in enumerate(is_plain) if plain]
         plain_codes = [shown[position] for position in plain_positions]
@@ -307,11 +307,11 @@ class UsualLooks:
             return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
 
         # Brightness of the thing, as near to its middle as it is not covered
-        dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
+        dim = learned[1] if learned is not None else UNKNOWN_DIM * cursor_brightness
         middle = (len(shown) - 1) / 2.0
         nearest = min(plain_positions, key=lambda position: abs(position - middle))
         level = brightness(shown[nearest])
-        is_gap = known is not None and level < GAP * dim
+        is_gap = learned is not None and level < GAP * dim
         return ObservedAppearance(
             marked=True,
             full=level > FULL * dim or is_gap,

@@ -51,31 +51,31 @@ class PerceivedState:
         """Process a cue. Cues of selecting change nothing here."""
         match cue.cue:
             case "target" if cue.turn_rad is None:  # otherwise they point past everything
-                self._ask(now_ns, cue.target_id)
+                self._enter_asked(now_ns, cue.target_id)
                 self.is_queuing = cue.waits
             case "started" if cue.waits:
-                self._ask(now_ns, cue.target_id)
+                self._enter_asked(now_ns, cue.target_id)
             case "started":
-                self._enter("pointing", now_ns)
+                self._enter_state("pointing", now_ns)
             case "localized":
                 if self.state == "asked":
-                    self._enter(self._back, now_ns)
+                    self._enter_state(self._back, now_ns)
             case "refused":
                 if self.state == "asked":
-                    self._enter(self._back, now_ns)
+                    self._enter_state(self._back, now_ns)
                 elif self.state == "idle":  # the press failed
                     self.since_ns = now_ns
             case "stopped":
-                self._enter(self._back if self.state == "asked" else "idle", now_ns)
+                self._enter_state(self._back if self.state == "asked" else "idle", now_ns)
             case _:
                 pass
 
     def reset(self, now_ns: int) -> None:
         """Assume `idle`, as no cursor has been seen for long."""
         self._back = "idle"
-        self._enter("idle", now_ns)
+        self._enter_state("idle", now_ns)
 
-    def _ask(self, now_ns: int, target: str) -> None:
+    def _enter_asked(self, now_ns: int, target: str) -> None:
         if self.state != "asked":
             self._back = self.state
             if self.state != "pointing":
@@ -84,7 +84,7 @@ class PerceivedState:
         self.target = target
         self.is_queuing = False
 
-    def _enter(self, state: State, now_ns: int) -> None:
+    def _enter_state(self, state: State, now_ns: int) -> None:
         was_asked_while_pointing = self.state == "asked" and self._back == "pointing"
         was_pointing = self.state == "pointing" or was_asked_while_pointing
         if not was_pointing or state != "pointing":
@@ -149,14 +149,19 @@ class ButtonModel:
 
         # A gesture that the state calls for
         if perceived.state == "pointing":
-            return self._anchor(now_ns, perceived, off_rad) or self._look_for(now_ns, perceived)
+            gesture = self._press_for_anchor(now_ns, perceived, off_rad)
+            if gesture is not None:
+                return gesture
+            return self._press_when_lost(now_ns, perceived)
         self._on_ns = now_ns
         if perceived.state == "idle":
             self._anchored_ns = None
-            return self._begin(now_ns, perceived, known_ns)
+            return self._press_to_begin(now_ns, perceived, known_ns)
         return None
 
-    def _begin(self, now_ns: int, perceived: PerceivedState, known_ns: int | None) -> ButtonEvent | None:
+    def _press_to_begin(
+        self, now_ns: int, perceived: PerceivedState, known_ns: int | None
+    ) -> ButtonEvent | None:
         greeted_ns = (self._born_ns or 0) + round(CUE_PERIOD_S * NS_PER_S)
         if known_ns is None:
             known_ns = greeted_ns
@@ -171,7 +176,7 @@ class ButtonModel:
         self._pressed_ns = now_ns
         return self.event(now_ns, "press")
 
-    def _look_for(self, now_ns: int, perceived: PerceivedState) -> ButtonEvent | None:
+    def _press_when_lost(self, now_ns: int, perceived: PerceivedState) -> ButtonEvent | None:
         """Press if no cursor was seen for long: the system may not consider them pointing."""
         if self._lost_ns == 0 or self._in_vain_ns <= self._lost_ns:
             return None
@@ -180,7 +185,7 @@ class ButtonModel:
         perceived.reset(now_ns)
         return self.event(now_ns, "press")
 
-    def _anchor(self, now_ns: int, perceived: PerceivedState, off_rad: float) -> ButtonEvent | None:
+    def _press_for_anchor(self, now_ns: int, perceived: PerceivedState, off_rad: float) -> ButtonEvent | None:
         """Press twice if the last anchor, or the start, is long ago, or the cursor is off for long."""
         if off_rad <= self._off_rad:
             self._on_ns = now_ns

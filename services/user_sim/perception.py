@@ -57,15 +57,15 @@ class Perception:
             return
         self._next_ns = now_ns + LOOK_NS
         if self.perceived.state == "pointing" and goal.robot:
-            self._watch(now_ns, goal)
+            self._watch_robot(now_ns, goal)
         elif self.perceived.state == "pointing":
             is_dark = not goal.on_line and not goal.lit
             shows_nothing = is_dark or self._sight.announced is not None
             if shows_nothing or self.things.status(goal.object_id) == "mine":
                 self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
-            self._look(now_ns, goal)
+            self._look_at_lights(now_ns, goal)
 
-    def _watch(self, now_ns: int, goal: PersonGoal) -> None:
+    def _watch_robot(self, now_ns: int, goal: PersonGoal) -> None:
         """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor."""
         robot = self._sight.robots(now_ns).get(goal.robot)
         self._correction.wait(now_ns)
@@ -79,7 +79,7 @@ class Perception:
         height_m = z if goal.point_m[2] > IN_AIR_M else goal.point_m[2]
         self._correction.see((x, y, height_m), robot.stamp_ns, goal)
 
-    def _look(self, now_ns: int, goal: PersonGoal) -> None:
+    def _look_at_lights(self, now_ns: int, goal: PersonGoal) -> None:
         frame_ns = self._sight.frame_ns
         is_new = frame_ns is not None and frame_ns != self._frame_ns
         self._frame_ns = frame_ns

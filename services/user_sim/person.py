@@ -112,8 +112,8 @@ class SimulatedPerson:
 
         # Move: stand elsewhere, turn to another goal, correct by the cursor
         self._stance.move(self._standing.at(now_ns))
-        wanted = REST if yields else self._wants(now_ns)
-        self._turn_when_decided(now_ns, wanted)
+        goal = REST if yields else self._wanted_goal(now_ns)
+        self._turn_when_decided(now_ns, goal)
         correction = self._correction
         closed = self.goal.closed_loop
         if closed and correction.step(now_ns):
@@ -144,7 +144,7 @@ class SimulatedPerson:
         )
         return self._band.sample(now_ns, orientation), press
 
-    def _wants(self, now_ns: int) -> PersonGoal:
+    def _wanted_goal(self, now_ns: int) -> PersonGoal:
         perceived = self._perception.perceived
         if perceived.state == "asked" and self._config.points_when_asked:
             return asked_goal(now_ns, self._sight, perceived)

@@ -66,14 +66,14 @@ class _RobotUser(ABC):
     def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the robot or spot to point at, with the presses so far, or rest."""
         if not 0 <= now_ns - self._called_ns <= NS_PER_S:
-            self._enter("choose", now_ns)  # the person did not point meanwhile, so that they have no robot
+            self._enter_stage("choose", now_ns)  # without pointing meanwhile they have no robot
         self._called_ns = now_ns
         for cue in sight.cues:
             self._is_shared |= "is steered by" in cue.text
             self._on_cue(cue, now_ns)
         robots = sight.robots(now_ns)
         if self._stage == "choose":
-            self._choose(robots, now_ns)
+            self._choose_robot(robots, now_ns)
         robot = robots.get(self._robot)
         if self._stage in ("aim", "asked"):
             return self._at_robot(robot, now_ns)
@@ -89,7 +89,7 @@ class _RobotUser(ABC):
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
         """Process a cue while the person steers."""
 
-    def _choose(self, robots: dict[str, RobotState], now_ns: int) -> None:
+    def _choose_robot(self, robots: dict[str, RobotState], now_ns: int) -> None:
         free: list[str] = []
         for name, robot in robots.items():
             pause_until_ns = self._pause_until_ns.get(name, 0)
@@ -98,24 +98,24 @@ class _RobotUser(ABC):
         if free and self._spots_m:
             self._robot = free[self._attempts % len(free)]
             self._attempts += 1
-            self._enter("aim", now_ns)
+            self._enter_stage("aim", now_ns)
 
     def _at_robot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:
         if robot is None:
-            self._enter("choose", now_ns)
+            self._enter_stage("choose", now_ns)
             return REST
         if self._stage == "aim" and self._lasted_s(now_ns) > self._usually(AIM_S):
-            self._press("asked", now_ns)
+            self._press_button("asked", now_ns)
         elif self._stage == "asked" and self._lasted_s(now_ns) > ANSWER_S:
-            self._enter("choose", now_ns)
-        goal = self._goal(f"robot {self._robot} {self._attempts}", robot.position_m)
+            self._enter_stage("choose", now_ns)
+        goal = self._goal_at(f"robot {self._robot} {self._attempts}", robot.position_m)
         return replace(goal, velocity_mps=robot.velocity_mps, stamp_ns=robot.stamp_ns)
 
-    def _spot(self) -> PersonGoal:
-        goal = self._goal(f"spot {self._next} {self._attempts}", self._spot_m)
+    def _spot_goal(self) -> PersonGoal:
+        goal = self._goal_at(f"spot {self._next} {self._attempts}", self._spot_m)
         return replace(goal, closed_loop=True)
 
-    def _goal(self, key: str, point_m: Vec3) -> PersonGoal:
+    def _goal_at(self, key: str, point_m: Vec3) -> PersonGoal:
         return PersonGoal(key, point_m, presses=self._presses, gesture=self._gesture)
 
     def _on_cue(self, cue: Feedback, now_ns: int) -> None:
@@ -123,13 +123,13 @@ class _RobotUser(ABC):
         is_other_robot = "is yours" in cue.text and self._robot not in cue.text
         if cue.cue == "refused" and self._needs_lamp(cue.text, now_ns):
             self._lamp_ns = now_ns
-            self._press("asked", now_ns, "double")
+            self._press_button("asked", now_ns, "double")
         elif cue.cue == "deselected":
-            self._enter("choose", now_ns)
+            self._enter_stage("choose", now_ns)
         elif is_asked and is_other_robot:
-            self._press("asked", now_ns, "hold")  # let it go
+            self._press_button("asked", now_ns, "hold")  # let it go
         elif is_asked and cue.cue == "selected":
-            self._enter("sent" if "goes there" in cue.text else "steer", now_ns)
+            self._enter_stage("sent" if "goes there" in cue.text else "steer", now_ns)
         elif is_asked and cue.cue == "refused":
             self._on_refusal(cue.text, now_ns)
         elif self._stage in ("steer", "sent"):
@@ -137,16 +137,16 @@ class _RobotUser(ABC):
 
     def _on_refusal(self, text: str, now_ns: int) -> None:
         if "press again" in text:
-            self._press("asked", now_ns)
+            self._press_button("asked", now_ns)
         elif "way-point" in text:  # it is theirs still
-            self._enter("steer", now_ns)
+            self._enter_stage("steer", now_ns)
         elif "no robot" in text:
             self._attempts += 1
-            self._enter("aim", now_ns)
+            self._enter_stage("aim", now_ns)
         elif "longer" not in text:
             pause_s = self._usually(PAUSE_S)
             self._pause_until_ns[self._robot] = now_ns + round(pause_s * NS_PER_S)
-            self._enter("choose", now_ns)
+            self._enter_stage("choose", now_ns)
 
     def _needs_lamp(self, text: str, now_ns: int) -> bool:
         """Return True if pointing at a lamp once helps, and was not done just before."""
@@ -158,7 +158,7 @@ class _RobotUser(ABC):
         is_needed = is_unsure or is_unclear_again
         return is_needed and not 0 <= now_ns - self._lamp_ns < WAIT_S * NS_PER_S
 
-    def _arrived(self, now_ns: int) -> bool:
+    def _count_arrival(self, now_ns: int) -> bool:
         """Go on to the next spot. Return True if it is the others' turn."""
         self._next += 1
         self._arrivals += 1
@@ -168,14 +168,14 @@ class _RobotUser(ABC):
         self._pause_until_ns[self._robot] = now_ns + round(pause_s * NS_PER_S)
         return True
 
-    def _enter(self, stage: Stage, now_ns: int) -> None:
+    def _enter_stage(self, stage: Stage, now_ns: int) -> None:
         self._stage = stage
         self._since_ns = now_ns
 
-    def _press(self, stage: Stage, now_ns: int, gesture: Gesture = "press") -> None:
+    def _press_button(self, stage: Stage, now_ns: int, gesture: Gesture = "press") -> None:
         self._presses += 1
         self._gesture = gesture
-        self._enter(stage, now_ns)
+        self._enter_stage(stage, now_ns)
 
     def _lasted_s(self, now_ns: int) -> float:
         return (now_ns - self._since_ns) / NS_PER_S
@@ -197,10 +197,10 @@ class QuadrotorUser(_RobotUser):
 
     def _at_spot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
-            self._enter("choose", now_ns)
+            self._enter_stage("choose", now_ns)
         elif self._stage == "steer" and self._is_content(robot, now_ns):
-            self._press("sent", now_ns)
-        return replace(self._spot(), robot=self._robot)
+            self._press_button("sent", now_ns)
+        return replace(self._spot_goal(), robot=self._robot)
 
     def _is_content(self, robot: RobotState | None, now_ns: int) -> bool:
         """Return True if the robot has been over the spot for a moment, or the person has tried for long."""
@@ -223,11 +223,11 @@ class QuadrotorUser(_RobotUser):
         if self._stage == "steer":  # what keeps the robot away has led the arm too far
             self._attempts += int("past everything" in cue.text)
         elif cue.chime == "double":
-            self._arrived(now_ns)
-            self._enter("choose", now_ns)
+            self._count_arrival(now_ns)
+            self._enter_stage("choose", now_ns)
         elif cue.cue == "refused":
             self._next += "choose one" in cue.text
-            self._enter("steer", now_ns)
+            self._enter_stage("steer", now_ns)
 
 
 class GroundRobotUser(_RobotUser):
@@ -240,14 +240,14 @@ class GroundRobotUser(_RobotUser):
 
     def _at_spot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:  # noqa: ARG002 - the other kind's need
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
-            self._enter("steer", now_ns)
+            self._enter_stage("steer", now_ns)
         elif self._stage == "steer" and self._set >= PATH:
             if self._lasted_s(now_ns) > self._usually(CONTENT_S):
-                self._press("sent", now_ns)
+                self._press_button("sent", now_ns)
         elif self._stage == "steer" and self._lasted_s(now_ns) > WAYPOINT_S:
             self._next += 1
             self._since_ns = now_ns
-        return self._spot()
+        return self._spot_goal()
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
         if self._stage == "steer" and cue.cue == "selected":
@@ -258,14 +258,14 @@ class GroundRobotUser(_RobotUser):
             self._next += 1
             self._since_ns = now_ns
         elif self._stage == "sent" and cue.chime == "double":
-            if self._arrived(now_ns):
-                self._press("asked", now_ns, "hold")
+            if self._count_arrival(now_ns):
+                self._press_button("asked", now_ns, "hold")
             else:
-                self._enter("steer", now_ns)
+                self._enter_stage("steer", now_ns)
         elif self._stage == "sent" and cue.cue == "refused":  # a second stay where the last one was is none
             self._next += 1
-            self._enter("steer", now_ns)
+            self._enter_stage("steer", now_ns)
 
-    def _enter(self, stage: Stage, now_ns: int) -> None:
+    def _enter_stage(self, stage: Stage, now_ns: int) -> None:
         self._set = 0
-        super()._enter(stage, now_ns)
+        super()._enter_stage(stage, now_ns)

@@ -100,11 +100,11 @@ class Selecting:
 
     def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the object on which to hold the cursor, or rest."""
-        self._listen(now_ns, sight)
+        self._follow_instructions(now_ns, sight)
         if self._current:
-            self._go_on(now_ns, sight)
+            self._continue_object(now_ns, sight)
         if not self._current:
-            self._find(now_ns, sight)
+            self._search(now_ns, sight)
         if not self._current and not self._next:
             self._goal = REST
         elif self._goal.object_id:  # the hand stays during the search for the next one
@@ -114,7 +114,7 @@ class Selecting:
             return self._goal
         return replace(self._goal, presses=self._presses)
 
-    def _listen(self, now_ns: int, sight: Sight) -> None:
+    def _follow_instructions(self, now_ns: int, sight: Sight) -> None:
         """Aim only at what a sentence names, such as `Point at nuts.`, and at nothing else from then on."""
         for cue in sight.cues:
             if cue.cue != "target" or cue.target_id:
@@ -127,31 +127,31 @@ class Selecting:
                 self._current = ""
                 self._next = ""
 
-    def _go_on(self, now_ns: int, sight: Sight) -> None:
+    def _continue_object(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""
         seen = sight.find(self._current, now_ns)
         if seen is None:
-            self._end(now_ns)
+            self._leave_object(now_ns)
             return
 
         # It is done
         is_button = seen.thing.mode == "button"
         if is_button and self._things.status(self._current) == "mine":
             self._things.believe(self._current, "free", now_ns)  # anybody may fire it again
-            self._end(now_ns)
+            self._leave_object(now_ns)
         elif self._is_switched(seen):
             self._switched_ns[self._current] = now_ns
-            self._end(now_ns)
+            self._leave_object(now_ns)
         elif not self._is_open_task(seen, now_ns):
-            self._end(now_ns)
+            self._leave_object(now_ns)
 
         # A lapse, or it takes too long
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
             self._things.believe(self._current, "mine", now_ns)
-            self._end(now_ns)
+            self._leave_object(now_ns)
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
             self._pause_until_ns[self._current] = now_ns + self._retry_ns
-            self._end(now_ns)
+            self._leave_object(now_ns)
 
         # It waits for a press
         else:
@@ -169,12 +169,12 @@ class Selecting:
         is_named = named is not None and named.thing.id == seen.thing.id
         return sight.announced.began_ns if is_named else 0
 
-    def _end(self, now_ns: int) -> None:
+    def _leave_object(self, now_ns: int) -> None:
         self._left_ns[self._current] = now_ns
         self._current = self._mistaken = ""
         self._leave_ns = None
 
-    def _find(self, now_ns: int, sight: Sight) -> None:
+    def _search(self, now_ns: int, sight: Sight) -> None:
         """Search for the next one, which takes time, and turn to it."""
         # The search is over: turn to what was found, if it is still there
         if self._next and now_ns < self._ready_ns:

@@ -135,7 +135,7 @@ class WristSearch:
                         self._warn_others(advertisement, advertisements)
                     return advertisement
             self.refused.clear()
-            self._warn(self._absence(advertisements))
+            self._warn(self._absence_message(advertisements))
 
     def _on_advertisement(
         self,
@@ -204,7 +204,7 @@ class WristSearch:
             )
         self._warnings.warn("sensors", message)
 
-    def _absence(self, advertisements: dict[str, Advertisement]) -> str:
+    def _absence_message(self, advertisements: dict[str, Advertisement]) -> str:
         label = self._kind.label
         wanted = self._config.sensor
         if advertisements and self.used:
@@ -280,7 +280,7 @@ class BleSource:
                 label = f"{self._wrist.kind.label} {advertisement.address}"
                 began_s = loop.time()
                 try:
-                    await self._use(advertisement)
+                    await self._use_wrist(advertisement)
                 finally:
                     lasted_s = loop.time() - began_s
             except LinkError as error:
@@ -311,7 +311,7 @@ class BleSource:
                 self._warn(problem)
             await asyncio.sleep(max(wait_s, pause_s))
 
-    async def _use(self, advertisement: Advertisement) -> None:
+    async def _use_wrist(self, advertisement: Advertisement) -> None:
         """Connect, and deliver until the connection is lost. Returns if it is not the wanted wrist."""
         lost = self._lost = asyncio.Event()
         self._failure = LinkError("has lost the connection: bring it near, or charge it")
@@ -337,7 +337,7 @@ class BleSource:
 
             # Deliver
             self._received_s = asyncio.get_running_loop().time()
-            self._open(keeps_yaw=runs_on)
+            self._start_delivery(keeps_yaw=runs_on)
             if advertisement.rssi_dbm is not None:
                 self._deliver(Signal(advertisement.rssi_dbm))
             await self._stream(connection)
@@ -354,7 +354,7 @@ class BleSource:
                 async with asyncio.timeout(END_S):
                     await client.disconnect()
 
-    def _open(self, *, keeps_yaw: bool) -> None:
+    def _start_delivery(self, *, keeps_yaw: bool) -> None:
         self._is_open = self._was_open = True
         self._is_paused = False
         self._deliver(Reconnected(keeps_yaw=keeps_yaw))
@@ -371,14 +371,14 @@ class BleSource:
 
     async def _stream(self, connection: Connection) -> None:
         """Deliver until it is lost. Raises LinkError then, or if the wrist stays silent."""
-        player = asyncio.create_task(self._play(connection))
+        player = asyncio.create_task(self._play_cues(connection))
         try:
-            await self._watch(connection)
+            await self._watch_silence(connection)
         finally:
             player.cancel()
             await asyncio.wait({player})
 
-    async def _watch(self, connection: Connection) -> None:
+    async def _watch_silence(self, connection: Connection) -> None:
         loop = asyncio.get_running_loop()
         asked_s = loop.time() - ASK_S
         configured_s = 0.0
@@ -414,7 +414,7 @@ class BleSource:
             self._is_open = False  # no reading of the new yaw origin before its `Reconnected`
             async with asyncio.timeout(CONNECT_S):
                 await self._wrist.configure(connection)
-            self._open(keeps_yaw=False)
+            self._start_delivery(keeps_yaw=False)
             configured_s = loop.time()
 
     @property
@@ -442,7 +442,7 @@ class BleSource:
             return
         if isinstance(item, Reading | RawReading):
             if self._is_paused:  # its orientation may not have followed meanwhile
-                self._open(keeps_yaw=False)
+                self._start_delivery(keeps_yaw=False)
             self._received_s = asyncio.get_running_loop().time()
             self._useless = 0
             if self._is_warned:
@@ -452,7 +452,7 @@ class BleSource:
     def _on_gesture(self, gesture: Gesture) -> None:
         self._deliver(Press(self._clock.now_ns(), gesture))
 
-    async def _play(self, connection: Connection) -> None:
+    async def _play_cues(self, connection: Connection) -> None:
         while True:
             await self._cue_came.wait()
             self._cue_came.clear()

@@ -242,7 +242,7 @@ class MetaMotion(Wrist):
         return () if item is None else (item,)
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
-        """Ask for the battery, which the board tells in a notification."""
+        """Ask for the battery, which the board states in a notification."""
         await connection.write(COMMAND, READ_BATTERY)
         return ()
 

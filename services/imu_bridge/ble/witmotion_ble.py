@@ -69,7 +69,7 @@ class Framer:
             frame = data[at : at + FRAME_BYTES]
             if len(frame) < FRAME_BYTES:
                 break
-            item = _item(frame, stamp_ns)
+            item = _decode_frame(frame, stamp_ns)
             if item is not None:
                 items.append(item)
             at += FRAME_BYTES
@@ -82,7 +82,7 @@ def set_rate(rate_hz: int) -> bytes:
     return bytes((0xFF, 0xAA, 0x03, RATES[rate_hz], 0x00))
 
 
-def _item(frame: bytes, stamp_ns: int) -> RawReading | Battery | None:
+def _decode_frame(frame: bytes, stamp_ns: int) -> RawReading | Battery | None:
     if frame[1] == 0x61:
         ax, ay, az, wx, wy, wz = struct.unpack_from("<6h", frame, 2)
         return RawReading(

@@ -33,7 +33,7 @@ STEP_S = 0.5
 LOST_S = 3.0
 """Time without a reading after which the sender is out of reach, s."""
 BAD_S = 10.0
-"""Time for which datagrams that cannot be read are told, s."""
+"""Time for which datagrams that cannot be read are reported, s."""
 
 
 def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
@@ -232,9 +232,9 @@ class DatagramSource(PortSource):
         self._bad_count = 0
         self._bad = ""
 
-    async def _watch(self) -> None:
+    async def _watch_sender(self) -> None:
         while True:
-            self._step(asyncio.get_running_loop().time())
+            self._report_warnings(asyncio.get_running_loop().time())
             await asyncio.sleep(STEP_S)
 
     def _is_used(self, address: Address) -> bool:
@@ -289,7 +289,7 @@ class DatagramSource(PortSource):
         self._decoders[sender] = decoder
         return decoder
 
-    def _step(self, now_s: float) -> None:
+    def _report_warnings(self, now_s: float) -> None:
         used = self._senders.used
         host = "" if used is None else used[0]
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:

@@ -89,7 +89,7 @@ def parse(data: bytes) -> tuple[list[OscMessage], str]:
         if len(messages) >= MAX_MESSAGES:
             break
         try:
-            messages.append(_message(content, time_ns))
+            messages.append(_parse_message(content, time_ns))
         except ValueError as error:
             problem = problem or f"is not OSC: {error}"
     return messages, problem
@@ -123,7 +123,7 @@ def _contents(data: bytes, time_ns: int | None, depth: int) -> Iterator[tuple[by
         offset += size
 
 
-def _message(data: bytes, time_ns: int | None) -> OscMessage:
+def _parse_message(data: bytes, time_ns: int | None) -> OscMessage:
     """Return the message in `data`.
 
     Raises:
@@ -133,7 +133,7 @@ def _message(data: bytes, time_ns: int | None) -> OscMessage:
         raise ValueError("an element of a bundle is cut off")
     if data.startswith(_BUNDLE):  # `_contents` has not opened it
         raise ValueError("too many bundles in bundles, or one that is cut off")
-    address, offset = _text(data, 0)
+    address, offset = _parse_text(data, 0)
     if not address.startswith("/"):
         raise ValueError("an address without /")
     if offset >= len(data):  # old senders leave the types out if there is no argument
@@ -145,7 +145,7 @@ def _message(data: bytes, time_ns: int | None) -> OscMessage:
         if len(rest) < MIN_UNTYPED or len(rest) % 4:
             raise ValueError("no types of arguments")
         return OscMessage(address, struct.unpack(f">{len(rest) // 4}f", rest), time_ns)
-    types, offset = _text(data, offset)
+    types, offset = _parse_text(data, offset)
     message = _typed_message(address, types[1:], data[offset:], time_ns)
     is_empty = not message.numbers and not message.strings
     if message.problem and is_empty:
@@ -161,7 +161,7 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
     offset = 0
     for kind in types:
         try:
-            value, offset = _argument(kind, data, offset)
+            value, offset = _parse_argument(kind, data, offset)
         except ValueError as error:
             problem = f"has {error}"
             break
@@ -172,7 +172,7 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
     return OscMessage(address, tuple(numbers), time_ns, tuple(strings), problem)
 
 
-def _argument(kind: str, data: bytes, offset: int) -> tuple[float | str | None, int]:
+def _parse_argument(kind: str, data: bytes, offset: int) -> tuple[float | str | None, int]:
     """Return the argument at `offset`, None if it is passed over, and where it ends.
 
     Raises:
@@ -188,7 +188,7 @@ def _argument(kind: str, data: bytes, offset: int) -> tuple[float | str | None, 
 
     # Strings, which may be numbers; all others only have a length
     if kind in "sS":
-        text, offset = _text(data, offset)
+        text, offset = _parse_text(data, offset)
         try:
             value = float(text)
         except ValueError:
@@ -204,7 +204,7 @@ def _argument(kind: str, data: bytes, offset: int) -> tuple[float | str | None, 
     return value, offset
 
 
-def _text(data: bytes, offset: int) -> tuple[str, int]:
+def _parse_text(data: bytes, offset: int) -> tuple[str, int]:
     """Return the string at `offset`, UTF-8 or else Latin-1, and where it ends with its padding."""
     end = data.find(b"\0", offset)
     if end < 0 or offset > len(data):
@@ -296,7 +296,7 @@ class OscDecoder(Decoder):
         senders = Counter[tuple[tuple[str, ...], int | None]]()
         for message in messages:
             try:
-                item = self._item(message, stamp_ns)
+                item = self._decode_message(message, stamp_ns)
             except ContentError as error:
                 problem = problem or f"{message.address} {error}"
                 continue
@@ -321,7 +321,7 @@ class OscDecoder(Decoder):
         self.problem = problem or self.problem
         return items
 
-    def _item(self, message: OscMessage, stamp_ns: int) -> Item | NamedReading | None:
+    def _decode_message(self, message: OscMessage, stamp_ns: int) -> Item | NamedReading | None:
         """Return the orientation of `message`, or its other item, or None if it has none.
 
         Raises:
@@ -335,7 +335,7 @@ class OscDecoder(Decoder):
         if not self._config.address:
             is_orientation = self._is_documented(address)
         if is_orientation:
-            return self._reading(message, stamp_ns)
+            return self._decode_orientation(message, stamp_ns)
         parent, _, last = address.rpartition("/")
         axis = component(last)[1]
         is_component = axis != "" and len(numbers) == 1
@@ -368,7 +368,7 @@ class OscDecoder(Decoder):
             )
         return None
 
-    def _reading(self, message: OscMessage, stamp_ns: int) -> NamedReading:
+    def _decode_orientation(self, message: OscMessage, stamp_ns: int) -> NamedReading:
         numbers = message.numbers
         address = message.address
 

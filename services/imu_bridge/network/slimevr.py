@@ -49,7 +49,7 @@ TAKEN = (
 )
 MAX_FOUND = 64
 BAD_S = 10.0
-"""Time for which packets that cannot be read are told, s."""
+"""Time for which packets that cannot be read are reported, s."""
 STEP_S = 0.4
 """Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
 _MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
@@ -320,7 +320,7 @@ class SlimevrSource(PortSource):
                 asyncio.get_running_loop().call_later(on_s, self._send, data, used)
             on_s += duration_ms / 1000
 
-    async def _watch(self) -> None:
+    async def _watch_sender(self) -> None:
         """Keep the connection alive and report warnings."""
         while True:
             now_s = asyncio.get_running_loop().time()
@@ -342,7 +342,7 @@ class SlimevrSource(PortSource):
             for tracker in answered:
                 self._send(protocol.HEARTBEAT_DATAGRAM, tracker)
                 self._send(protocol.ping(self._pings), tracker)
-            self._warn(now_s)
+            self._report_warnings(now_s)
             await asyncio.sleep(STEP_S)
 
     def _is_used(self, address: Address) -> bool:
@@ -375,11 +375,13 @@ class SlimevrSource(PortSource):
             self._unreadable_s = now_s
         elif datagram.packet is None and datagram.kind != KEEP_ALIVE:
             self.passed_over.add(f"kind {datagram.kind}")
-        item = self._item(datagram.packet, used, now_s)
+        item = self._process_packet(datagram.packet, used, now_s)
         if item is not None:
             self._pass_on(item)
 
-    def _item(self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float) -> Item | None:
+    def _process_packet(
+        self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float
+    ) -> Item | None:
         stamp_ns = self._clock.now_ns()
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
@@ -394,10 +396,10 @@ class SlimevrSource(PortSource):
             case Signal():
                 return packet
             case _:
-                self._answer(packet, used, now_s)
+                self._answer_packet(packet, used, now_s)
                 return None
 
-    def _answer(self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float) -> None:
+    def _answer_packet(self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float) -> None:
         match packet:
             case protocol.SensorInfo(sensor, status):
                 self._send(protocol.sensor_answer(packet), used)
@@ -422,7 +424,7 @@ class SlimevrSource(PortSource):
             message = f"the tracker's sensor {self._config.sensor} {clause}: switch it off and on"
         self._health.warn("sensor", message)
 
-    def _warn(self, now_s: float) -> None:
+    def _report_warnings(self, now_s: float) -> None:
         # The wanted tracker does not call, or others do
         others = ", ".join(self._trackers.others(now_s))
         calling = ""

@@ -85,7 +85,7 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class FlagsRequest:
-    """A tracker that tells its features and asks for the server's."""
+    """A tracker that states its features and asks for the server's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def decode(data: bytes) -> SlimevrDatagram | None:
     if kind in (HANDSHAKE, PING):  # the former has none, the latter is an echo of ours
         number = 0
     try:
-        return SlimevrDatagram(number, _packet(kind, data[_HEAD.size :]), kind=kind)
+        return SlimevrDatagram(number, _decode_packet(kind, data[_HEAD.size :]), kind=kind)
     except (struct.error, IndexError, ContentError):
         return SlimevrDatagram(number, None, is_readable=False, kind=kind)
 
@@ -142,17 +142,17 @@ def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
     return struct.pack(">Ifff", 2, duration_s, 100.0, amplitude)
 
 
-def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table
+def _decode_packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table
     # Kinds 1 and 16 are of old firmware, which has one for each of two sensors
     match kind:
         case 1:
             return Rotation(0, unit_rotation(struct.unpack_from(">4f", payload), "xyzw"))
         case 3:
-            return _handshake(payload)
+            return _decode_handshake(payload)
         case 10:
             return Pong(*struct.unpack_from(">I", payload))
         case 12:
-            return _battery(payload)
+            return _decode_battery(payload)
         case 13:
             return SlimevrButton("double" if payload[1] & _DOUBLE_TAP else "press")
         case 14:
@@ -182,7 +182,7 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             return None
 
 
-def _battery(payload: bytes) -> Battery:
+def _decode_battery(payload: bytes) -> Battery:
     values = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
     level = values[-1]
     volts = values[0] if len(values) == 2 else 0.0
@@ -191,7 +191,7 @@ def _battery(payload: bytes) -> Battery:
     return Battery(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
 
 
-def _handshake(payload: bytes) -> Handshake:
+def _decode_handshake(payload: bytes) -> Handshake:
     """Return the handshake: as much of it as there is, since old apps send none of its parts."""
     if len(payload) < 28:
         return Handshake()

@@ -82,11 +82,11 @@ class UdpDecoder(Decoder):
         text = data.strip()
         is_wearmocap = len(data) == _WEARMOCAP.size and not text.isascii()
         if is_wearmocap and not self._is_described:
-            return [self._wearmocap(data, stamp_ns)]
+            return [self._decode_wearmocap(data, stamp_ns)]
         items: list[Item] = []
         for message in self._messages(text):
             try:
-                item = self._item(message, stamp_ns)
+                item = self._decode_message(message, stamp_ns)
             except ContentError as error:
                 self.problem = f"{quoted(message)} {error}"
                 continue
@@ -102,7 +102,7 @@ class UdpDecoder(Decoder):
             return text.splitlines()[:MAX_LINES]
         return [text] if self._lines.has_form(text) else _json_objects(text)
 
-    def _item(self, message: bytes, stamp_ns: int) -> Item | None:
+    def _decode_message(self, message: bytes, stamp_ns: int) -> Item | None:
         """Return the item in a JSON object or a line, or None if it is of another sensor or is passed over.
 
         Raises:
@@ -114,7 +114,7 @@ class UdpDecoder(Decoder):
             if not self.sensors.accepts(*names_in(content)):
                 return None
             try:
-                return self._android(content, _numbers(content["values"]), stamp_ns)
+                return self._decode_android(content, _numbers(content["values"]), stamp_ns)
             except ContentError:
                 raise
             except (ValueError, TypeError, OverflowError) as error:
@@ -131,7 +131,7 @@ class UdpDecoder(Decoder):
             return None
         return Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)
 
-    def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
+    def _decode_android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
         # An orientation, of the first kind that comes
         time_ns = _time_ns(content)
         kind = str(content["type"]).removeprefix(_ANDROID)
@@ -163,7 +163,7 @@ class UdpDecoder(Decoder):
         )
         return None
 
-    def _wearmocap(self, data: bytes, stamp_ns: int) -> Reading:
+    def _decode_wearmocap(self, data: bytes, stamp_ns: int) -> Reading:
         """Return the reading of a datagram. Its time is the time of day."""
         numbers = _WEARMOCAP.unpack(data)
         world_from_sensor = unit_rotation(numbers[5:9], "wxyz")

@@ -124,7 +124,7 @@ class UdpServer(asyncio.DatagramProtocol):
             link.close()
             return
         self._links[address] = link
-        asyncio.get_running_loop().add_reader(link, self._read, link)
+        asyncio.get_running_loop().add_reader(link, self._read_datagrams, link)
 
     def disconnect_others(self, addresses: Container[Address]) -> None:
         """End what `connect` has begun, but for `addresses`."""
@@ -135,7 +135,7 @@ class UdpServer(asyncio.DatagramProtocol):
             asyncio.get_running_loop().remove_reader(link)
             link.close()
 
-    def _read(self, waiting: socket.socket) -> None:
+    def _read_datagrams(self, waiting: socket.socket) -> None:
         for _ in range(MAX_AT_ONCE):
             try:
                 data, sender = waiting.recvfrom(LONGEST_DATAGRAM)
@@ -160,7 +160,7 @@ class UdpServer(asyncio.DatagramProtocol):
         if self._waiting is None:
             self._on_read()
         else:
-            self._read(self._waiting)
+            self._read_datagrams(self._waiting)
 
     def error_received(self, exc: Exception) -> None:
         """Ignore an undelivered datagram. A sender that is gone falls silent, which is reported."""
@@ -295,12 +295,12 @@ class PortSource(ABC):
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._server.run())
-                await self._watch()
+                await self._watch_sender()
         finally:
             self._timer.cancel()
 
     @abstractmethod
-    async def _watch(self) -> None:
+    async def _watch_sender(self) -> None:
         """Report warnings until cancelled."""
 
     @abstractmethod

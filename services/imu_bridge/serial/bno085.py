@@ -48,10 +48,10 @@ class Bno085Framer(SerialFramer):
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the readings in the packets that `data` completes."""
-        before = self._cutter.skipped
+        skipped_before = self._cutter.skipped
         packets = self._cutter.feed(data)
-        if self.good and self._cutter.skipped > before:
-            self.bad += self._cutter.skipped - before
+        if self.good and self._cutter.skipped > skipped_before:
+            self.bad += self._cutter.skipped - skipped_before
             self.reason = "a wrong checksum"
         self.good += len(packets)
         if packets and self._is_first:

@@ -179,7 +179,7 @@ class Detection:
         self._since_s: float | None = None
         """Time of the first byte at this speed."""
         self._only_text = True
-        self._begin()
+        self._start_trial()
         if len(self._formats) == len(self._bauds) == 1:
             self._recognize(self._formats[0])
 
@@ -241,16 +241,16 @@ class Detection:
         limit_s = TRY_TEXT_S if self._only_text else TRY_S
         if self._since_s is not None and now_s - self._since_s > limit_s:
             self._number = (self._number + 1) % len(self._bauds)
-            self._begin()
+            self._start_trial()
         return []
 
     def forget(self) -> None:
         """Recognize again, since what arrives has become unreadable."""
         if len(self._formats) > 1 or len(self._bauds) > 1:
             self.found = self.framer = None
-            self._begin()
+            self._start_trial()
 
-    def _begin(self) -> None:
+    def _start_trial(self) -> None:
         candidates: dict[Format, SerialFramer] = {}
         for name in self._formats:
             row = FORMATS[name]

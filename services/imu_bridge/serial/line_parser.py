@@ -166,7 +166,7 @@ class LineParser:
         if self._form is not None:
             values = self._form.fullmatch(text)
             if values is not None:
-                return _described(values.groupdict())
+                return _parse_described(values.groupdict())
         if not text or text.casefold().startswith(_PASSED_OVER):
             return None
         button = _BUTTON.match(text)
@@ -176,11 +176,11 @@ class LineParser:
             return ButtonLine(cast("Gesture", gesture), names)
         if self._form is not None:
             raise ContentError(f"has another form than {self._parameter}; {self._remedy(text)}")
-        return self._documented(text)
+        return self._parse_documented(text)
 
-    def _documented(self, text: str) -> QuaternionLine:
+    def _parse_documented(self, text: str) -> QuaternionLine:
         if text.startswith("{"):
-            return self._json(text)
+            return self._parse_json(text)
         label = _LABEL.match(text)
         content = text if label is None else text[label.end() :]
         words = _SEPARATOR.split(content)
@@ -193,7 +193,7 @@ class LineParser:
                 return QuaternionLine(unit_rotation(four, "xyzw"))
         raise ContentError(f"has none of the documented forms; {self._remedy(text)}")
 
-    def _json(self, text: str) -> QuaternionLine:
+    def _parse_json(self, text: str) -> QuaternionLine:
         try:
             content = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -218,7 +218,7 @@ def _stripped(line: bytes) -> str:
     return line.decode().strip(" ,;|\t\r\n\0\ufeff")
 
 
-def _described(values: dict[str, str]) -> QuaternionLine:
+def _parse_described(values: dict[str, str]) -> QuaternionLine:
     times: list[int] = []
     for key, unit in TIME_NS.items():
         if key in values:

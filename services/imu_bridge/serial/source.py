@@ -80,7 +80,7 @@ async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_
     """
     stopping = threading.Event()
     try:
-        asks = [asyncio.to_thread(_ask, port, config, duration_s, stopping) for port in ports]
+        asks = [asyncio.to_thread(_ask_port, port, config, duration_s, stopping) for port in ports]
         return await asyncio.gather(*asks)
     finally:
         stopping.set()
@@ -120,7 +120,9 @@ def several(answers: Sequence[PortAnswer]) -> str:
     return ", ".join(map(str, answers)) or "none"
 
 
-def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> PortAnswer:
+def _ask_port(
+    port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event
+) -> PortAnswer:
     if is_open_in_another_process(port.path):
         return PortAnswer(port.path, port.description, None, "another program has it open")
     detection = Detection(config)
@@ -129,6 +131,7 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
         with open_port(PortSettings(port=port.path, baud=detection.baud)) as opened:
             begin_s = time.monotonic()
             while not stopping.is_set():
+                # A port that sends nothing is not waited for as long
                 limit_s = duration_s if count else min(duration_s, NOTHING_S)
                 if time.monotonic() - begin_s >= limit_s:
                     break
@@ -141,6 +144,8 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
                     return PortAnswer(port.path, port.description, detection.found, "")
     except OSError as error:
         return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
+
+    # Nothing was recognized
     problem = detection.text_problem
     if not problem:
         problem = "silent" if count == 0 else f"{count} bytes, none readable"
@@ -229,13 +234,15 @@ class SerialSource:
         """Deliver readings until cancelled."""
         self._deliver = deliver
         while True:
-            self._name = self._config.port or await self._search()
+            self._name = self._config.port or await self._search_port()
             await self._use_port()
 
     async def _use_port(self) -> None:
         self._lost.clear()
         baud = self._config.baud or self._detection.baud
-        self._thread = SerialThread(PortSettings(port=self._name, baud=baud), self._read, self._on_change)
+        self._thread = SerialThread(
+            PortSettings(port=self._name, baud=baud), self._read_port, self._on_change
+        )
         port = asyncio.create_task(self._thread.run())
         lost = asyncio.create_task(self._lost.wait())
         try:
@@ -265,7 +272,7 @@ class SerialSource:
             with contextlib.suppress(OSError, TypeError):  # it is being closed
                 port.cancel_read()
 
-    async def _search(self) -> str:
+    async def _search_port(self) -> str:
         """Return the only port that answers; wait until there is one."""
         time_s = asyncio.get_running_loop().time
         answers: dict[str, PortAnswer] = {}
@@ -277,14 +284,14 @@ class SerialSource:
             answers = {port.path: answers[port.path] for port in ports if port.path in answers}
             is_due = time_s() > due_s
             if is_due:
-                asked = ports
+                ports_to_ask = ports
                 duration_s = SEARCH_S[1]
             else:
-                asked = [port for port in ports if port.path not in answers]
+                ports_to_ask = [port for port in ports if port.path not in answers]
                 duration_s = SEARCH_S[0]
-            for answer in await ask_ports(asked, self._config, duration_s):
+            for answer in await ask_ports(ports_to_ask, self._config, duration_s):
                 answers[answer.path] = answer
-            if asked:
+            if ports_to_ask:
                 due_s = time_s() + pause_s
             if is_due:  # let other programs open the ports
                 pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
@@ -295,7 +302,7 @@ class SerialSource:
                 self._first = detected_answers[0].found
                 self._health.clear("port")
                 return detected_answers[0].path
-            self._health.warn("port", _choice(detected_answers, [*answers.values()]))
+            self._health.warn("port", _choice_message(detected_answers, [*answers.values()]))
             await asyncio.sleep(SEARCH_STEP_S)
 
     def _on_change(self, problem: str) -> None:
@@ -306,8 +313,8 @@ class SerialSource:
             if not self._config.port:
                 self._lost.set()
 
-    def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
-        """Read until asked to stop; runs in the port's thread."""
+    def _read_port(self, port: serial.Serial, stopping: threading.Event) -> None:
+        """Read until requested to stop; runs in the port's thread."""
         self._post(Reconnected())
         self._detection = detection = Detection(self._config, self._first, self._sensors)
         self._port = port
@@ -336,7 +343,7 @@ class SerialSource:
                 if framer is not None:
                     if framer.commands and now_s > command_s:
                         command_s = now_s + COMMAND_PAUSE_S
-                        self._command(port, framer)
+                        self._send_command(port, framer)
                     self._watch_bad(framer, now_s)
 
                 # Report silence. Bytes without sense may be those of another format.
@@ -348,20 +355,20 @@ class SerialSource:
         finally:
             self._port = None
 
-    def _on_detected(self, found: DetectedSensor | None) -> None:
-        if found is not None and found != self._first:
-            log.info("%s: %s", self._name, found)
-        self._first = found or self._first
-        self._thread.post(self._set_port_metrics, found)
+    def _on_detected(self, sensor: DetectedSensor | None) -> None:
+        if sensor is not None and sensor != self._first:
+            log.info("%s: %s", self._name, sensor)
+        self._first = sensor or self._first
+        self._thread.post(self._set_port_metrics, sensor)
 
-    def _set_port_metrics(self, found: DetectedSensor | None) -> None:
+    def _set_port_metrics(self, sensor: DetectedSensor | None) -> None:
         for label in DetectedSensor.labels():
             baud: float | None = None
-            if found is not None and found.label == label:
-                baud = float(found.baud)
+            if sensor is not None and sensor.label == label:
+                baud = float(sensor.baud)
             self._health.set_metric(f"port of {label}", baud, "baud")
 
-    def _command(self, port: serial.Serial, framer: SerialFramer) -> None:
+    def _send_command(self, port: serial.Serial, framer: SerialFramer) -> None:
         port.write(framer.commands.popleft())
         if framer.notice and not framer.commands:
             log.info("%s: the device was %s", self._name, framer.notice)
@@ -372,9 +379,9 @@ class SerialSource:
         self._ready.append(item)
         if not self._awake:
             self._awake = True
-            self._thread.post(self._drain)
+            self._thread.post(self._deliver_items)
 
-    def _drain(self) -> None:
+    def _deliver_items(self) -> None:
         self._awake = False  # first: later items wake the loop again
         while self._ready:
             self._deliver(self._ready.popleft())
@@ -402,7 +409,7 @@ class SerialSource:
         )
 
 
-def _choice(detected: list[PortAnswer], answers: list[PortAnswer]) -> str:
+def _choice_message(detected: list[PortAnswer], answers: list[PortAnswer]) -> str:
     if detected:
         example = f"--imu serial:{detected[0].path}"
         return f"{len(detected)} serial ports answer: {several(detected)}; name one, as in {example}"

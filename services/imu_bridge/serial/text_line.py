@@ -59,14 +59,14 @@ class TextFramer(SerialFramer):
         overlong = self._splitter.overlong
         for line in self._splitter.feed(data):
             try:
-                items += self._items(line, stamp_ns)
+                items += self._parse_line(line, stamp_ns)
             except ContentError as error:
-                self._count(1, f"{quoted(line)} {error}")
+                self._count_bad(1, f"{quoted(line)} {error}")
         if self._splitter.overlong > overlong:
-            self._count(self._splitter.overlong - overlong, f"a line of more than {LONGEST_LINE} bytes")
+            self._count_bad(self._splitter.overlong - overlong, f"a line of more than {LONGEST_LINE} bytes")
         return items
 
-    def _items(self, line: bytes, stamp_ns: int) -> list[Item]:
+    def _parse_line(self, line: bytes, stamp_ns: int) -> list[Item]:
         parsed = self._parser.parse(line)
         if parsed is None:
             self.passed_over.add("comment lines")
@@ -78,6 +78,6 @@ class TextFramer(SerialFramer):
             return [Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)]
         return [] if self._sensors.is_other(*parsed.names) else [Press(stamp_ns, parsed.gesture)]
 
-    def _count(self, count: int, reason: str) -> None:
+    def _count_bad(self, count: int, reason: str) -> None:
         self.bad += count
         self.reason = reason

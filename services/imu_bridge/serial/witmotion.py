@@ -75,18 +75,18 @@ class WitMotionFramer(SerialFramer):
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the readings in the packets that `data` completes."""
-        before = self._cutter.skipped
+        skipped_before = self._cutter.skipped
         packets = self._cutter.feed(data)
-        if self.good and self._cutter.skipped > before:
-            self.bad += self._cutter.skipped - before
+        if self.good and self._cutter.skipped > skipped_before:
+            self.bad += self._cutter.skipped - skipped_before
             self.reason = "a wrong checksum"
         items: list[Item] = []
         for packet in packets:
             self.good += 1
-            if self._configure and self._switch(packet[1]):
+            if self._configure and self._queue_switch(packet[1]):
                 if self._is_suspect:  # it was switched before: its power was off meanwhile
                     items.append(Reconnected())
-            item = self._item(packet[1], _VALUES.unpack_from(packet, 2), stamp_ns)
+            item = self._decode_packet(packet[1], _VALUES.unpack_from(packet, 2), stamp_ns)
             if item is not None:
                 items.append(item)
         return items
@@ -98,7 +98,7 @@ class WitMotionFramer(SerialFramer):
             self._configure = self._is_suspect = True
             self._asked_at = None
 
-    def _item(self, kind: int, values: tuple[int, int, int, int], stamp_ns: int) -> Item | None:
+    def _decode_packet(self, kind: int, values: tuple[int, int, int, int], stamp_ns: int) -> Item | None:
         a, b, c, d = values
         if kind == ORIENTATION:
             try:
@@ -120,7 +120,7 @@ class WitMotionFramer(SerialFramer):
                 return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
         return None
 
-    def _switch(self, kind: int) -> bool:
+    def _queue_switch(self, kind: int) -> bool:
         """Queue the commands that the packet of `kind` calls for. Return True if there are any."""
         count_before = len(self.commands)
         if self._asked_at is None:
@@ -132,13 +132,13 @@ class WitMotionFramer(SerialFramer):
         elif kind == ORIENTATION:
             self.commands.extend((UNLOCK, SEND_QUATERNIONS, self._rate))
             self._is_switched = True
-            self._end("quaternions")
+            self._end_configuration("quaternions")
         elif self.good - self._asked_at > ASKED_PACKETS:  # it has none
             self.commands.extend((UNLOCK, SEND_ANGLES, self._rate))
-            self._end("Euler angles")
+            self._end_configuration("Euler angles")
         return len(self.commands) > count_before
 
-    def _end(self, output: str) -> None:
+    def _end_configuration(self, output: str) -> None:
         self._configure = False
         self.notice = (
             f"switched to {output}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "

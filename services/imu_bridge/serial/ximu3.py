@@ -118,7 +118,7 @@ class Ximu3Framer(SerialFramer):
             del ended[0]
             self._skipping = False
         if len(rest) > LONGEST:
-            self._count("has no end")
+            self._count_bad("has no end")
             self._skipping = True
         self._rest = b"" if self._skipping else rest
 
@@ -130,14 +130,14 @@ class Ximu3Framer(SerialFramer):
             try:
                 content = split(message) if len(message) <= LONGEST else None
                 if content is not None:
-                    item = self._item(*content, stamp_ns)
+                    item = self._decode_message(*content, stamp_ns)
                     self.good += 1
                     if item is not None:
                         items.append(item)
             except UnreadKindError as error:
                 self.passed_over.add(str(error))
             except ContentError as error:
-                self._count(str(error))
+                self._count_bad(str(error))
         return items
 
     def cue(self, cue: Feedback) -> tuple[bytes, bytes]:
@@ -149,12 +149,12 @@ class Ximu3Framer(SerialFramer):
             color = "".join(f"{part:02X}" for part in cue.color)
         return f'{{"colour":"{color}"}}\n'.encode(), NORMAL_COLOR
 
-    def _count(self, reason: str) -> None:
+    def _count_bad(self, reason: str) -> None:
         if self.good:
             self.bad += 1
             self.reason = f"a message {reason}"
 
-    def _item(self, letter: str, time_us: int, values: list[float], stamp_ns: int) -> Item | None:
+    def _decode_message(self, letter: str, time_us: int, values: list[float], stamp_ns: int) -> Item | None:
         if not all(math.isfinite(value) for value in values):
             raise ContentError("has a number that is not finite")
         if not 0 <= time_us <= MAX_TIME_US:
@@ -165,9 +165,11 @@ class Ximu3Framer(SerialFramer):
             return Signal(values[1])
         if letter == "O":
             return Press(stamp_ns) if values[0] else None
-        return self._motion(letter, time_us * 1000, values, stamp_ns)
+        return self._decode_motion(letter, time_us * 1000, values, stamp_ns)
 
-    def _motion(self, letter: str, time_ns: int, values: Sequence[float], stamp_ns: int) -> Item | None:
+    def _decode_motion(
+        self, letter: str, time_ns: int, values: Sequence[float], stamp_ns: int
+    ) -> Item | None:
         if letter == "I":
             if not self._preference.accepts(RAW):
                 return None

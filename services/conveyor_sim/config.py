@@ -11,7 +11,8 @@ SCHEDULE_LENGTH_M = 0.3
 
 
 def _text(value: object) -> object:
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    return str(value) if is_number else value
 
 
 KindNumber = Annotated[str, BeforeValidator(_text)]
@@ -58,10 +59,10 @@ class NamedFeederConfig(Config):
     def _is_sound(self) -> Self:
         if bool(self.sequence) == bool(self.probabilities):
             raise ValueError("give a sequence of kinds or their probabilities, one of both")
-        if self.probabilities and not (
-            min(self.probabilities.values()) >= 0 < sum(self.probabilities.values())
-        ):
-            raise ValueError("probabilities must not be negative, and one of them must be above 0")
+        if self.probabilities:
+            frequencies = self.probabilities.values()
+            if not min(frequencies) >= 0 < sum(frequencies):
+                raise ValueError("probabilities must not be negative, and one of them must be above 0")
         if self.min_interval_s > self.max_interval_s:
             raise ValueError("min_interval_s must not be above max_interval_s")
         return self

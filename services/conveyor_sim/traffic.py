@@ -4,6 +4,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, NamedTuple, Self
 
 from pointit.services.conveyor_sim.network import NONE, SHARP, BeltRoutes, Network, Piece
@@ -50,8 +51,10 @@ class Package:
 
     def to_state(self) -> list[Any]:
         """Return the state as JSON values."""
-        place = (self.piece, self.offset_m, self.speed_mps)
-        return [(self.id, self.kind, self.length_m, *place, self.bay, self.user, self.refused), self.way]
+        identity = (self.id, self.kind, self.length_m)
+        motion = (self.piece, self.offset_m, self.speed_mps)
+        destination = (self.bay, self.user, self.refused)
+        return [identity + motion + destination, self.way]
 
     @classmethod
     def from_state(cls, state: Sequence[Any]) -> Self:
@@ -93,6 +96,8 @@ class RightOfWay:
         self._rings = Rings(network, longest_m)
         self._held = held
         self._speeds = speeds
+
+        # Pieces and requests of each junction
         self._members: list[list[int]] = [[] for _ in range(network.junctions)]
         """Pieces by junction."""
         for piece in network.pieces:
@@ -106,15 +111,22 @@ class RightOfWay:
     def way(self, piece: int, bay: str) -> Way:
         """Return the pieces from `piece` through its junction on the way to `bay`; () if it is in none."""
         junction = self._pieces[piece].junction
+        if junction == NONE:
+            return ()
         way: list[int] = []
-        while NONE not in (junction, piece) and piece not in way and self._pieces[piece].junction == junction:
+        while piece != NONE and piece not in way:
+            if self._pieces[piece].junction != junction:
+                break
             way.append(piece)
             piece = self._routes.next_of(piece, bay)
         return tuple(way)
 
     def inside(self, junction: int) -> list[Package]:
         """Return the packages in `junction`."""
-        return [package for piece in self._members[junction] for package in self._held[piece]]
+        packages: list[Package] = []
+        for piece in self._members[junction]:
+            packages += self._held[piece]
+        return packages
 
     def admits(self, package: Package, way: Way) -> bool:
         """Ask for `package` to enter a junction ahead on `way`. Return True if it may enter now."""
@@ -123,7 +135,10 @@ class RightOfWay:
             request = EntryRequest(self.turn, way[-1], is_ready=self._has_room(package, way))
         else:  # packages on the ring go first
             request = EntryRequest(self.turn, NONE, is_ready=False)
-        is_open = self._is_on(way, junction) if self._is_straight(way) else not self.inside(junction)
+        if self._is_straight(way):
+            is_open = self._is_on(way, junction)
+        else:
+            is_open = not self.inside(junction)
         return self._may_enter(package, junction, request, is_open=is_open)
 
     def admits_back(self, package: Package, junction: int, belt: Way) -> bool:
@@ -134,44 +149,59 @@ class RightOfWay:
     def takes(self, piece: int) -> bool:
         """Return True if one more may be put on `piece`: its junction is empty, and its ring not filled."""
         junction = self._pieces[piece].junction
+        if junction != NONE and self.inside(junction):
+            return False
         ring = self._rings.of[piece]
-        is_free = junction == NONE or not self.inside(junction)
-        return is_free and (ring == NONE or self._on_ring(ring) <= self._rings.capacity[ring])
+        return ring == NONE or self._on_ring(ring) <= self._rings.capacity[ring]
 
     def _may_enter(self, package: Package, junction: int, request: EntryRequest, *, is_open: bool) -> bool:
+        """Store the request of `package`. Return True if no earlier one has the right of way."""
+        # Requests are repeated in every step: one that is missing has stopped asking
         waiting = self._waiting[junction]
-        for gone in [other for other, before in waiting.items() if before.turn < self.turn - 1]:
-            del waiting[gone]  # it stopped asking
+        for other, last_request in list(waiting.items()):
+            if last_request.turn < self.turn - 1:
+                del waiting[other]
         waiting[package] = request
-        if not (request.is_ready and is_open):
+        if not request.is_ready or not is_open:
             return False
+
+        # Earlier ones that are ready go first, and those that wait for room at the same exit
         for other, earlier in waiting.items():
             if other is package:
                 break
-            if earlier.is_ready or earlier.exit == request.exit != NONE:
+            if earlier.is_ready:
+                return False
+            if request.exit != NONE and earlier.exit == request.exit:
                 return False
         del waiting[package]
         return True
 
     def _is_on(self, way: Way, junction: int) -> bool:
         """Return True if all packages in `junction` stay on `way`."""
-        return all(set(package.way) <= set(way) for package in self.inside(junction))
+        pieces = set(way)
+        return all(pieces.issuperset(package.way) for package in self.inside(junction))
 
     def _is_straight(self, way: Way) -> bool:
         """Return True if `way` stays on one belt or has no sharp turn."""
         first = self._pieces[way[0]]
         last = self._pieces[way[-1]]
-        if all(self._pieces[index].belt == first.belt and not self._pieces[index].target for index in way):
+        pieces = [self._pieces[index] for index in way]
+        if all(piece.belt == first.belt and not piece.target for piece in pieces):
             return True
-        return float(first.direction(first.from_m) @ last.direction(last.to_m)) >= SHARP
+        cosine = float(first.direction(first.from_m) @ last.direction(last.to_m))
+        return cosine >= SHARP
 
     def _ring_takes(self, package: Package, way: Way) -> bool:
         """Return True if `way` leads from outside to no ring or to one with room for one more."""
         ring = self._rings.of[way[-1]]
         if ring == NONE or self._rings.of[package.piece] == ring:
             return True
-        inside = self.inside(self._pieces[way[0]].junction)
-        coming = sum(self._rings.of[other.piece] != ring == self._rings.of[other.decided] for other in inside)
+
+        # Packages in the junction count, too, if they come from outside and are committed to the ring
+        coming = 0
+        for other in self.inside(self._pieces[way[0]].junction):
+            if self._rings.of[other.piece] != ring and self._rings.of[other.decided] == ring:
+                coming += 1
         return self._on_ring(ring) + coming <= self._rings.capacity[ring]
 
     def _on_ring(self, ring: int) -> int:
@@ -181,27 +211,32 @@ class RightOfWay:
         """Return True if `package` and all packages in its junction fit behind it, before the next one."""
         if not all(self._runs(piece) for piece in way):
             return False
+
+        # Room of the pieces behind the junction, up to the next one or a belt that stands still
         lengths_m = [other.length_m for other in self.inside(self._pieces[way[0]].junction)]
         room_m = 0.0
         passed = list(way)
         while True:
-            here = self._routes.next_of(passed[-1], package.bay)
-            if here == NONE or here in passed:
+            index = self._routes.next_of(passed[-1], package.bay)
+            if index == NONE or index in passed:
                 return True
-            piece = self._pieces[here]
-            held = self._held[here]
+            piece = self._pieces[index]
+            held = self._held[index]
             if piece.junction != NONE:
                 break
-            if not self._runs(here):  # packages stop where it starts
+            if not self._runs(index):  # packages stop where it starts
                 for other in held[:1]:
                     apart_m = other.offset_m - piece.from_m
                     room_m -= max(0.0, (package.length_m + other.length_m) / 2.0 - apart_m)
                 break
             lengths_m += [other.length_m for other in held]
             room_m += piece.length_m
-            passed.append(here)
-        ends_m = ((lengths_m[0] if lengths_m else package.length_m) + package.length_m) / 2.0
-        return sum(lengths_m) + package.length_m - ends_m <= room_m + PAST_M  # the ends stick out by half
+            passed.append(index)
+
+        # The first and the last package stick out by half
+        first_m = lengths_m[0] if lengths_m else package.length_m
+        ends_m = (first_m + package.length_m) / 2.0
+        return sum(lengths_m) + package.length_m - ends_m <= room_m + PAST_M
 
     def _runs(self, piece: int) -> bool:
         return self._speeds[self._pieces[piece].belt] > 0.0
@@ -222,7 +257,8 @@ class Rings:
         self.capacity: list[int] = []
         """By ring: largest number of packages on it when another one enters from outside."""
         for members in _connected(network):
-            if len(members) == 1 and members[0] not in network.pieces[members[0]].successors:
+            first = members[0]
+            if len(members) == 1 and first not in network.pieces[first].successors:
                 continue
             for index in members:
                 self.of[index] = len(self.pieces)
@@ -254,7 +290,8 @@ def _room(network: Network, piece: Piece, longest_m: float) -> int:
     """Return the number of packages that fit on `piece` if it is outside junctions, the last one in front."""
     if piece.junction != NONE:
         return 0
-    follows_junction = any(network.pieces[index].junction != NONE for index in piece.predecessors)
+    predecessors = [network.pieces[index] for index in piece.predecessors]
+    follows_junction = any(predecessor.junction != NONE for predecessor in predecessors)
     return int(piece.length_m / longest_m) + follows_junction
 
 
@@ -282,31 +319,34 @@ class LastWay:
         """
         if not self._routes.reaches(package.decided, wanted):
             return 0.0
-        key = (package.decided, package.bay, wanted)
-        if key not in self._known:
-            self._known[key] = self._undecided(*key)
-        left_s = 0.0
+        decided = package.way or (package.piece,)
+        undecided = self._undecided_way(package.decided, package.bay, wanted)
+        time_s = 0.0
         from_m = package.offset_m
-        for index in (*(package.way or (package.piece,)), *self._known[key]):
+        for index in decided + undecided:
             piece = self._pieces[index]
             if index != package.piece:
                 from_m = piece.from_m
             speed_mps = self._speeds[piece.belt]
             if speed_mps <= 0.0:
                 return math.inf
-            left_s += max(0.0, piece.to_m - from_m) / speed_mps
-        return left_s
+            time_s += max(0.0, piece.to_m - from_m) / speed_mps
+        return time_s
 
-    def _undecided(self, piece: int, bay: str, wanted: str) -> Way:
+    def _undecided_way(self, piece: int, bay: str, wanted: str) -> Way:
         """Return the pieces after `piece` on the way to `bay` from which a way leads to `wanted`, too."""
-        way: list[int] = []
-        while (piece := self._routes.next_of(piece, bay)) != NONE:
-            ahead = self._right_of_way.way(piece, bay) or (piece,)
-            piece = ahead[-1]
-            if not self._routes.reaches(piece, wanted):
-                break
-            way += ahead
-        return tuple(way)
+        key = (piece, bay, wanted)
+        if key not in self._known:
+            way: list[int] = []
+            following = self._routes.next_of(piece, bay)
+            while following != NONE:
+                ahead = self._right_of_way.way(following, bay) or (following,)
+                if not self._routes.reaches(ahead[-1], wanted):
+                    break
+                way += ahead
+                following = self._routes.next_of(ahead[-1], bay)
+            self._known[key] = tuple(way)
+        return self._known[key]
 
 
 class Traffic:
@@ -333,12 +373,12 @@ class Traffic:
     @property
     def packages(self) -> Iterator[Package]:
         """Yield every package, belt by belt."""
-        return (package for blocked_packages in self.held for package in blocked_packages)
+        return chain.from_iterable(self.held)
 
     @property
     def size(self) -> int:
         """Return the number of packages."""
-        return sum(len(blocked_packages) for blocked_packages in self.held)
+        return sum(map(len, self.held))
 
     @property
     def step_s(self) -> float:
@@ -351,18 +391,19 @@ class Traffic:
     def set_speed(self, belt: str, speed_mps: float) -> None:
         """Set the speed of `belt`."""
         self.speeds[belt] = speed_mps
-        back = {
-            piece.index
-            for name, pieces in self.network.sections.items()
-            if self.speeds[name] < 0.0
-            for piece in pieces
-        }
-        self._order = [index for index in self.network.front_first if index not in back] + sorted(back)
+
+        # Backwards, the packages ahead are those on pieces with lower numbers
+        backward: set[int] = set()
+        for name, pieces in self.network.sections.items():
+            if self.speeds[name] < 0.0:
+                backward.update(piece.index for piece in pieces)
+        forward = [index for index in self.network.front_first if index not in backward]
+        self._order = forward + sorted(backward)
 
     def clear(self) -> None:
         """Remove all packages."""
-        for blocked_packages in self.held:
-            blocked_packages.clear()
+        for packages in self.held:
+            packages.clear()
 
     def put(self, package: Package, piece: Piece, offset_m: float) -> None:
         """Put `package` at `offset_m` of `piece`, after `is_clear` returned True."""
@@ -380,7 +421,9 @@ class Traffic:
     def wait_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
         """Return the distance that the belt must move until a package of `length_m` fits there; 0: now."""
         new = Package("", "", length_m, piece.index, offset_m)
-        missing_m = -min(self._room(new, is_ahead=is_ahead)[0] for is_ahead in (False, True))
+        behind_m, _ = self._room(new, is_ahead=False)
+        ahead_m, _ = self._room(new, is_ahead=True)
+        missing_m = -min(behind_m, ahead_m)
         if not self._right_of_way.takes(piece.index):
             missing_m = max(missing_m, RETRY_M)
         return missing_m if missing_m > TOLERANCE_M else 0.0
@@ -391,13 +434,18 @@ class Traffic:
 
     def move(self, elapsed_s: float) -> list[Package]:
         """Advance by `elapsed_s`, at most `step_s`. Return the packages that left at an end, in order."""
-        turn = self._right_of_way.turn = self._right_of_way.turn + 1
+        self._right_of_way.turn += 1
+        turn = self._right_of_way.turn
         passed_packages: list[Package] = []
         for index in self._order:
             if not self.held[index]:
                 continue
-            is_ahead = self._speed(self.network.pieces[index]) > 0.0
-            for package in self.held[index][:: -1 if is_ahead else 1]:
+
+            # A copy in the order of travel: packages may leave the piece meanwhile
+            packages = self.held[index].copy()
+            if self._speed(self.network.pieces[index]) > 0.0:
+                packages.reverse()
+            for package in packages:
                 if package.turn != turn:  # it may have come in this step from a piece that moved earlier
                     package.turn = turn
                     self._advance(package, elapsed_s, passed_packages)
@@ -408,8 +456,9 @@ class Traffic:
         return max(0.0, speed_mps) if piece.target else speed_mps  # bridges do not run backwards
 
     def _insert(self, package: Package) -> None:
-        blocked_packages = self.held[package.piece]
-        blocked_packages.insert(bisect_left(blocked_packages, package.offset_m, key=_offset_m), package)
+        packages = self.held[package.piece]
+        position = bisect_left(packages, package.offset_m, key=_offset_m)
+        packages.insert(position, package)
         self._longest_m = max(self._longest_m, package.length_m)
 
     def _advance(self, package: Package, elapsed_s: float, passed_packages: list[Package]) -> None:
@@ -420,41 +469,57 @@ class Traffic:
             if speed_mps == 0.0:
                 package.speed_mps = 0.0
                 return
+
+            # As far as the belt moves, up to the next package
             is_ahead = speed_mps > 0.0
-            wanted_m = abs(speed_mps) * elapsed_s
-            room_m, next_mps = self._room(package, is_ahead=is_ahead, further_m=wanted_m)
-            step_m = min(wanted_m, max(room_m, 0.0))
+            belt_m = abs(speed_mps) * elapsed_s
+            room_m, next_mps = self._room(package, is_ahead=is_ahead, further_m=belt_m)
+            step_m = min(belt_m, max(room_m, 0.0))
+
+            # It stays on its piece
             end_m = piece.to_m if is_ahead else piece.from_m
-            left_m = abs(end_m - package.offset_m)
+            remaining_m = abs(end_m - package.offset_m)
             following = self._following(package, is_ahead=is_ahead)
             is_leaving = following != NONE and self.network.pieces[following].junction == NONE
-            if step_m <= left_m - (TOLERANCE_M if is_leaving else 0.0):
+            tolerance_m = TOLERANCE_M if is_leaving else 0.0
+            if step_m <= remaining_m - tolerance_m:
                 package.offset_m += math.copysign(step_m, speed_mps)
                 package.speed_mps = speed_mps
-                if room_m <= wanted_m + TOLERANCE_M:  # it goes on as fast as the next one
+                if room_m <= belt_m + TOLERANCE_M:  # it goes on as fast as the next one
                     slowest, fastest = sorted((0.0, speed_mps))
                     package.speed_mps = min(max(next_mps, slowest), fastest)
                 return
-            is_end = following == NONE and (is_ahead or piece.belt not in self.network.linked)
+
+            # It waits at the end of its piece. A linked belt that runs backwards holds it at its start
+            can_leave = is_ahead or piece.belt not in self.network.linked
+            is_end = following == NONE and can_leave
             if not is_end and not self._goes_on(package, following, is_ahead=is_ahead):
                 package.offset_m = end_m
                 package.speed_mps = 0.0
                 return
+
+            # It leaves the network, or enters the next piece and goes on for the time that remains
             self.held[piece.index].remove(package)
             if is_end:
                 passed_packages.append(package)
                 return
-            elapsed_s = max(0.0, elapsed_s - left_m / abs(speed_mps))
+            elapsed_s = max(0.0, elapsed_s - remaining_m / abs(speed_mps))
             entered = self.network.pieces[following]
             package.piece = following
-            package.offset_m = entered.from_m if is_ahead else entered.to_m
-            self.held[following].insert(0 if is_ahead else len(self.held[following]), package)
+            if is_ahead:
+                package.offset_m = entered.from_m
+                self.held[following].insert(0, package)
+            else:
+                package.offset_m = entered.to_m
+                self.held[following].append(package)
 
     def _following(self, package: Package, *, is_ahead: bool) -> int:
         """Return the next piece of `package`, or `NONE` at its last one."""
         if not is_ahead:
             return self.network.pieces[package.piece].before
-        return package.way[1] if len(package.way) > 1 else self._routes.next_of(package.piece, package.bay)
+        if len(package.way) > 1:
+            return package.way[1]
+        return self._routes.next_of(package.piece, package.bay)
 
     def _goes_on(self, package: Package, following: int, *, is_ahead: bool) -> bool:
         """Return True if `package` may go on to `following`, and update its way through a junction."""
@@ -479,35 +544,31 @@ class Traffic:
 
         `package` may not be put on its piece yet. `further_m` is looked beyond the longest one's reach.
         """
+        # The next one on the same piece
+        neighbour = self._neighbour(package, is_ahead=is_ahead)
+        if neighbour is not None:
+            apart_m = abs(neighbour.offset_m - package.offset_m)
+            return apart_m - (package.length_m + neighbour.length_m) / 2.0, neighbour.speed_mps
+
+        # Else the nearest one on the pieces beyond, as far as the longest package reaches
         pieces = self.network.pieces
-        blocked_packages = self.held[package.piece]
-        is_there = package in blocked_packages
-        here = (
-            blocked_packages.index(package)
-            if is_there
-            else bisect_left(blocked_packages, package.offset_m, key=_offset_m)
-        )
-        for other in (
-            blocked_packages[here + is_there :][:1] if is_ahead else blocked_packages[max(here - 1, 0) : here]
-        ):
-            apart_m = abs(other.offset_m - package.offset_m)
-            return apart_m - (package.length_m + other.length_m) / 2.0, other.speed_mps
         piece = pieces[package.piece]
-        waiting = [(piece.to_m - package.offset_m if is_ahead else package.offset_m - piece.from_m, piece)]
+        end_m = piece.to_m - package.offset_m if is_ahead else package.offset_m - piece.from_m
+        waiting = [(end_m, piece)]
         nearest = (math.inf, 0.0)
         seen = {package.piece}
         while waiting:
             far_m, piece = waiting.pop()
             if far_m > self._longest_m + further_m:
                 continue
-            for index in piece.successors if is_ahead else piece.predecessors:
+            beyond_indices = piece.successors if is_ahead else piece.predecessors
+            for index in beyond_indices:
                 beyond = pieces[index]
-                there = self.held[index]
-                if there:
-                    other = there[0 if is_ahead else -1]
-                    apart_m = far_m + (
-                        other.offset_m - beyond.from_m if is_ahead else beyond.to_m - other.offset_m
-                    )
+                held = self.held[index]
+                if held:
+                    other = held[0] if is_ahead else held[-1]
+                    inside_m = other.offset_m - beyond.from_m if is_ahead else beyond.to_m - other.offset_m
+                    apart_m = far_m + inside_m
                     if other is not package:  # in a ring it follows itself
                         room_m = apart_m - (package.length_m + other.length_m) / 2.0
                         nearest = min(nearest, (room_m, other.speed_mps))
@@ -515,6 +576,19 @@ class Traffic:
                     seen.add(index)
                     waiting.append((far_m + beyond.length_m, beyond))
         return nearest
+
+    def _neighbour(self, package: Package, *, is_ahead: bool) -> Package | None:
+        """Return the next package ahead (or behind) on the same piece, or None."""
+        packages = self.held[package.piece]
+        if package in packages:
+            position = packages.index(package)
+            ahead = position + 1
+        else:
+            position = bisect_left(packages, package.offset_m, key=_offset_m)
+            ahead = position
+        if is_ahead:
+            return packages[ahead] if ahead < len(packages) else None
+        return packages[position - 1] if position > 0 else None
 
 
 def _offset_m(package: Package) -> float:

@@ -87,11 +87,15 @@ class Feeder:
         if supply.probabilities:
             kinds = list(supply.probabilities)
             weights = list(supply.probabilities.values())
-            kind = random.Random(self._key("kind")).choices(kinds, weights)[0]  # noqa: S311 - not for secrets
+            generator = random.Random(self._key("kind"))  # noqa: S311 - not for secrets
+            kind = generator.choices(kinds, weights)[0]
         else:
             kind = supply.sequence[self.taken % len(supply.sequence)]
+
+        # The interval belongs to this package: its number is counted afterwards
         spread_s = supply.max_interval_s - supply.min_interval_s
-        self.due_s = supply.min_interval_s + (self._chance("interval") * spread_s if spread_s else 0.0)
+        random_s = self._chance("interval") * spread_s if spread_s else 0.0
+        self.due_s = supply.min_interval_s + random_s
         self.taken += 1
         return kind
 
@@ -107,9 +111,11 @@ def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> 
     if config.schedule:
         return []
     if config.feeders:
-        named = config.feeders.items()
-        supplies = {name: FeedSpec(**feeder.model_dump(exclude={"belt"})) for name, feeder in named}
-        return [Feeder(name, (feeder.belt,), supplies[name], seed=seed) for name, feeder in named]
+        feeders: list[Feeder] = []
+        for name, parameters in config.feeders.items():
+            supply = FeedSpec(**parameters.model_dump(exclude={"belt"}))
+            feeders.append(Feeder(name, (parameters.belt,), supply, seed=seed))
+        return feeders
     feeder = config.feeder
     supply = FeedSpec(
         sequence=feeder.sequence,
@@ -237,10 +243,10 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
     for name, entry in read_schedule(path).steps.items():
         feeders: list[Feeder] = []
         for feeder_name, feeder in entry.feeders.items():
-            where = f"{path}: step {name}, feeder {feeder_name!r}"
-            belt = _belt(where, feeder_name, config, belts)
-            supply = _supply(where, feeder, config)
-            if entry.feed:
+            place = f"{path}: step {name}, feeder {feeder_name!r}"
+            belt = _belt(place, feeder_name, config, belts)
+            supply = _supply(place, feeder, config)
+            if entry.feed:  # checked even if not
                 feeders.append(Feeder(f"{name}/{feeder_name}", (belt,), supply, seed=seed))
         steps.append(FeedingStep(name, entry.speed, entry.duration, tuple(feeders)))
     return Schedule(steps)
@@ -259,36 +265,46 @@ def check_schedule(config: ConveyorSimConfig) -> None:
                 _supply(f"{path}: step {name}, feeder {feeder_name!r}", feeder, config)
 
 
-def _belt(where: str, name: str, config: ConveyorSimConfig, belts: Mapping[str, object]) -> str:
-    wanted = (
-        (config.feeder_belts[name],)
-        if name in config.feeder_belts
-        else (name, f"belt_{name}", f"part_{name}")
-    )
-    for belt in wanted:
+def _belt(place: str, name: str, config: ConveyorSimConfig, belts: Mapping[str, object]) -> str:
+    """Return the belt of the feeder `name` of a schedule. `place` is for the message if there is none."""
+    candidates = (name, f"belt_{name}", f"part_{name}")
+    if name in config.feeder_belts:
+        candidates = (config.feeder_belts[name],)
+    for belt in candidates:
         if belt in belts:
             return belt
+    existing = ", ".join(belts) or "none"
     raise ConfigError(
-        f"{where}: the map has no belt {' or '.join(wanted)}, there are {', '.join(belts) or 'none'}; "
+        f"{place}: the map has no belt {' or '.join(candidates)}, there are {existing}; "
         f"set feeder_belts: {{{name}: BELT}}"
     )
 
 
-def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> FeedSpec:
+def _supply(place: str, entry: FeederEntry, config: ConveyorSimConfig) -> FeedSpec:
+    """Return the packages of a feeder of a schedule, checked. `place` is for messages about errors."""
+
     def kind(number: str) -> str:
         if number not in config.kinds:
-            raise ConfigError(f"{where}: kind {number} has no name; set kinds: {{{number}: NAME}}")
+            raise ConfigError(f"{place}: kind {number} has no name; set kinds: {{{number}: NAME}}")
         return config.kinds[number]
 
     if entry.min_interval > entry.max_interval:
         raise ConfigError(
-            f"{where}: min_interval {entry.min_interval:g} is above max_interval {entry.max_interval:g}"
+            f"{place}: min_interval {entry.min_interval:g} is above max_interval {entry.max_interval:g}"
         )
     if entry.random and not sum(entry.pack_proba.values()):
-        raise ConfigError(f"{where}: it feeds at random, but pack_proba has no number above 0")
+        raise ConfigError(f"{place}: it feeds at random, but pack_proba has no number above 0")
+
+    # Random kinds or a sequence; the other one is ignored
+    sequence: tuple[str, ...] = ()
+    probabilities: dict[str, float] | None = None
+    if entry.random:
+        probabilities = {kind(number): share for number, share in entry.pack_proba.items()}
+    else:
+        sequence = tuple(kind(number) for number in entry.kind_sequence)
     return FeedSpec(
-        sequence=() if entry.random else tuple(kind(number) for number in entry.kind_sequence),
-        probabilities={kind(n): p for n, p in entry.pack_proba.items()} if entry.random else None,
+        sequence=sequence,
+        probabilities=probabilities,
         min_interval_s=entry.min_interval,
         max_interval_s=entry.max_interval,
         length_m=SCHEDULE_LENGTH_M,
@@ -325,8 +341,9 @@ class Feeders:
     def step(self) -> str:
         """Return the name of the schedule's step, `""` without one, `end` after the last package or step."""
         if self.schedule is None:
-            has_ended = any(each.taken for each in self.all) and all(each.is_done for each in self.all)
-            return END if has_ended else ""
+            has_begun = any(feeder.taken for feeder in self.all)
+            are_done = all(feeder.is_done for feeder in self.all)
+            return END if has_begun and are_done else ""
         return END if self.schedule.is_over else self.schedule.step.name
 
     @property
@@ -348,12 +365,11 @@ class Feeders:
 
     def to_state(self) -> dict[str, Any]:
         """Return the state as JSON values."""
-        schedule = self.schedule
-        return {
-            "feeding": self.is_on,
-            "feeders": [[feeder.taken, feeder.due_s] for feeder in self.all],
-            "step": None if schedule is None or schedule.is_over else [schedule.index, schedule.left_s],
-        }
+        step: list[float] | None = None
+        if self.schedule is not None and not self.schedule.is_over:
+            step = [self.schedule.index, self.schedule.left_s]
+        feeders = [[feeder.taken, feeder.due_s] for feeder in self.all]
+        return {"feeding": self.is_on, "feeders": feeders, "step": step}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue from the state `state`."""
@@ -409,14 +425,12 @@ class Infeed:
 
     def next_s(self, feeders: Sequence[Feeder]) -> float:
         """Return the time until the next package can be fed at the current speeds, s."""
-        return min(
-            (
-                max(feeder.due_s, self._room_in_s(feeder.belt, feeder.supply.length_m))
-                for feeder in feeders
-                if not feeder.is_done
-            ),
-            default=math.inf,
-        )
+        next_s = math.inf
+        for feeder in feeders:
+            if not feeder.is_done:
+                room_s = self._room_in_s(feeder.belt, feeder.supply.length_m)
+                next_s = min(next_s, max(feeder.due_s, room_s))
+        return next_s
 
     def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
         """Put one package at the entry of `belt`, or at a share of its length, and return its id.
@@ -431,44 +445,58 @@ class Infeed:
             raise NoRoomError(
                 f"{length_m:g} m do not fit round the junctions, at most {longest_m:g} m do; set longest_m"
             )
+
+        # At a position of its own
         if position is not None:
             at_m = position * self._network.lines[belt].length_m
-            place = self._network.at(belt, at_m)
-            if not self._traffic.is_clear(*place, length_m):
+            piece, offset_m = self._network.at(belt, at_m)
+            if not self._traffic.is_clear(piece, offset_m, length_m):
                 raise NoRoomError(
                     f"lane {belt!r} has no room for {length_m:g} m at {at_m:.2f} m: ask again later"
                 )
             package = self._package(kind, length_m)
-            self._place_on_piece(package, *place)
+            self._place_on_piece(package, piece, offset_m)
             return package.id
+
+        # At the entry
         wait_m = self._wait_m(belt, length_m)
         if wait_m > 0.0:
-            speed_mps = self._traffic.speeds[belt]
-            if not speed_mps:
-                what = f"{wait_m:.2f} m are missing; the conveyor stands still: set a speed first"
-            elif not math.isfinite(wait_m):
-                what = "it runs backwards and cannot be fed: set another speed first"
-            else:
-                what = f"{wait_m:.2f} m are missing; ask again in {wait_m / abs(speed_mps):.1f} s"
-            raise NoRoomError(f"lane {belt!r} has no room for {length_m:g} m now, {what}")
+            remedy = self._room_remedy(belt, wait_m)
+            raise NoRoomError(f"lane {belt!r} has no room for {length_m:g} m now, {remedy}")
         return self._enter(kind, belt, length_m).id
+
+    def _room_remedy(self, belt: str, wait_m: float) -> str:
+        """Return when `belt`, which must move by `wait_m`, has room, or what to do for it."""
+        speed_mps = self._traffic.speeds[belt]
+        if not speed_mps:
+            return f"{wait_m:.2f} m are missing; the conveyor stands still: set a speed first"
+        if not math.isfinite(wait_m):
+            return "it runs backwards and cannot be fed: set another speed first"
+        wait_s = wait_m / abs(speed_mps)
+        return f"{wait_m:.2f} m are missing; ask again in {wait_s:.1f} s"
 
     def fill(self, feeder: Feeder, initial: int) -> None:
         """Put on up to `initial` packages, as far as there is room, the first of each belt furthest along."""
+        # Each belt in turn gets a package, until one is full
         length_m = feeder.supply.length_m
-        room = [int(self._network.lines[belt].length_m / length_m) for belt in feeder.belts]
+        belt_lengths_m = [self._network.lines[belt].length_m for belt in feeder.belts]
+        rooms = [int(belt_length_m / length_m) for belt_length_m in belt_lengths_m]
         fills: list[list[Package]] = [[] for _ in feeder.belts]
         for index in range(initial):
             turn = index % len(feeder.belts)
-            if feeder.is_done or len(fills[turn]) >= room[turn]:
+            if feeder.is_done or len(fills[turn]) >= rooms[turn]:
                 break
             fills[turn].append(self._package(feeder.take(), length_m))
-        for belt, packages in zip(feeder.belts, fills, strict=True):
-            spacing_m = self._network.lines[belt].length_m / max(1, len(packages))
-            for index, package in enumerate(packages if self.is_reverse[belt] else packages[::-1]):
-                place = self._network.at(belt, (index + 0.5) * spacing_m)
-                if self._traffic.is_clear(*place, length_m):
-                    self._place_on_piece(package, *place)
+
+        # They lie evenly spaced from the belt's start on, in the order in which they would have come
+        for belt, belt_length_m, packages in zip(feeder.belts, belt_lengths_m, fills, strict=True):
+            spacing_m = belt_length_m / max(1, len(packages))
+            if not self.is_reverse[belt]:
+                packages.reverse()
+            for index, package in enumerate(packages):
+                piece, offset_m = self._network.at(belt, (index + 0.5) * spacing_m)
+                if self._traffic.is_clear(piece, offset_m, length_m):
+                    self._place_on_piece(package, piece, offset_m)
                 else:  # in a junction that is occupied
                     self.fed -= 1
 
@@ -485,7 +513,8 @@ class Infeed:
 
     def _enter(self, kind: str, belt: str, length_m: float) -> Package:
         package = self._package(kind, length_m)
-        self._place_on_piece(package, *self._entry(belt))
+        piece, offset_m = self._entry(belt)
+        self._place_on_piece(package, piece, offset_m)
         return package
 
     def _package(self, kind: str, length_m: float) -> Package:
@@ -500,13 +529,16 @@ class Infeed:
 
     def _entry(self, belt: str) -> tuple[Piece, float]:
         sections = self._network.sections[belt]
-        return (sections[-1], sections[-1].to_m) if self.is_reverse[belt] else (sections[0], 0.0)
+        if self.is_reverse[belt]:
+            return sections[-1], sections[-1].to_m
+        return sections[0], 0.0
 
     def _wait_m(self, belt: str, length_m: float) -> float:
         """Return the distance that `belt` must move until a package fits at the entry; 0: now."""
         if self.is_reverse[belt] and belt in self._network.linked:
             return math.inf
-        return self._traffic.wait_m(*self._entry(belt), length_m)
+        piece, offset_m = self._entry(belt)
+        return self._traffic.wait_m(piece, offset_m, length_m)
 
     def _room_in_s(self, belt: str, length_m: float) -> float:
         wait_m = self._wait_m(belt, length_m)

@@ -4,7 +4,7 @@ import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 from typing import Literal
 
 import numpy as np
@@ -91,7 +91,8 @@ class Piece:
             return self.belt, self.start_m + offset_m
         from_m, to_m = self.halves
         bridge_m = self.line.length_m
-        if from_m is not None and (to_m is None or offset_m < bridge_m / 2.0):
+        is_first_half = offset_m < bridge_m / 2.0
+        if from_m is not None and (to_m is None or is_first_half):
             return self.belt, from_m + offset_m
         if to_m is not None:
             return self.target, to_m - (bridge_m - offset_m)
@@ -103,41 +104,50 @@ class Junctions:
 
     def __init__(self, sections: Sequence[Piece]) -> None:
         self._sections = sections
-        self._lines = [Polyline([s.point(0.0), *map(tuple, _between(s)), s.point(s.to_m)]) for s in sections]
+        self._lines: list[Polyline] = []
+        for section in sections:
+            start_m = section.point(0.0)
+            end_m = section.point(section.to_m)
+            self._lines.append(Polyline([start_m, *map(tuple, _between(section)), end_m]))
 
     def extents(self, longest_m: float) -> list[Extent]:
         """Return disjoint extents such that waiting packages up to `longest_m` do not touch passing ones."""
-        found = self._common_starts()
+        extents = self._common_starts()
         for centre in self._centres():
             extent = self._within(centre, longest_m)
             narrowness = self._narrowness(centre, extent)
             if narrowness > 1.0:
-                extent = self._within(centre, min(MAX_WIDENING, BENT * narrowness) * longest_m)
-            found.append(extent)
-        return _merged(found)
+                widening = min(MAX_WIDENING, BENT * narrowness)
+                extent = self._within(centre, widening * longest_m)
+            extents.append(extent)
+        return _merged(extents)
 
     def _common_starts(self) -> list[Extent]:
         """Return the common first parts of sections that begin at one place in one direction."""
-        found: list[Extent] = []
+        extents: list[Extent] = []
         for section in self._sections:
             ways = [self._sections[index] for index in section.successors]
-            for i, a in enumerate(ways):
-                for b in ways[:i]:
-                    if float(a.direction(0.0) @ b.direction(0.0)) > APART:
-                        end_m = min(a.to_m, b.to_m)
-                        found.append({way.index: (-1.0, end_m + (end_m == way.to_m)) for way in (a, b)})
-        return found
+            for number, way in enumerate(ways):
+                for other in ways[:number]:
+                    if float(way.direction(0.0) @ other.direction(0.0)) > APART:
+                        extents.append(_common_start(way, other))
+        return extents
 
     def _centres(self) -> list[Array]:
+        """Return the places at which ways diverge, merge, turn sharply or cross."""
+        # Ends of sections
         centres: list[Array] = []
         for section in self._sections:
-            ahead = [self._sections[index].direction(0.0) for index in section.successors]
+            following = [self._sections[index] for index in section.successors]
+            ahead = [way.direction(0.0) for way in following]
             along = section.direction(section.to_m)
-            parts = any(float(a @ b) < APART for a in ahead for b in ahead)
-            turns = any(float(along @ a) < SHARP for a in ahead)
-            is_merge = any(len(self._sections[index].predecessors) > 1 for index in section.successors)
-            if parts or turns or is_merge:
+            diverges = any(float(first @ second) < APART for first, second in product(ahead, repeat=2))
+            turns = any(float(along @ direction) < SHARP for direction in ahead)
+            is_merge = any(len(way.predecessors) > 1 for way in following)
+            if diverges or turns or is_merge:
                 centres.append(self._lines[section.index].vertices_m[-1])
+
+        # Crossings of bridges with others
         for section in self._sections:
             if section.target:
                 centres += self._crossings(section)
@@ -148,34 +158,44 @@ class Junctions:
         return distinct
 
     def _crossings(self, bridge: Piece) -> list[Array]:
-        near = {bridge.index, *bridge.successors, *bridge.predecessors}
-        near |= {index for before in bridge.predecessors for index in self._sections[before].successors}
-        near |= {index for after in bridge.successors for index in self._sections[after].predecessors}
+        """Return the places where other sections pass `bridge`, which do not touch it at its ends."""
+        touching = {bridge.index, *bridge.successors, *bridge.predecessors}
+        for index in bridge.predecessors:
+            touching.update(self._sections[index].successors)
+        for index in bridge.successors:
+            touching.update(self._sections[index].predecessors)
+
+        # The point of the bridge that is nearest to each other section
         line = self._lines[bridge.index]
-        points = line.points_at(np.linspace(0.0, line.length_m, math.ceil(line.length_m / SAMPLE_M) + 1))
-        found: list[Array] = []
+        count = math.ceil(line.length_m / SAMPLE_M) + 1
+        points = line.points_at(np.linspace(0.0, line.length_m, count))
+        crossings: list[Array] = []
         for section in self._sections:
-            if section.index not in near:
+            if section.index not in touching:
                 _, apart_m = self._lines[section.index].nearest_to(points)
                 nearest = int(np.argmin(apart_m))
                 if apart_m[nearest] < CROSSING_M:
-                    found.append(points[nearest])
-        return found
+                    crossings.append(points[nearest])
+        return crossings
 
     def _within(self, centre: Array, radius_m: float) -> Extent:
         """Return the parts of sections within `radius_m` of `centre`, along connected sections."""
+        waiting: list[int] = []
+        for index, line in enumerate(self._lines):
+            _, distances_m = line.nearest_to(centre[None, :])
+            if distances_m[0] < CROSSING_M:
+                waiting.append(index)
+
+        # From these on to connected sections, as long as their ends are within the radius
         extent: Extent = {}
-        waiting = [
-            index
-            for index, line in enumerate(self._lines)
-            if line.nearest_to(centre[None, :])[1][0] < CROSSING_M
-        ]
         while waiting:
             index = waiting.pop()
-            inside = None if index in extent else _span_within(self._lines[index], centre, radius_m)
-            if inside is None:
+            if index in extent:
                 continue
-            start_m, end_m = inside
+            span_m = _span_within(self._lines[index], centre, radius_m)
+            if span_m is None:
+                continue
+            start_m, end_m = span_m
             section = self._sections[index]
             if start_m <= PAST_M:
                 start_m = -1.0
@@ -196,12 +216,28 @@ class Junctions:
                     edge = np.asarray(section.point(edge_m)) - centre
                     if all(float(np.linalg.norm(edge - other)) > CROSSING_M for other in edges):
                         edges.append(edge)  # else it is the same way, of two links
+
+        # The largest cosine is that of the smallest angle
         rays = [edge / max(float(np.linalg.norm(edge)), PAST_M) for edge in edges]
-        nearest = max((float(a @ b) for i, a in enumerate(rays) for b in rays[:i]), default=0.0)
-        return 1.0 if nearest <= 0.0 else 1.0 / math.sqrt(max(1.0 - nearest**2, 1e-6))
+        cosines = [float(later @ earlier) for earlier, later in combinations(rays, 2)]
+        cosine = max(cosines, default=0.0)
+        if cosine <= 0.0:
+            return 1.0
+        return 1.0 / math.sqrt(max(1.0 - cosine**2, 1e-6))
+
+
+def _common_start(first: Piece, second: Piece) -> Extent:
+    """Return the extent of two sections up to the end of the shorter one, and beyond that end."""
+    end_m = min(first.to_m, second.to_m)
+    extent: Extent = {}
+    for section in (first, second):
+        is_whole = end_m == section.to_m
+        extent[section.index] = (-1.0, end_m + is_whole)
+    return extent
 
 
 def _between(section: Piece) -> Array:
+    """Return the vertices of a section's line between its ends."""
     starts_m = section.line.starts_m - section.start_m
     return section.line.vertices_m[(starts_m > 0.0) & (starts_m < section.to_m)]
 
@@ -209,19 +245,25 @@ def _between(section: Piece) -> Array:
 def _span_within(line: Polyline, centre: Array, radius_m: float) -> tuple[float, float] | None:
     """Return the first and the last arc length of `line` within `radius_m` of `centre`, or None."""
     reach = centre - line.vertices_m[:-1]
+    starts_m = line.starts_m[:-1]
+    lengths_m = np.diff(line.starts_m)
+
+    # Chord of each segment within the sphere, about the foot of its centre
     foot_m = np.einsum("ij,ij->i", reach, line.tangents)
     squared = radius_m**2 - np.einsum("ij,ij->i", reach, reach) + foot_m**2
     half_m = np.sqrt(np.maximum(squared, 0.0))
-    begin_m = line.starts_m[:-1] + np.clip(foot_m - half_m, 0.0, np.diff(line.starts_m))
-    end_m = line.starts_m[:-1] + np.clip(foot_m + half_m, 0.0, np.diff(line.starts_m))
+    begin_m = starts_m + np.clip(foot_m - half_m, 0.0, lengths_m)
+    end_m = starts_m + np.clip(foot_m + half_m, 0.0, lengths_m)
     inside = np.flatnonzero((squared > 0.0) & (end_m > begin_m))
-    return (float(begin_m[inside[0]]), float(end_m[inside[-1]])) if len(inside) else None
+    if not len(inside):
+        return None
+    return float(begin_m[inside[0]]), float(end_m[inside[-1]])
 
 
-def _merged(found: list[Extent]) -> list[Extent]:
+def _merged(extents: list[Extent]) -> list[Extent]:
     """Return disjoint extents: those that overlap on a section are merged."""
     merged: list[Extent] = []
-    for extent in found:
+    for extent in extents:
         new = dict(extent)
         while True:
             touching = next((other for other in merged if _touch(other, new)), None)
@@ -229,17 +271,19 @@ def _merged(found: list[Extent]) -> list[Extent]:
                 break
             merged.remove(touching)
             for section, (start_m, end_m) in touching.items():
-                before = new.get(section, (start_m, end_m))
-                new[section] = (min(start_m, before[0]), max(end_m, before[1]))
+                new_start_m, new_end_m = new.get(section, (start_m, end_m))
+                new[section] = (min(start_m, new_start_m), max(end_m, new_end_m))
         merged.append(new)
     return merged
 
 
 def _touch(a: Extent, b: Extent) -> bool:
-    return any(
-        a[section][0] < b[section][1] + PAST_M and b[section][0] < a[section][1] + PAST_M
-        for section in a.keys() & b.keys()
-    )
+    for section in a.keys() & b.keys():
+        a_start_m, a_end_m = a[section]
+        b_start_m, b_end_m = b[section]
+        if a_start_m < b_end_m + PAST_M and b_start_m < a_end_m + PAST_M:
+            return True
+    return False
 
 
 class Network:
@@ -261,18 +305,23 @@ class Network:
         """
         self.surface: Literal["strip", "belt"] = surface
         self.lines = lines
-        used = [link for link in links if link.source in lines and link.target in lines]
-        places = [(self._source_m(link), self._target_m(link)) for link in used]
-        self.links = [(link, *place) for link, place in zip(used, places, strict=True) if place[0] >= SNAP_M]
-        self.bays = {bay: belt for bay, belt in (bays or {}).items() if belt in lines}
-        self.linked = {name for link, _, _ in self.links for name in (link.source, link.target)}
+        self.links = self._usable_links(links)
+        self.bays: dict[str, str] = {}
+        for bay, belt in (bays or {}).items():
+            if belt in lines:
+                self.bays[bay] = belt
+        self.linked: set[str] = set()
         """Belts with links. They hold packages at the start when they run backwards."""
-        self.entries = [
-            belt
-            for belt in lines
-            if not any(link.target == belt and target_m < SNAP_M for link, _, target_m in self.links)
-        ] or list(lines)
+        entered: set[str] = set()
+        for link, _, target_m in self.links:
+            self.linked.update((link.source, link.target))
+            if target_m < SNAP_M:
+                entered.add(link.target)
+        starting = [belt for belt in lines if belt not in entered]
+        self.entries = starting or list(lines)
         """Belts at whose start no link ends."""
+
+        # Sections between links, cut where junctions begin and end
         uncut = self._uncut()
         extents = Junctions(uncut).extents(longest_m) if self.links else []
         self.junctions = len(extents)
@@ -289,6 +338,17 @@ class Network:
         self.front_first = self._front_first()
         """All pieces, each after the pieces ahead of it, except in rings."""
 
+    def _usable_links(self, links: Sequence[BeltLink]) -> list[tuple[BeltLink, float, float]]:
+        """Return the links that are used, with the arc lengths of their ends on source and target."""
+        usable: list[tuple[BeltLink, float, float]] = []
+        for link in links:
+            if link.source not in self.lines or link.target not in self.lines:
+                continue
+            source_m = self._source_m(link)
+            if source_m >= SNAP_M:
+                usable.append((link, source_m, self._target_m(link)))
+        return usable
+
     def at(self, belt: str, position_m: float) -> tuple[Piece, float]:
         """Return the piece of `belt` at arc length `position_m`, and the offset on it."""
         for piece in self.sections[belt]:
@@ -298,30 +358,29 @@ class Network:
 
     def _source_m(self, link: BeltLink) -> float:
         length_m = self.lines[link.source].length_m
-        at_m = length_m if link.source_position_m is None else link.source_position_m
-        return min(max(at_m, 0.0), length_m)
+        if link.source_position_m is None:
+            return length_m
+        return min(max(link.source_position_m, 0.0), length_m)
 
     def _target_m(self, link: BeltLink) -> float:
-        return min(max(link.target_position_m, 0.0), self.lines[link.target].length_m)
+        length_m = self.lines[link.target].length_m
+        return min(max(link.target_position_m, 0.0), length_m)
 
     def _uncut(self) -> list[Piece]:
         """Return the sections of all belts between links, and the bridges of the links."""
         sections: dict[str, list[Piece]] = {}
         pieces: list[Piece] = []
         for belt, line in self.lines.items():
-            cuts = {source_m for link, source_m, _ in self.links if link.source == belt}
-            cuts |= {target_m for link, _, target_m in self.links if link.target == belt}
-            ends = [0.0]
-            for cut_m in sorted(cuts):
-                if cut_m - ends[-1] >= SNAP_M and line.length_m - cut_m >= SNAP_M:
-                    ends.append(cut_m)
+            # Straight on along the belt comes first among the successors
             first = len(pieces)
-            for start_m, end_m in pairwise([*ends, line.length_m]):
+            for start_m, end_m in pairwise(self._section_ends_m(belt)):
                 index = len(pieces)
                 pieces.append(Piece(index, index, belt, line, start_m, 0.0, end_m - start_m))
             sections[belt] = pieces[first:]
             for piece, following in pairwise(sections[belt]):
                 piece.successors.append(following.index)
+
+        # Then come links, in their own order
         for link, source_m, target_m in self.links:
             _bridge(link, source_m, target_m, sections, pieces)
         for bay, belt in self.bays.items():
@@ -329,19 +388,41 @@ class Network:
         _fill_predecessors(pieces)
         return pieces
 
+    def _section_ends_m(self, belt: str) -> list[float]:
+        """Return the arc lengths of the ends of the sections of `belt`, from its start to its end."""
+        length_m = self.lines[belt].length_m
+        cuts_m: set[float] = set()
+        for link, source_m, target_m in self.links:
+            if link.source == belt:
+                cuts_m.add(source_m)
+            if link.target == belt:
+                cuts_m.add(target_m)
+        ends_m = [0.0]
+        for cut_m in sorted(cuts_m):
+            if cut_m - ends_m[-1] >= SNAP_M and length_m - cut_m >= SNAP_M:
+                ends_m.append(cut_m)
+        return [*ends_m, length_m]
+
     def _connect(self, uncut: Sequence[Piece]) -> None:
         for section, parts in zip(uncut, self.parts, strict=True):
             for piece, following in pairwise(parts):
                 piece.successors = [following.index]
-            parts[-1].successors = [self.parts[index][0].index for index in section.successors]
-            parts[-1].bay = section.bay
+            last = parts[-1]
+            last.successors = [self.parts[index][0].index for index in section.successors]
+            last.bay = section.bay
         _fill_predecessors(self.pieces)
+
+        # The pieces of each belt, without bridges
+        self.sections = {belt: [] for belt in self.lines}
+        for piece in self.pieces:
+            if not piece.target:
+                self.sections[piece.belt].append(piece)
         for belt in self.lines:
-            self.sections[belt] = [piece for piece in self.pieces if piece.belt == belt and not piece.target]
             for piece, following in pairwise(self.sections[belt]):
                 following.before = piece.index
 
     def _front_first(self) -> list[int]:
+        # Depth first: a piece is done after all pieces ahead of it
         order: list[int] = []
         seen: set[int] = set()
         for root in range(len(self.pieces)):
@@ -371,13 +452,15 @@ def _bridge(
     if gap_m < SNAP_M:
         leaving.successors.append(entered.index)
         return
+
+    # From or to the end of a belt, half of the bridge counts as that belt's
     index = len(pieces)
     line = Polyline([start, end])
     bridge = Piece(index, index, link.source, line, 0.0, 0.0, gap_m, target=link.target)
-    bridge.halves = (
-        leaving.start_m + leaving.to_m if leaving is sources[-1] else None,
-        0.0 if entered is targets[0] else None,
-    )
+    leaving_end_m = leaving.start_m + leaving.to_m
+    source_half_m = leaving_end_m if leaving is sources[-1] else None
+    target_half_m = 0.0 if entered is targets[0] else None
+    bridge.halves = (source_half_m, target_half_m)
     bridge.successors.append(entered.index)
     leaving.successors.append(index)
     pieces.append(bridge)
@@ -391,11 +474,15 @@ def _fill_predecessors(pieces: Sequence[Piece]) -> None:
 
 def _parts(section: Piece, extents: Sequence[Extent], first: int) -> list[Piece]:
     """Return `section` cut where junctions begin and end, with indices from `first`, without connections."""
-    ends = {section.to_m}
+    ends_m = {section.to_m}
     for extent in extents:
-        ends.update(end_m for end_m in extent.get(section.index, ()) if 0.0 < end_m < section.to_m)
+        for end_m in extent.get(section.index, ()):
+            if 0.0 < end_m < section.to_m:
+                ends_m.add(end_m)
+
+    # Each part lies in the junction that contains its middle, or in none
     parts: list[Piece] = []
-    for from_m, to_m in pairwise([0.0, *sorted(ends)]):
+    for from_m, to_m in pairwise([0.0, *sorted(ends_m)]):
         middle_m = (from_m + to_m) / 2.0
         part = replace(section, index=first + len(parts), from_m=from_m, to_m=to_m, bay="")
         part.successors = []
@@ -415,10 +502,14 @@ class BeltRoutes:
         self._network = network
         self._next: dict[str, list[int]] = {}
         self._length_m: dict[str, list[float]] = {}
-        straight = [piece.successors[0] if piece.successors else NONE for piece in network.pieces]
-        self._next[""] = straight
+        straight_on: list[int] = []
+        for piece in network.pieces:
+            straight_on.append(piece.successors[0] if piece.successors else NONE)
+        self._next[""] = straight_on
         for bay in network.bays:
-            self._next[bay], self._length_m[bay] = self._towards(bay)
+            following, lengths_m = self._towards(bay)
+            self._next[bay] = following
+            self._length_m[bay] = lengths_m
 
     def next_of(self, piece: int, bay: str) -> int:
         """Return the piece after `piece` on the way to `bay` (`""`: straight on), `NONE` at the way's end."""
@@ -437,10 +528,11 @@ class BeltRoutes:
         """Return `wanted` if it can be reached from `piece`, else the nearest bay, or `""`."""
         if self.reaches(piece, wanted):
             return wanted
-        there = [bay for bay in self._length_m if self.reaches(piece, bay)]
-        return min(there, key=lambda bay: self._length_m[bay][piece], default="")
+        bays = [bay for bay in self._length_m if self.reaches(piece, bay)]
+        return min(bays, key=lambda bay: self._length_m[bay][piece], default="")
 
     def _towards(self, bay: str) -> tuple[list[int], list[float]]:
+        """Return by piece the next piece on the shortest way to `bay`, and the length of that way, m."""
         pieces = self._network.pieces
         lengths_m = [math.inf] * len(pieces)
         following = [NONE] * len(pieces)
@@ -448,13 +540,13 @@ class BeltRoutes:
         lengths_m[last] = pieces[last].length_m
         heap = [(lengths_m[last], last)]
         while heap:
-            so_far_m, index = heapq.heappop(heap)
-            if so_far_m > lengths_m[index]:
+            way_m, index = heapq.heappop(heap)
+            if way_m > lengths_m[index]:  # a shorter way has been found since
                 continue
-            for before in pieces[index].predecessors:
-                length_m = so_far_m + pieces[before].length_m
-                if length_m < lengths_m[before]:
-                    lengths_m[before] = length_m
-                    following[before] = index
-                    heapq.heappush(heap, (length_m, before))
+            for predecessor in pieces[index].predecessors:
+                length_m = way_m + pieces[predecessor].length_m
+                if length_m < lengths_m[predecessor]:
+                    lengths_m[predecessor] = length_m
+                    following[predecessor] = index
+                    heapq.heappush(heap, (length_m, predecessor))
         return following, lengths_m

@@ -92,18 +92,25 @@ class PlantPersistence:
         self, plant: Plant, mark: str, now_ns: int, events: Sequence[SelectionEvent] = ()
     ) -> list[SelectionEvent]:
         """Number `events`, and save them with `plant` if due. Return the events to publish now."""
-        numbered = [
-            event.model_copy(update={"seq": seq}) for seq, event in enumerate(events, start=self._seq + 1)
-        ]
-        self._seq += len(numbered)
-        is_changed = bool(events) or plant is not self._plant or plant.changes != self._changes
-        is_due = is_changed or abs(now_ns - self._saved_ns) >= PERIOD_NS
-        can_wait = not events  # events must be there before they are published
-        if self._store.is_open and is_due and not (can_wait and self._store.should_rest(now_ns)):
-            self._store.write(now_ns, lambda db: self._replace(db, plant, mark, now_ns, numbered))
-            self._plant = plant
-            self._changes = plant.changes
-            self._saved_ns = now_ns
+        numbered: list[SelectionEvent] = []
+        for event in events:
+            self._seq += 1
+            numbered.append(event.model_copy(update={"seq": self._seq}))
+        if not self._store.is_open:
+            return numbered
+
+        # Events must be stored before they are published. Everything else can wait
+        if not events:
+            is_changed = plant is not self._plant or plant.changes != self._changes
+            is_old = abs(now_ns - self._saved_ns) >= PERIOD_NS
+            if not is_changed and not is_old:
+                return numbered
+            if self._store.should_rest(now_ns):
+                return numbered
+        self._store.write(now_ns, lambda db: self._replace(db, plant, mark, now_ns, numbered))
+        self._plant = plant
+        self._changes = plant.changes
+        self._saved_ns = now_ns
         return numbered
 
     def mark_published(self, now_ns: int) -> None:
@@ -118,7 +125,9 @@ class PlantPersistence:
         self, db: sqlite3.Connection, plant: Plant, mark: str, now_ns: int, events: Sequence[SelectionEvent]
     ) -> None:
         snapshot = json.dumps(plant.snapshot(), separators=(",", ":"))
-        unpublished = [(event.seq, event.model_dump_json(exclude_defaults=True)) for event in events]
+        unpublished: list[tuple[int, str]] = []
+        for event in events:
+            unpublished.append((event.seq, event.model_dump_json(exclude_defaults=True)))
         db.execute("DELETE FROM outbox")
         db.execute("INSERT OR REPLACE INTO plant VALUES (1, ?, ?, ?, ?)", (now_ns, self._seq, mark, snapshot))
         db.executemany("INSERT INTO outbox VALUES (?, ?)", unpublished)
@@ -133,13 +142,14 @@ def read(db: sqlite3.Connection) -> Saved | None:
     row = db.execute("SELECT stamp_ns, seq, fingerprint, snapshot FROM plant").fetchone()
     if row is None:
         return None
-    stamp_ns, seq, mark, snapshot = row
+    stamp_ns, seq, mark, text = row
     events = db.execute("SELECT event FROM outbox ORDER BY seq").fetchall()
+    snapshot = json.loads(str(text))
     return Saved(
         stamp_ns=stamp_ns,
         seq=seq,
         fingerprint=mark,
-        snapshot=json.loads(str(snapshot)),
+        snapshot=snapshot,
         events=tuple(SelectionEvent.model_validate_json(event) for (event,) in events),
     )
 
@@ -164,6 +174,7 @@ def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
     settings = config.model_dump(exclude={"rate_hz", "tracking"}, mode="json")
     text = json.dumps([pointit_version(), parts, settings], sort_keys=True)
     if config.schedule:
+        path = expand_home(config.schedule)
         with contextlib.suppress(OSError):
-            text += expand_home(config.schedule).read_text(encoding="utf-8", errors="replace")
+            text += path.read_text(encoding="utf-8", errors="replace")
     return hashlib.sha256(text.encode()).hexdigest()

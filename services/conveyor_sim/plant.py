@@ -82,13 +82,17 @@ class Dispatch:
             return None
         if not self._routes.reaches(package.decided, wanted):
             return 0
-        left_s = self._last_way.time_left_s(package, wanted)
-        return None if left_s == math.inf else now_ns + int(left_s * NS_PER_S)
+        remaining_s = self._last_way.time_left_s(package, wanted)
+        if remaining_s == math.inf:
+            return None
+        return now_ns + int(remaining_s * NS_PER_S)
 
     def _bay_for(self, package: Package, *, is_selected: bool) -> str:
         """Return the bay of selected packages or of the rest, or the nearest one if the map lacks it."""
         wanted = self._bay_selected if is_selected else self._bay_rest
-        return wanted if self._routes.has(wanted) else self._routes.best(package.decided, wanted)
+        if self._routes.has(wanted):
+            return wanted
+        return self._routes.best(package.decided, wanted)
 
     def leave(self, package: Package, bay: str, now_ns: int) -> SelectionEvent:
         """Count a package that left at `bay` (`""`: at the end of a belt) and return its event."""
@@ -109,10 +113,10 @@ class Dispatch:
 
     def bays(self) -> tuple[BayCount, ...]:
         """Return the counts as message parts."""
-        return tuple(
-            BayCount(bay=bay, kind=kind, count=count, selected=selected)
-            for (bay, kind), (count, selected) in sorted(self.counts.items())
-        )
+        counts: list[BayCount] = []
+        for (bay, kind), (count, selected) in sorted(self.counts.items()):
+            counts.append(BayCount(bay=bay, kind=kind, count=count, selected=selected))
+        return tuple(counts)
 
 
 class UnusableMapError(Exception):
@@ -125,30 +129,41 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
     Raises:
         UnusableMapError: If one is missing or not a valid line.
     """
+    # The lanes that the configuration names, all of the surface by default
     surface = config.surface
-    there = environment.strips if surface == "strip" else environment.belts
-    lines = {line.id: line.line_m for line in there}
-    wanted = config.lanes or tuple(lines)
-    missing = [lane for lane in wanted if lane not in lines]
-    if missing or not wanted:
-        what = f"no {surface} {missing[0]!r}" if missing else f"no {surface}s"
-        listed = ", ".join(lines) or "none"
-        lane = set_option("conveyor-sim", "lanes", f"[{next(iter(lines), '')}]")
-        other = set_option("conveyor-sim", "surface", "belt" if surface == "strip" else "strip")
-        raise UnusableMapError(
-            f"lanes: map {environment.name!r} has {what}, there are {listed}; use others, as by {lane}, or "
-            f"the other surface by {other}"
-        )
+    map_lines = environment.strips if surface == "strip" else environment.belts
+    lines = {line.id: line.line_m for line in map_lines}
+    lanes = config.lanes or tuple(lines)
+    missing = [lane for lane in lanes if lane not in lines]
+    if missing:
+        raise _no_lanes(environment, surface, tuple(lines), f"no {surface} {missing[0]!r}")
+    if not lanes:
+        raise _no_lanes(environment, surface, tuple(lines), f"no {surface}s")
     try:
-        chosen = {lane: Polyline(lines[lane]) for lane in wanted}
+        polylines = {lane: Polyline(lines[lane]) for lane in lanes}
     except ValueError as error:
         raise UnusableMapError(
             f"lanes: a {surface} of map {environment.name!r} is not a valid lane: {error}"
         ) from error
+
+    # Only belts have links and bays
     if surface == "strip":
-        return Network(chosen, longest_m=config.longest_fed_m, surface=surface)
+        return Network(polylines, longest_m=config.longest_fed_m, surface=surface)
     bays = {bay.id: bay.belt for bay in environment.bays}
-    return Network(chosen, environment.links, bays, longest_m=config.longest_fed_m)
+    return Network(polylines, environment.links, bays, longest_m=config.longest_fed_m)
+
+
+def _no_lanes(environment: Environment, surface: str, names: Sequence[str], problem: str) -> UnusableMapError:
+    """Return the error that a map has no lanes as configured: its lanes, and the two remedies."""
+    listed = ", ".join(names) or "none"
+    example = names[0] if names else ""
+    other_surface = "belt" if surface == "strip" else "strip"
+    lanes_option = set_option("conveyor-sim", "lanes", f"[{example}]")
+    surface_option = set_option("conveyor-sim", "surface", other_surface)
+    return UnusableMapError(
+        f"lanes: map {environment.name!r} has {problem}, there are {listed}; use others, as by "
+        f"{lanes_option}, or the other surface by {surface_option}"
+    )
 
 
 class Plant:
@@ -175,6 +190,7 @@ class Plant:
             UnusableMapError: If a line, a feeder's belt or a bay is missing.
             ConfigError: If the schedule cannot be used.
         """
+        # Belts, the packages on them, and where these go
         self.config = config
         self.network = network_of(environment, config)
         routes = BeltRoutes(self.network)
@@ -182,20 +198,13 @@ class Plant:
         self._dispatch = Dispatch(
             routes, self._traffic.last_way, bay_selected=config.bay_selected, bay_rest=config.bay_rest
         )
+
+        # Where they come from
         self._entries = list(config.lanes) or self.network.entries
         self._feeders = Feeders(
             config, entries=self._entries, belts=self.network.lines, seed=seed, is_on=is_feeding
         )
-        for feeder in self._feeders.all:
-            for belt in feeder.belts:
-                if belt not in self.network.lines:
-                    raise UnusableMapError(
-                        f"feeders.{feeder.name}: map {environment.name!r} has no {config.surface} {belt!r}, "
-                        f"there are {', '.join(self.network.lines)}; "
-                        + set_option(
-                            "conveyor-sim", f"feeders.{feeder.name}.belt", next(iter(self.network.lines))
-                        )
-                    )
+        self._check_feeders(environment)
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
         self._infeed = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)
         self.changes = 0
@@ -206,9 +215,26 @@ class Plant:
         """Time of the last step."""
         self.speeds: Mapping[str, float] = self._traffic.speeds
         """Speed of each belt, m/s."""
-        schedule = self._feeders.schedule
-        self._run_at(schedule.step.speed_mps if schedule else config.speed_mps)
+
+        # Speeds first: a belt that runs backwards is filled from its end
+        speed_mps = config.speed_mps
+        if self._feeders.schedule is not None:
+            speed_mps = self._feeders.schedule.step.speed_mps
+        self._run_at(speed_mps)
         self._fill()
+
+    def _check_feeders(self, environment: Environment) -> None:
+        """Check that the feeders' belts are in the map. Raises UnusableMapError if not."""
+        for feeder in self._feeders.all:
+            for belt in feeder.belts:
+                if belt in self.network.lines:
+                    continue
+                belts = list(self.network.lines)
+                option = set_option("conveyor-sim", f"feeders.{feeder.name}.belt", belts[0])
+                raise UnusableMapError(
+                    f"feeders.{feeder.name}: map {environment.name!r} has no {self.config.surface} "
+                    f"{belt!r}, there are {', '.join(belts)}; {option}"
+                )
 
     @property
     def fed(self) -> int:
@@ -227,25 +253,29 @@ class Plant:
 
     def step(self, now_ns: int) -> list[SelectionEvent]:
         """Advance to `now_ns` and return the events. An earlier time than before changes nothing."""
-        rest_s = max(0, now_ns - self.now_ns) / NS_PER_S
+        remaining_s = max(0, now_ns - self.now_ns) / NS_PER_S
         self.now_ns = now_ns
         events: list[SelectionEvent] = []
         was_foreseen = False
         while True:
+            # Feed at the exact times, so that positions do not depend on the step
             is_fed = self._infeed.feed(self._feeders.active)
             self.changes += is_fed
-            if rest_s <= 0.0:
+            if remaining_s <= 0.0:
                 break
-            max_step_s = min(rest_s, self._traffic.step_s)
+            max_step_s = min(remaining_s, self._traffic.step_s)
             next_s = self._infeed.next_s(self._feeders.active)
             if self._feeders.schedule is not None:
                 next_s = min(next_s, self._feeders.schedule.left_s)
-            if next_s <= 0.0 or (was_foreseen and not is_fed):  # a package is held unexpectedly
+
+            # Without a minimum, a package that is held unexpectedly would stop the time
+            is_held = was_foreseen and not is_fed
+            if next_s <= 0.0 or is_held:
                 next_s = max(next_s, SHORTEST_S)
             was_foreseen = next_s <= max_step_s
-            until_s = min(max_step_s, next_s)
-            events += self._pass(until_s)
-            rest_s -= until_s
+            step_s = min(max_step_s, next_s)
+            events += self._advance(step_s)
+            remaining_s -= step_s
         self.changes += len(events)
         return events
 
@@ -263,15 +293,15 @@ class Plant:
     def state(self, now_ns: int) -> ConveyorState:
         """Return speeds and counts, stamped `now_ns`."""
         dispatch = self._dispatch
+        belts: list[BeltSpeed] = []
+        for belt, speed_mps in sorted(self._own_speeds.items()):
+            belts.append(BeltSpeed(id=belt, speed_mps=speed_mps))
         return ConveyorState(
             stamp_ns=now_ns,
             speed_mps=self._speed_mps,
             fed=self.fed,
             left=dispatch.left,
-            belts=tuple(
-                BeltSpeed(id=belt, speed_mps=speed_mps)
-                for belt, speed_mps in sorted(self._own_speeds.items())
-            ),
+            belts=tuple(belts),
             bays=dispatch.bays(),
             refused=dispatch.refused,
             step=self._feeders.step,
@@ -293,12 +323,13 @@ class Plant:
     @property
     def refusals(self) -> Mapping[str, str]:
         """Return each package, with the reason if its selection came too late for its bay, else `""`."""
-        return {
-            each.id: f"it is past its last way to bay {each.refused} and goes on to bay {each.bay}"
-            if each.refused
-            else ""
-            for each in self._traffic.packages
-        }
+        reasons: dict[str, str] = {}
+        for package in self._traffic.packages:
+            reason = ""
+            if package.refused:
+                reason = f"it is past its last way to bay {package.refused} and goes on to bay {package.bay}"
+            reasons[package.id] = reason
+        return reasons
 
     def set_speed(self, speed_mps: float, belts: Sequence[str] = ()) -> None:
         """Change the speed from the last step on, of `belts` or (if empty) of all belts.
@@ -349,19 +380,22 @@ class Plant:
         traffic = self._traffic
         dispatch = self._dispatch
         infeed = self._infeed
+        counts = [[*key, *counted] for key, counted in dispatch.counts.items()]
+        departures = [departure.model_dump() for departure in dispatch.departures]
+        packages = [package.to_state() for package in traffic.packages]
         return {
             "prefix": infeed.prefix,
             "ids": infeed.ids,
             "fed": infeed.fed,
             "left": dispatch.left,
             "refused": dispatch.refused,
-            "counts": [[*key, *counts] for key, counts in dispatch.counts.items()],
-            "departures": [departure.model_dump() for departure in dispatch.departures],
+            "counts": counts,
+            "departures": departures,
             "speed_mps": self._speed_mps,
             "own_speeds": dict(self._own_speeds),
             "is_reverse": dict(infeed.is_reverse),
             **self._feeders.to_state(),
-            "packages": [package.to_state() for package in traffic.packages],
+            "packages": packages,
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -375,14 +409,19 @@ class Plant:
         infeed.fed = snapshot["fed"]
         dispatch.left = snapshot["left"]
         dispatch.refused = snapshot["refused"]
-        dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in snapshot["counts"]}
+        dispatch.counts = {
+            (bay, kind): (count, selected) for bay, kind, count, selected in snapshot["counts"]
+        }
         dispatch.departures.extend(Departure(**values) for values in snapshot["departures"])
+
+        # Speeds before the packages, whose own speeds a change would update
         self._run_at(snapshot["speed_mps"])
         for belt, speed_mps in snapshot["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))
         infeed.is_reverse = dict(snapshot["is_reverse"])
         self._feeders.resume(snapshot)
-        traffic.restore([Package.from_state(values) for values in snapshot["packages"]])
+        packages = [Package.from_state(values) for values in snapshot["packages"]]
+        traffic.restore(packages)
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
 
     def _run_at(self, speed_mps: float) -> None:
@@ -403,23 +442,25 @@ class Plant:
 
     def _fill(self) -> None:
         initial = self.config.feeder.initial
-        if initial and self._feeders.schedule is None and not self.config.feeders:
+        has_other_feeders = self._feeders.schedule is not None or bool(self.config.feeders)
+        if initial and not has_other_feeders:
             for feeder in self._feeders.active:  # one, unless paused
                 self._infeed.fill(feeder, initial)
 
-    def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
-        events = [
-            self._dispatch.leave(package, self._bay_at(package), self.now_ns)
-            for package in self._traffic.move(elapsed_s)
-        ]
+    def _advance(self, elapsed_s: float) -> list[SelectionEvent]:
+        """Move packages, feeders and schedule by one step. Return the events of packages that left."""
+        events: list[SelectionEvent] = []
+        for package in self._traffic.move(elapsed_s):
+            bay = self._bay_at(package)
+            events.append(self._dispatch.leave(package, bay, self.now_ns))
         for feeder in self._feeders.active:
             feeder.tick(elapsed_s)
         schedule = self._feeders.schedule
         if schedule is not None:
-            was = schedule.index
+            previous_index = schedule.index
             if schedule.tick(elapsed_s):
                 self._run_at(schedule.step.speed_mps)
-            self.changes += schedule.index != was
+            self.changes += schedule.index != previous_index
         return events
 
     def _bay_at(self, package: Package) -> str:

@@ -56,6 +56,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
         super().__init__(config, context)
+
+        # The plant of the newest map, and what is known of it
         self._plant: Plant | None = None
         self._tracker: PackageTracker | None = None
         self._mark = ""
@@ -66,6 +68,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._names: Sequence[str] = ()
         """Packages whose acts are carried out."""
         self._stepped_ns = 0
+
+        # What is published of it
         self._seq = 0
         self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps)
         self._objects = self.bus.publisher(topics.OBJECTS, TRACKER)
@@ -74,6 +78,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._carrier = Carrier(self.bus, self.clock, self.NAME)
         self._states.put(self._state)
         self.bus.set_metric("default speed", config.speed_mps, "m/s")
+
+        # Requests and messages: from here on the methods below may be called
         self.bus.serve(topics.ADD_PACKAGE, self._on_add)
         self.bus.serve(topics.SET_SPEED, self._on_speed)
         self.bus.serve(topics.SET_FEEDING, self._on_feeding)
@@ -103,12 +109,12 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             raise ConfigError(
                 f"{error}, or choose another map: {set_option('pui', 'map', 'NAME')}"
             ) from error
-        there = [bay.id for bay in room.bays]
+        bays = [bay.id for bay in room.bays]
         for name, bay in (("bay_selected", config.bay_selected), ("bay_rest", config.bay_rest)):
-            if len(there) > 1 and bay not in there:
+            if len(bays) > 1 and bay not in bays:
+                option = set_option("conveyor-sim", name, bays[0])
                 raise ConfigError(
-                    f"{name}: map {room.name!r} has no bay {bay!r}, there are {', '.join(there)}; "
-                    + set_option("conveyor-sim", name, there[0])
+                    f"{name}: map {room.name!r} has no bay {bay!r}, there are {', '.join(bays)}; {option}"
                 )
 
     async def run(self) -> None:
@@ -125,7 +131,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             self._persistence.close()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
-        self._select({selected.id: selected.user for selected in selection.objects})
+        owners = {selected.id: selected.user for selected in selection.objects}
+        self._select(owners)
 
     def _select(self, owners: dict[str, str]) -> None:
         self._owners = owners
@@ -139,16 +146,22 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     async def carry_out(self, act: Act, /) -> None:
         """Give a package the bay of its selection. Raises ActFailedError if it is past its last way there."""
-        owners = {name: user for name, user in (self._owners or {}).items() if name != act.thing}
-        self._select({**owners, act.thing: act.event.user} if act.on else owners)
-        if reason := self._ready().refusals.get(act.thing, "it has left"):
+        owners = dict(self._owners or {})
+        owners.pop(act.thing, None)
+        if act.on:
+            owners[act.thing] = act.event.user
+        self._select(owners)
+        reason = self._ready().refusals.get(act.thing, "it has left")
+        if reason:
             raise ActFailedError("refused", reason)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         mark = fingerprint(environment, self.config)
-        before = self._plant
-        if before is not None and mark == self._mark:
+        previous = self._plant
+        if previous is not None and mark == self._mark:
             return
+
+        # A plant of other belts: if it cannot be made, the previous one goes on
         now_ns = self.clock.now_ns()
         try:
             plant = Plant(
@@ -156,7 +169,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
                 self.config,
                 seed=self.config.seed,
                 start_ns=now_ns,
-                is_feeding=before is None or before.is_feeding,
+                is_feeding=previous is None or previous.is_feeding,
             )
         except (UnusableMapError, ConfigError) as error:
             self.bus.warn("map", str(error))
@@ -166,27 +179,34 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._mark = mark
         self._stepped_ns = now_ns
         self._tracker = PackageTracker(self.config.tracking)
-        if before is not None:
-            plant.set_speed(before.state(now_ns).speed_mps)
+
+        # It takes over the speed and the selection
+        if previous is not None:
+            plant.set_speed(previous.state(now_ns).speed_mps)
         if self._owners is not None:
             plant.select(self._owners)
         self._check_initial(plant)
         self._has_plant.set()
 
     def _check_initial(self, plant: Plant) -> None:
-        initial = 0 if self.config.feeders or self.config.schedule else self.config.feeder.initial
-        problem = (
-            f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: there is no room, or no "
-            "kind, for more"
-        )
-        self.bus.warn("initial", problem if plant.fed < initial and plant.is_feeding else "")
+        initial = self.config.feeder.initial
+        if self.config.feeders or self.config.schedule:
+            initial = 0
+        warning = ""
+        if plant.fed < initial and plant.is_feeding:
+            warning = (
+                f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: there is no room, or "
+                "no kind, for more"
+            )
+        self.bus.warn("initial", warning)
 
     def _resume(self) -> None:
         """Restore the plant of a previous conveyor if it is recent and of the same map."""
         plant = self._plant
         if plant is not None:
             now_ns = self.clock.now_ns()
-            for event in self._persistence.resume(plant, self._mark, now_ns, speed=self.clock.speed):
+            unpublished = self._persistence.resume(plant, self._mark, now_ns, speed=self.clock.speed)
+            for event in unpublished:
                 self._events.put(event)
             if self._owners is not None:
                 plant.select(self._owners)
@@ -208,23 +228,26 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         except UnknownLaneError as error:
             raise RefusedError(str(error)) from error
         self._report(plant, self._stepped_ns)
-        run = "runs" if len(query.belts) == 1 else "run"
-        what = f"{', '.join(query.belts)} {run}" if query.belts else "the conveyor runs"
-        return Done(message=f"{what} at {query.speed_mps:g} m/s")
+        subject = "the conveyor runs"
+        if query.belts:
+            verb = "runs" if len(query.belts) == 1 else "run"
+            subject = f"{', '.join(query.belts)} {verb}"
+        return Done(message=f"{subject} at {query.speed_mps:g} m/s")
 
     async def _on_feeding(self, query: SetFeeding, _name: str) -> Done:
         plant = self._up_to_date()
         plant.set_feeding(is_on=query.feeding)
         self._report(plant, self._stepped_ns)
-        return Done(message="the feeders give packages" if query.feeding else "the feeders rest")
+        message = "the feeders give packages" if query.feeding else "the feeders rest"
+        return Done(message=message)
 
     async def _on_reset(self, _query: ResetConveyor, _name: str) -> Done:
         plant = self._up_to_date()
         size = plant.size
         plant.reset()
         self._report(plant, self._stepped_ns)
-        what = "the feeder starts again" if plant.is_feeding else "the feeder still rests"
-        return Done(message=f"{size} objects taken off, {what}")
+        feeding = "the feeder starts again" if plant.is_feeding else "the feeder still rests"
+        return Done(message=f"{size} objects taken off, {feeding}")
 
     def _ready(self) -> Plant:
         if self._plant is None or not self._is_resumed:
@@ -243,7 +266,10 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         if now_ns - self._stepped_ns > stall_s * NS_PER_S:
             plant.skip_time(now_ns)
         self._stepped_ns = now_ns
-        events = self._persistence.save(plant, self._mark, now_ns, plant.step(now_ns))
+
+        # Stored, published, marked: after a crash in between, events are published twice, and none is lost
+        events = plant.step(now_ns)
+        events = self._persistence.save(plant, self._mark, now_ns, events)
         for event in events:
             self._events.put(event)
         if events:
@@ -252,16 +278,22 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)
-        if (names := plant.names) != self._names:
+        names = plant.names
+        if names != self._names:
             self._names = names
             self._carrier.use({name: [self] for name in names})
-        report = None if self._tracker is None else self._tracker.report(plant.tracked(now_ns))
+        report = None
+        if self._tracker is not None:
+            report = self._tracker.report(plant.tracked(now_ns))
         if report is not None:
             self._seq += 1
             self._objects.put(report.model_copy(update={"seq": self._seq}))
+
+        # The state only if more than its time has changed
         state = plant.state(now_ns)
         last = self._state
-        if state.model_copy(update={"stamp_ns": last.stamp_ns, "seq": last.seq}) != last:
+        unnumbered = state.model_copy(update={"stamp_ns": last.stamp_ns, "seq": last.seq})
+        if unnumbered != last:
             self._state = state.model_copy(update={"seq": last.seq + 1})
             self._states.put(self._state)
 

@@ -33,33 +33,37 @@ def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | N
     """
     objects: list[TrackedObject] = []
     for parts in traffic.network.parts:
-        held = [package for part in parts for package in traffic.held[part.index]]
-        if not held:
+        packages: list[Package] = []
+        for part in parts:
+            packages += traffic.held[part.index]
+        if not packages:
             continue
+
+        # Positions and velocities of all packages of a section together
         piece = parts[0]  # lines and positions are those of the whole section
         line = piece.line
-        along_m = np.array([piece.start_m + package.offset_m for package in held])
-        segments = np.clip(
-            np.searchsorted(line.starts_m, along_m, side="right") - 1, 0, len(line.tangents) - 1
-        )
-        speeds_mps = np.array([package.speed_mps for package in held])
+        along_m = np.array([piece.start_m + package.offset_m for package in packages])
+        segments = np.searchsorted(line.starts_m, along_m, side="right") - 1
+        segments = np.clip(segments, 0, len(line.tangents) - 1)
+        speeds_mps = np.array([package.speed_mps for package in packages])
         velocities = (line.tangents[segments] * speeds_mps[:, None]).tolist()
         points = np.clip(line.points_at(along_m), -FARTHEST, FARTHEST).tolist()  # against rounding
-        for package, point, velocity in zip(held, points, velocities, strict=True):
+
+        # On a bridge they belong to one of its belts, or to none
+        for package, (x, y, z), (vx, vy, vz) in zip(packages, points, velocities, strict=True):
             belt, position_m = piece.place(package.offset_m)
-            objects.append(
-                TrackedObject(
-                    id=package.id,
-                    kind=package.kind,
-                    position_m=(point[0], point[1], point[2]),
-                    velocity_mps=(velocity[0], velocity[1], velocity[2]),
-                    length_m=package.length_m,
-                    surface=traffic.network.surface if belt else "none",
-                    surface_id=belt,
-                    surface_position_m=position_m,
-                    surface_speed_mps=package.speed_mps,
-                    bay=package.bay,
-                    bay_until_ns=until_ns(package),
-                )
+            tracked_object = TrackedObject(
+                id=package.id,
+                kind=package.kind,
+                position_m=(x, y, z),
+                velocity_mps=(vx, vy, vz),
+                length_m=package.length_m,
+                surface=traffic.network.surface if belt else "none",
+                surface_id=belt,
+                surface_position_m=position_m,
+                surface_speed_mps=package.speed_mps,
+                bay=package.bay,
+                bay_until_ns=until_ns(package),
             )
+            objects.append(tracked_object)
     return objects

@@ -73,9 +73,14 @@ class RobotReplay(Service[RobotReplayConfig]):
             due_ns = start_ns + time_ns
             if due_ns < now_ns:
                 continue
-            while (wait_ns := due_ns - self.clock.now_ns()) > 0:
+
+            # Again if the clock has been set back meanwhile
+            wait_ns = due_ns - self.clock.now_ns()
+            while wait_ns > 0:
                 await sleep(self.clock, wait_ns / NS_PER_S)
-            self._objects.put(self._trajectory.report(index, start_ns))
+                wait_ns = due_ns - self.clock.now_ns()
+            report = self._trajectory.report(index, start_ns)
+            self._objects.put(report)
         log.info("%s is over", self.config.recording)
         await asyncio.Event().wait()
 

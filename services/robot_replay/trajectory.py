@@ -25,31 +25,36 @@ class Trajectory:
             raise ConfigError(
                 f"{motion.path}: has no positions in 'robot_x', 'robot_y', 'robot_z': no robot to replay"
             )
-        is_known = np.isfinite(motion.robot_m).all(axis=1)
+        is_finite = np.isfinite(motion.robot_m)
+        is_known = is_finite.all(axis=1)
         t_s = motion.t_s[is_known]
         robot_m = motion.robot_m[is_known]
-        times_ns, first = np.unique(np.rint(t_s * NS_PER_S).astype(np.int64), return_index=True)
+
+        # Samples that share a time make one report, the first of them
+        rounded_ns = np.rint(t_s * NS_PER_S)
+        times_ns, first = np.unique(rounded_ns.astype(np.int64), return_index=True)
         if len(times_ns) < 2:
             raise ConfigError(f"{motion.path}: a robot that moves needs two samples at different times")
-        places = robot_m[first]
+        positions_m = robot_m[first]
         self._robot_id = robot_id
-        self._places: list[list[float]] = places.tolist()
-        velocities = np.empty_like(places)
+        self._positions_m: list[list[float]] = positions_m.tolist()
+        times_s = times_ns / NS_PER_S
+        velocities = np.empty_like(positions_m)
         for axis in range(3):
-            velocities[:, axis] = np.gradient(places[:, axis], times_ns / NS_PER_S)
+            velocities[:, axis] = np.gradient(positions_m[:, axis], times_s)
         # samples that are nanoseconds apart give jumps beyond the limits of messages
-        self._velocities: list[list[float]] = np.clip(velocities, -FARTHEST, FARTHEST).tolist()
+        clipped = np.clip(velocities, -FARTHEST, FARTHEST)
+        self._velocities: list[list[float]] = clipped.tolist()
         self.times_ns: list[int] = times_ns.tolist()
         """Times of the reports from the recording's start, rising."""
 
     def report(self, index: int, start_ns: int) -> TrackedObjects:
         """Return report `index` of a recording that started at `start_ns`."""
-        x, y, z = self._places[index]
+        x, y, z = self._positions_m[index]
         vx, vy, vz = self._velocities[index]
-        tracked = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=(vx, vy, vz))
+        velocity_mps = (vx, vy, vz)
+        robot = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=velocity_mps)
+        stamp_ns = start_ns + self.times_ns[index]
         return TrackedObjects(
-            stamp_ns=start_ns + self.times_ns[index],
-            seq=index + 1,
-            objects=(tracked,),
-            latency_sigma_s=LATENCY_SIGMA_S,
+            stamp_ns=stamp_ns, seq=index + 1, objects=(robot,), latency_sigma_s=LATENCY_SIGMA_S
         )

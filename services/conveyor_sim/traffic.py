@@ -309,7 +309,7 @@ class LastWay:
         self._routes = routes
         self._right_of_way = right_of_way
         self._speeds = speeds
-        self._known: dict[tuple[int, str, str], Way] = {}
+        self._undecided_ways: dict[tuple[int, str, str], Way] = {}
 
     def time_left_s(self, package: Package, wanted: str) -> float:
         """Return the shortest time in which `package` can pass its last way to bay `wanted`, s.
@@ -336,7 +336,7 @@ class LastWay:
     def _undecided_way(self, piece: int, bay: str, wanted: str) -> Way:
         """Return the pieces after `piece` on the way to `bay` from which a way leads to `wanted`, too."""
         key = (piece, bay, wanted)
-        if key not in self._known:
+        if key not in self._undecided_ways:
             way: list[int] = []
             following = self._routes.next_of(piece, bay)
             while following != NONE:
@@ -345,8 +345,8 @@ class LastWay:
                     break
                 way += ahead
                 following = self._routes.next_of(ahead[-1], bay)
-            self._known[key] = tuple(way)
-        return self._known[key]
+            self._undecided_ways[key] = tuple(way)
+        return self._undecided_ways[key]
 
 
 class Traffic:
@@ -420,9 +420,9 @@ class Traffic:
 
     def wait_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
         """Return the distance that the belt must move until a package of `length_m` fits there; 0: now."""
-        new = Package("", "", length_m, piece.index, offset_m)
-        behind_m, _ = self._room(new, is_ahead=False)
-        ahead_m, _ = self._room(new, is_ahead=True)
+        candidate = Package("", "", length_m, piece.index, offset_m)
+        behind_m, _ = self._room(candidate, is_ahead=False)
+        ahead_m, _ = self._room(candidate, is_ahead=True)
         missing_m = -min(behind_m, ahead_m)
         if not self._right_of_way.takes(piece.index):
             missing_m = max(missing_m, RETRY_M)

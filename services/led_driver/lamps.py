@@ -242,7 +242,7 @@ class Lamps:
         """Colours of lamps that were set."""
         self._ids: frozenset[str] = frozenset()
         """Lamps of the map. Others that a message names are ignored: they have no key, and no light."""
-        self._near: set[str] = set()
+        self._near_lamps: set[str] = set()
         """Lamps that were ever near a ray, and are in the map."""
         self._guards: dict[str, FlashGuard] = {}
         """By lamp: all that were ever in a map. Those without another colour are dark."""
@@ -250,12 +250,12 @@ class Lamps:
     @property
     def follow_people(self) -> bool:
         """True if the colour of any lamp depends on cursors."""
-        return bool(self._near)
+        return bool(self._near_lamps)
 
     def set_lamps(self, ids: Collection[str]) -> None:
         """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
         self._ids = frozenset(ids)
-        self._near.intersection_update(ids)
+        self._near_lamps.intersection_update(ids)
         self._set = {lamp_id: color for lamp_id, color in self._set.items() if lamp_id in ids}
         self._add_guards(ids)
 
@@ -264,7 +264,7 @@ class Lamps:
         self._cursors[user] = (now_ns, cursor)
         for lamp in cursor.lamps:
             if lamp.id in self._ids:
-                self._near.add(lamp.id)
+                self._near_lamps.add(lamp.id)
 
     def set_color(self, lamp_id: str, color: Rgb | None) -> None:
         """Show `color` on a lamp. None: what it shows by itself.
@@ -292,7 +292,7 @@ class Lamps:
         colors = dict.fromkeys(self._guards, DARK)
         if not self.queue.is_in_use:
             if self._cursors:
-                colors |= {lamp_id: self._color_by_angle(lamp_id) for lamp_id in self._near}
+                colors |= {lamp_id: self._color_by_angle(lamp_id) for lamp_id in self._near_lamps}
             colors |= self._set | of_things
 
         # Targets that the map has are lit, and no lamp flashes too often

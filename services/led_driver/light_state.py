@@ -172,8 +172,8 @@ class LightState:
             return shades
         dimmed = self._dimming.take(shades)
         for name, table in self._own_dimming.items():
-            where = layout.slices[name]
-            dimmed[where] = table.take(shades[where])
+            strip = layout.slices[name]
+            dimmed[strip] = table.take(shades[strip])
         return dimmed
 
 

@@ -363,9 +363,9 @@ def make_outputs(
         # Health names an output only where its kind is not enough
         if counts[kind] == 1:
             name = ""
-        around = surroundings(OUTPUTS.kind, kind, "", identity)
+        plugin_surroundings = surroundings(OUTPUTS.kind, kind, "", identity)
         guard = guard_of(OUTPUTS, kind, health, name)
-        make = functools.partial(plugin.make, config, around)
+        make = functools.partial(plugin.make, config, plugin_surroundings)
         outputs.append(GuardedOutput(make, guard, config.strip_ids()))
     return outputs
 

@@ -31,7 +31,7 @@ REPEAT_S = 1.0
 
 
 @dataclass(frozen=True)
-class _Given:
+class _GivenCommand:
     command: Command
     first: int
     """Number of the first of commands to follow that came without a break, else its own."""
@@ -45,17 +45,17 @@ class CurrentOrder:
 
     def __init__(self) -> None:
         self._count = 0
-        self._given: _Given | None = None
+        self._current: _GivenCommand | None = None
 
     @property
     def command(self) -> Command | None:
         """Return the command that is not over, or None. Passed points of its way are left out."""
-        return None if self._given is None else self._given.command
+        return None if self._current is None else self._current.command
 
     @property
     def goal_ns(self) -> int:
         """Return the stamp of the goal that it carries out, or 0."""
-        return 0 if self._given is None else self._given.goal_ns
+        return 0 if self._current is None else self._current.goal_ns
 
     def next(self) -> int:
         """Return the number of the next command."""
@@ -65,51 +65,51 @@ class CurrentOrder:
     def give(self, command: Command, now_ns: int, goal_ns: int = 0) -> None:
         """Record that the driver receives `command`, for the goal with the stamp `goal_ns`."""
         first = command.order
-        previous = self._given
+        previous = self._current
         if isinstance(command, Follow) and previous is not None and isinstance(previous.command, Follow):
             first = previous.first
-        self._given = _Given(command, first, now_ns, goal_ns)
+        self._current = _GivenCommand(command, first, now_ns, goal_ns)
 
     def drop(self) -> None:
         """Forget it: it is over, or replaced."""
-        self._given = None
+        self._current = None
 
     def end(self, status: OrderStatus) -> Command | None:
         """Update an order's status. Return the present command if it has ended. Earlier ones have."""
-        given = self._given
-        if given is None:
+        current = self._current
+        if current is None:
             return None
 
         # In a row of commands to follow, the refusal of an earlier one counts for the present one, too
-        first = given.command.order
+        first = current.command.order
         if status.state in ("refused", "failed"):
-            first = given.first
-        if not first <= status.order <= given.command.order:
+            first = current.first
+        if not first <= status.order <= current.command.order:
             return None
         if status.state in ("accepted", "active"):
-            self._given = replace(given, is_answered=True)
+            self._current = replace(current, is_answered=True)
             return None
-        self._given = None
-        return given.command
+        self._current = None
+        return current.command
 
     def unanswered_s(self, now_ns: int) -> float:
         """Return for how long the driver has not answered an order that wants an answer, s."""
-        given = self._given
-        if given is None or given.is_answered:
+        current = self._current
+        if current is None or current.is_answered:
             return 0.0
-        if isinstance(given.command, Follow | Stop):
+        if isinstance(current.command, Follow | Stop):
             return 0.0
-        return (now_ns - given.since_ns) / NS_PER_S
+        return (now_ns - current.since_ns) / NS_PER_S
 
     def pass_points(self, here_m: Vec3, near_m: float) -> None:
         """Shorten its way by the points that are passed at `here_m`."""
-        given = self._given
-        if given is None or not isinstance(given.command, FollowPath):
+        current = self._current
+        if current is None or not isinstance(current.command, FollowPath):
             return
-        points_m = given.command.points_m
+        points_m = current.command.points_m
         if len(points_m) > 1 and math.dist(points_m[0], here_m) < near_m:
-            shorter = replace(given.command, points_m=points_m[1:])
-            self._given = replace(given, command=shorter)
+            shorter = replace(current.command, points_m=points_m[1:])
+            self._current = replace(current, command=shorter)
 
     def way_m(self, here_m: Vec3) -> tuple[Vec3, ...]:
         """Return the rest of its way from `here_m`, or nothing."""

@@ -21,7 +21,7 @@ class LampCommands:
         self._period_s = 1.0 / max_rate_hz
         self._lamps: frozenset[str] = frozenset()
         self._offline: frozenset[str] = frozenset()
-        self._wanted: dict[str, Rgb] = {}
+        self._colors: dict[str, Rgb] = {}
         self._sent: dict[str, Rgb] = {}
         """Last commands. Lamps that may show something else are missing."""
         self._lit: set[str] = set()
@@ -38,11 +38,11 @@ class LampCommands:
     def set_lamps(self, lamps: Collection[str]) -> None:
         """Set the ids of the lamps. Others that are lit go off."""
         self._lamps = frozenset(lamps)
-        removed = self._wanted.keys() - self._lamps
+        removed = self._colors.keys() - self._lamps
         for lamp_id in removed & self._lit:
-            self._wanted[lamp_id] = DARK
+            self._colors[lamp_id] = DARK
         for lamp_id in removed - self._lit:
-            self._wanted.pop(lamp_id, None)
+            self._colors.pop(lamp_id, None)
             self._sent.pop(lamp_id, None)
             self._free_s.pop(lamp_id, None)
 
@@ -55,7 +55,7 @@ class LampCommands:
     def show(self, lamp_id: str, color: Rgb) -> None:
         """Show `color` on a lamp. Without effect if there is no such lamp."""
         if lamp_id in self._lamps:
-            self._wanted[lamp_id] = color
+            self._colors[lamp_id] = color
 
     def resend(self) -> None:
         """Send the colours of all lamps again, which may have missed them."""
@@ -79,14 +79,14 @@ class LampCommands:
         for lamp_id in self._waiting_lamps():
             free_s = self._free_s.get(lamp_id, 0.0)
             if free_s <= now_s:
-                is_lit = self._wanted[lamp_id] != DARK
+                is_lit = self._colors[lamp_id] != DARK
                 due.append((is_lit, free_s, lamp_id))
         if not due or self._all_free_s > now_s:
             return None
         _, _, lamp_id = min(due)
 
         # The command counts as sent: the caller sends it or resends all
-        color = self._wanted[lamp_id]
+        color = self._colors[lamp_id]
         self._sent[lamp_id] = color
         self._free_s[lamp_id] = now_s + self._lamp_period_s
         self._all_free_s = now_s + self._period_s
@@ -98,7 +98,7 @@ class LampCommands:
 
     def _waiting_lamps(self) -> list[str]:
         waiting: list[str] = []
-        for lamp_id, color in self._wanted.items():
+        for lamp_id, color in self._colors.items():
             if lamp_id not in self._offline and self._sent.get(lamp_id) != color:
                 waiting.append(lamp_id)
         return waiting

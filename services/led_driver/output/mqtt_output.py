@@ -219,9 +219,10 @@ class MqttLamps:
     async def run(self) -> None:
         """Send until cancelled, then switch the lamps off."""
         has_user = bool(self._config.username)
-        await keep_connected(
-            self._serve, lambda why: self._health.warn("broker", why), has_user=has_user, retry_s=RETRY_S
-        )
+        await keep_connected(self._serve, self._on_connection_lost, has_user=has_user, retry_s=RETRY_S)
+
+    def _on_connection_lost(self, reason: str) -> None:
+        self._health.warn("broker", reason)
 
     async def _serve(self) -> None:
         async with self._connected(0, STATUS_TOPIC, OFFLINE.encode(), retain=True) as client:
@@ -260,11 +261,11 @@ class MqttLamps:
 
     async def _guard(self, tasks: asyncio.TaskGroup) -> None:
         """Connect once more for each new lamp: a connection has one last will, which switches one off."""
-        new = [lamp_id for lamp_id in self._lamps if lamp_id not in self._guarded]
-        if not self._config.last_wills or not new:
+        new_lamps = [lamp_id for lamp_id in self._lamps if lamp_id not in self._guarded]
+        if not self._config.last_wills or not new_lamps:
             return
         events: list[asyncio.Event] = []
-        for lamp_id in new:
+        for lamp_id in new_lamps:
             self._guarded.add(lamp_id)
             is_left = asyncio.Event()
             number = len(self._guarded)
@@ -336,14 +337,14 @@ class MqttLamps:
         topics: set[str] = set()
         for lamp_id in self._lamps:
             topics.update(self._config.availability_topics(lamp_id))
-        new = sorted(topics - self._subscribed)
-        if not new:
+        new_topics = sorted(topics - self._subscribed)
+        if not new_topics:
             return
-        warning = await client.subscribe([(topic, 1) for topic in new], optional=new)
+        warning = await client.subscribe([(topic, 1) for topic in new_topics], optional=new_topics)
         if warning:
             warning += "; until then, lamps that are off count as online"
         self._health.warn("subscription", warning)
-        self._subscribed.update(new)
+        self._subscribed.update(new_topics)
 
     async def _read(self, client: BrokerClient) -> None:
         async for message in client.messages:
@@ -466,7 +467,7 @@ def _lamp_device(address: str, light: AnnouncedLight) -> FoundDevice:
 MQTT = LedOutput(
     summary="smart lamps by MQTT (Zigbee2MQTT, Home Assistant)",
     config=MqttConfig,
-    make=lambda config, around: MqttLamps(config, OutputHealth(around.health, config.broker)),
+    make=lambda config, surroundings: MqttLamps(config, OutputHealth(surroundings.health, config.broker)),
     argument="broker",
     example="HOST",
     discover=find_lamps,

@@ -114,16 +114,16 @@ def _starts() -> list[Rotation]:
 
 def _refined(start: Rotation, beams: Array, places: Array) -> _Fit:
     """Return the pose that fits best near the rotation `start`."""
-    turned: Array = start.apply(beams)
+    rotated_beams: Array = start.apply(beams)
 
     def errors(pose: Array) -> Array:
         offsets = places - pose[:3]
         distances = np.linalg.norm(offsets, axis=1, keepdims=True)
         directions = offsets / np.maximum(distances, 1e-9)
-        pointed = Rotation.from_rotvec(pose[3:]).apply(turned)
+        pointed = Rotation.from_rotvec(pose[3:]).apply(rotated_beams)
         return np.asarray((pointed - directions).ravel(), dtype=np.float64)
 
-    position = _position(turned, places)
+    position = _position(rotated_beams, places)
     first = np.concatenate([position, np.zeros(3)])
     result = leastsq(errors, first, maxfev=MAX_CALLS, full_output=True)
     pose = np.asarray(result[0], dtype=np.float64)

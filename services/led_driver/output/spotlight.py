@@ -572,7 +572,7 @@ def _stream(config: SpotlightConfig) -> DmxStream:
 SPOTLIGHT = LedOutput(
     summary="a moving head (E1.31, Art-Net) whose beam follows the cursor",
     config=SpotlightConfig,
-    make=lambda config, around: Spotlight(config, around.health),
+    make=lambda config, surroundings: Spotlight(config, surroundings.health),
     argument="host",
     divided_by="universe",
     example="ADDRESS",

@@ -264,8 +264,8 @@ class AgvOrders:
         """Beginning of the ids of this run."""
         self._step_m = base_m / NODES_AHEAD
         self._interval_s = interval_s
-        self._tell = tell
-        self._made = 0
+        self._report_outcome = tell
+        self._id_count = 0
         self._is_linked = False
 
         # The command, and the way that is not handed out yet
@@ -449,8 +449,8 @@ class AgvOrders:
 
     def _next_id(self) -> str:
         """Return an id that no other order or action of ours has."""
-        self._made += 1
-        return f"{self.session}-{self._made}"
+        self._id_count += 1
+        return f"{self.session}-{self._id_count}"
 
     def _update(self, sent: _Sent) -> Order | None:
         ahead = (sent.last.sequence_id - sent.reached) // 2
@@ -489,7 +489,7 @@ class AgvOrders:
             sent = replace(sent, is_confirmed=True)
             if self._is_path and not self._is_accepted:
                 self._is_accepted = True
-                self._tell(self._number, "accepted", "")
+                self._report_outcome(self._number, "accepted", "")
         self._sent = sent
         if state.is_executing:
             return
@@ -543,7 +543,7 @@ class AgvOrders:
 
     def _end_stop(self) -> None:
         if self._stop_number:
-            self._tell(self._stop_number, "done", "")
+            self._report_outcome(self._stop_number, "done", "")
             self._stop_number = 0
 
     def _send_cancellation(self, now_s: float) -> list[Order | InstantAction]:
@@ -557,7 +557,7 @@ class AgvOrders:
 
     def _arrive(self) -> None:
         if self._number and self._is_path:
-            self._tell(self._number, "done", "")
+            self._report_outcome(self._number, "done", "")
         self._number = 0
 
     def _is_refused(self, number: int) -> bool:
@@ -575,7 +575,7 @@ class AgvOrders:
         self._drop_order()
         number = self._number
         self._number = 0
-        self._tell(number, outcome, reason)
+        self._report_outcome(number, outcome, reason)
 
     def _drop_order(self) -> None:
         self._sent = None

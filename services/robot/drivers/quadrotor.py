@@ -302,18 +302,18 @@ class HoverWander:
         self._rng = rng
         self._keep = math.exp(-STEP_S / WANDER_S)
         self._kick = math.sqrt(1.0 - self._keep**2)
-        self._at: Vec3 = (0.0, 0.0, 0.0)
+        self._values: Vec3 = (0.0, 0.0, 0.0)
 
     def step(self) -> Vec3:
         """Advance by `STEP_S`. Return the offset from the set-point, m."""
         noises = self._rng.standard_normal(3).tolist()
         values: list[float] = []
         offsets_m: list[float] = []
-        for noise, previous, sd_m in zip(noises, self._at, WANDER_SD_M, strict=True):
+        for noise, previous, sd_m in zip(noises, self._values, WANDER_SD_M, strict=True):
             value = self._keep * previous + self._kick * noise
             values.append(value)
             offsets_m.append(sd_m * min(max(value, -WANDER_LIMIT), WANDER_LIMIT))
-        self._at = (values[0], values[1], values[2])
+        self._values = (values[0], values[1], values[2])
         return (offsets_m[0], offsets_m[1], offsets_m[2])
 
 

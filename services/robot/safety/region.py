@@ -75,7 +75,7 @@ class KeepOut(_Fence):
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return places near `place_m` with clearance: beside the volume, below and above it."""
         x, y, z = place_m
-        beside_x, beside_y = _moved(self._shape, (x, y), apart_m + BEYOND_M)
+        beside_x, beside_y = _moved_across(self._shape, (x, y), apart_m + BEYOND_M)
         places = [(beside_x, beside_y, z)]
         if math.isfinite(self._low_m):
             below_m = self._low_m - apart_m - BEYOND_M
@@ -113,7 +113,7 @@ class KeepIn(_Fence):
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return the place inside that is nearest to `place_m`."""
-        x, y = _moved(self._shape, place_m[:2], -apart_m - BEYOND_M)
+        x, y = _moved_across(self._shape, place_m[:2], -apart_m - BEYOND_M)
         z = min(max(place_m[2], self._low_m), self._high_m - apart_m - BEYOND_M)
         return ((x, y, z),)
 
@@ -174,7 +174,7 @@ clearance, one in each direction to leave by.
 """
 
 
-def _moved(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
+def _moved_across(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
     """Return `place_m` moved across the nearest point of the outline to the signed distance `to_m`."""
     x, y = shape.nearest(place_m)
     apart_m = shape.signed_distance_m(place_m)
@@ -183,11 +183,11 @@ def _moved(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
         return (x + factor * (place_m[0] - x), y + factor * (place_m[1] - y))
 
     # On the outline itself the direction across it is not known: the best of 16
-    around: list[Vec2] = []
+    candidates: list[Vec2] = []
     for number in range(16):
         angle_rad = math.tau * number / 16
-        around.append((x + to_m * math.cos(angle_rad), y + to_m * math.sin(angle_rad)))
-    return min(around, key=lambda moved_m: abs(shape.signed_distance_m(moved_m) - to_m))
+        candidates.append((x + to_m * math.cos(angle_rad), y + to_m * math.sin(angle_rad)))
+    return min(candidates, key=lambda moved_m: abs(shape.signed_distance_m(moved_m) - to_m))
 
 
 def _between_heights(start_m: Vec3, end_m: Vec3, low_m: float, high_m: float) -> tuple[Vec2, Vec2] | None:
@@ -216,8 +216,8 @@ def _between_heights(start_m: Vec3, end_m: Vec3, low_m: float, high_m: float) ->
 
 def _samples(start_m: Vec3, end_m: Vec3) -> tuple[Vec3, ...]:
     way = subtract(end_m, start_m)
-    wanted = math.ceil(math.dist(start_m, end_m) / SAMPLE_M)
-    count = min(max(wanted, 1), MAX_SAMPLES)
+    intervals = math.ceil(math.dist(start_m, end_m) / SAMPLE_M)
+    count = min(max(intervals, 1), MAX_SAMPLES)
     return tuple(add(start_m, scale(way, index / count)) for index in range(count + 1))
 
 

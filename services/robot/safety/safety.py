@@ -265,7 +265,7 @@ class Safety:
         self._reports = Reports(config, robot)
         self._fences: tuple[Obstacle, ...] | None = None
         """None before the map has come: then it must not move."""
-        self._others: dict[str, RobotState] = {}
+        self._other_robots: dict[str, RobotState] = {}
         self._received_ns: dict[str, int] = {}
         """Time of the first step after the last state of another robot."""
         self._now_ns = 0
@@ -285,9 +285,10 @@ class Safety:
 
     def on_robot(self, name: str, state: RobotState) -> None:
         """Update the state of another robot. Its last place counts for a while if it sends no other."""
-        is_unknown = state.phase == "lost" and name not in self._others  # its place is only that of its start
+        # Before the first report, the place of a lost robot is only that of its start
+        is_unknown = state.phase == "lost" and name not in self._other_robots
         if name != self._robot and not is_unknown:
-            self._others[name] = state
+            self._other_robots[name] = state
             self._received_ns.pop(name, None)
 
     def on_report(self, report: RobotReport, now_ns: int) -> str:
@@ -385,10 +386,10 @@ class Safety:
         longer points. Otherwise the robot would wait in the air.
         """
         self._now_ns = now_ns
-        for name in tuple(self._others):
+        for name in tuple(self._other_robots):
             received_ns = self._received_ns.setdefault(name, now_ns)
             if now_ns - received_ns > FORGOTTEN_S * NS_PER_S:
-                del self._others[name]
+                del self._other_robots[name]
 
         # The robot itself, then its user, then what it approaches
         stop = self._reports.stop_reason(now_ns)
@@ -500,7 +501,7 @@ class Safety:
         if report is not None:
             sigma_m = report.position_sigma_m or 0.0
         people = self.people.cylinders(self._now_ns)
-        others = [self._cylinder(name, state) for name, state in self._others.items()]
+        others = [self._cylinder(name, state) for name, state in self._other_robots.items()]
         obstacles = (*(self._fences or ()), *people, *others)
         return Region(obstacles, config.radius_m + 2.0 * sigma_m)
 

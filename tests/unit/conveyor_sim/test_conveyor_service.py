@@ -124,7 +124,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert (states[-1].fed, states[-1].left, states[-1].speed_mps) == (0, 0, -1.0)
 
 
-async def test_selected_packages_go_to_their_bay_and_an_act_on_what_is_too_late_fails() -> None:
+async def test_selected_packages_go_to_their_bay_and_late_acts_fail() -> None:
     async with shift(feeder={"sequence": []}) as one:
         lists = one.lists
         events = one.events
@@ -185,14 +185,14 @@ async def test_reports_are_as_late_as_configured() -> None:
         assert max(ages_s) < 0.3 + 2 / 25
 
 
-def test_a_tracker_without_latency_reports_each_time_of_today_at_once() -> None:
+def test_tracker_without_latency_reports_every_time_at_once() -> None:
     tracker = PackageTracker(TrackingConfig())
     for step in range(200):
         exact = TrackedObjects(stamp_ns=1_764_417_600_000_000_000 + step * 40_000_123)
         assert tracker.report(exact) is exact
 
 
-async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_path: Path) -> None:
+async def test_schedule_with_an_error_is_refused_before_the_start(tmp_path: Path) -> None:
     path = tmp_path / "steps.yaml"
     path.write_text("steps: {1: {speed: 1}}")
     with pytest.raises(ConfigError, match=r"steps\.yaml.*duration"):

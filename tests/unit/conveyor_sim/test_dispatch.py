@@ -33,7 +33,7 @@ def test_every_entry_reaches_every_bay_that_it_should() -> None:
             assert (event.event, event.object_id, event.bay, event.user) == ("dispatched", name, bay, "")
 
 
-def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
+def test_selection_past_the_last_way_is_refused_once() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     go(belts, 7.0)  # 3.5 m: bay 1 is 3 m along
@@ -46,7 +46,7 @@ def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
     assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("3", 1, 0)]
 
 
-def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back() -> None:
+def test_late_deselection_is_refused_and_may_be_taken_back() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     belts.select({name: "anna"})
@@ -88,7 +88,7 @@ def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> No
     assert again.state(0).departures == ()
 
 
-def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
+def test_bay_outside_the_map_is_replaced_by_the_nearest() -> None:
     bays = FORK.model_copy(update={"bays": FORK.bays[1::-1]})
     belts = plant(bays, feeder={"sequence": []}, bay_rest="9")
     name = belts.add("red", "main", 0.3)
@@ -96,7 +96,7 @@ def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
     assert until_s(belts, name) is None  # it goes there whether it is selected or not
 
 
-def test_a_feeder_on_a_belt_that_is_not_there_is_said() -> None:
+def test_feeder_on_a_missing_belt_is_reported() -> None:
     with pytest.raises(UnusableMapError, match=r"feeders\.in: map 'hall' has no belt 'x', there are main, "):
         plant(FORK, feeders={"in": {"belt": "x", "sequence": ["red"]}})
 
@@ -134,7 +134,7 @@ def pass_time(belts: Plant, seconds: float) -> list[SelectionEvent]:
     return events
 
 
-def test_it_is_told_at_the_present_speed_until_the_junctions_zone_begins() -> None:
+def test_last_time_of_a_change_follows_from_the_present_speed() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     first = until_s(belts, name)
@@ -164,9 +164,7 @@ ROOMS: dict[str, tuple[Environment, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("where", sorted(ROOMS))
 @pytest.mark.parametrize("is_selected", [False, True])
-def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_from_then_on(
-    where: str, *, is_selected: bool
-) -> None:
+def test_change_is_in_time_until_exactly_the_reported_time(where: str, *, is_selected: bool) -> None:
     environment, entries = ROOMS[where]
     belts = plant(environment, feeder={"sequence": []})
     other = plant(environment, feeder={"sequence": []})

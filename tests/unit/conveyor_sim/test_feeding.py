@@ -86,7 +86,7 @@ def test_kinds_come_as_often_as_their_probabilities_say() -> None:
     assert len(came) == pytest.approx(1000, rel=0.05)
 
 
-def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
+def test_fed_packages_depend_on_the_seed_not_on_the_steps() -> None:
     feeders = {
         "f": {"belt": "0", "probabilities": {"red": 1.0, "blue": 1.0}},
         "g": {"belt": "1", "probabilities": {"red": 1.0, "blue": 1.0}},
@@ -195,7 +195,7 @@ def test_feeders_that_make_no_sense_are_refused(feeder: dict[str, object]) -> No
         config(feeders={"f": feeder})
 
 
-def test_the_steps_of_a_schedule_follow_each_other_with_their_speeds(tmp_path: Path) -> None:
+def test_schedule_runs_its_steps_in_order_with_their_speeds(tmp_path: Path) -> None:
     belts = plant(VR, schedule=written(tmp_path))
     assert (belts.state(0).step, belts.state(0).speed_mps) == ("-1", 0.5)
     assert fed(belts, 9.9) == []
@@ -306,7 +306,7 @@ def test_feeding_switch_is_saved_immediately() -> None:
         assert belts.changes > changes
 
 
-async def test_the_request_lets_feeders_rest_until_it_lets_them_give_again() -> None:
+async def test_feeders_rest_and_feed_again_by_request() -> None:
     async with shift(feeder={"interval_s": 1.0}) as one:
         assert await one.switch(feeding=False) == "the feeders rest"
         await until(lambda: not one.states[-1].feeding)
@@ -352,7 +352,7 @@ async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:
         assert third.states[-1].feeding
 
 
-def test_after_the_last_package_the_state_says_so_and_feeding_starts_again_on_request() -> None:
+def test_state_reports_the_end_of_feeding_which_a_request_restarts() -> None:
     belts = plant(FORK, feeder={"sequence": ["red", "blue"], "interval_s": 1.0, "count": 3})
     belts.step(S)
     assert belts.state(0).step == ""
@@ -376,7 +376,7 @@ def test_feeders_without_packages_or_without_a_count_never_end(feeder: dict[str,
     assert belts.state(0).step == ""
 
 
-def test_packages_that_leave_where_no_bay_is_are_counted_by_kind() -> None:
+def test_packages_that_leave_without_a_bay_are_counted_by_kind() -> None:
     belts = plant(lanes(2.0), feeder={"sequence": ["red", "blue"], "interval_s": 1.0, "count": 4})
     belts.step(S // 2)
     first = belts.tracked(0).objects[0].id

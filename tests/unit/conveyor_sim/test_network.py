@@ -158,7 +158,7 @@ def check_run(
 
 
 @given(st.sampled_from(sorted(EVERYWHERE)), st.lists(action, min_size=10, max_size=60), bay_pairs, feeders)
-def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
+def test_packages_never_overlap_jump_or_get_lost(
     name: str, actions: list[tuple[str, float]], bays: tuple[str, str], feeder: dict[str, float]
 ) -> None:
     check_run(EVERYWHERE[name], actions, bays, feeder, name)
@@ -208,7 +208,7 @@ def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[Tra
     return seen
 
 
-def test_package_loses_no_time_where_it_passes_from_belt_to_belt() -> None:
+def test_package_loses_no_time_between_belts() -> None:
     belts = plant(CHAIN, feeder={"sequence": ["red"], "count": 1})
     straight = [
         x for objects in run(belts, 10.0, step_s=0.03) if objects and (x := objects[0].position_m[0]) < 5.2
@@ -218,7 +218,7 @@ def test_package_loses_no_time_where_it_passes_from_belt_to_belt() -> None:
         assert after - before == pytest.approx(0.5 * 0.03)
 
 
-def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None:
+def test_packages_queue_behind_a_standing_belt_and_continue_with_it() -> None:
     belts = plant(CHAIN, feeder={"sequence": ["red"], "interval_s": 1.5, "length_m": 0.3})
     run(belts, 12.0, step_s=0.2)
     belts.set_speed(0.0, ("c",))
@@ -245,7 +245,7 @@ def test_first_package_at_a_junction_passes_first(after_s: float, held: str) -> 
     assert belts.size == 2
 
 
-def test_a_stream_that_never_ends_lets_one_from_the_side_in_when_it_is_its_turn() -> None:
+def test_endless_stream_admits_a_package_from_the_side_in_turn() -> None:
     belts = plant(MERGE, feeders={"main": every("main", 0.1)})
     run(belts, 15.0)
     name = belts.add("late", "left", 0.3)
@@ -253,7 +253,7 @@ def test_a_stream_that_never_ends_lets_one_from_the_side_in_when_it_is_its_turn(
     assert next(t.surface_id for t in belts.tracked(0).objects if t.id == name) == "main"
 
 
-def test_a_ring_is_never_filled_so_it_never_comes_to_a_standstill() -> None:
+def test_ring_is_never_filled_to_a_standstill() -> None:
     """All from one side want to go on where all from the other side stand."""
     feeders = {"e": every("part_e", 0.4, kind="blue"), "h": every("part_h", 0.4, kind="red")}
     belts = plant(SHIPPED, feeders=feeders, bay_selected="1", bay_rest="4", speed_mps=1.0)
@@ -274,7 +274,7 @@ def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     assert ("3", "red") not in counts
 
 
-def test_one_that_waits_where_belts_cross_does_not_touch_those_that_pass() -> None:
+def test_package_waiting_at_a_crossing_touches_none_that_pass() -> None:
     crossing = CROSS.model_copy(update={"links": CROSS.links[:1]})
     belts = plant(crossing, feeders={"w": every("w", 1.0, kind="red"), "n": every("n", 1.3, kind="blue")})
     held = 0
@@ -338,7 +338,7 @@ def test_kinds_come_in_sequence_round_the_lanes_an_interval_apart() -> None:
     assert [number(o) for o in objects] == [3, 1, 4, 2]
 
 
-def test_a_package_is_added_anywhere_along_a_belt_that_has_room() -> None:
+def test_package_is_added_anywhere_along_a_belt_with_room() -> None:
     belts = conveyor(10.0, 4.0)
     belts.set_feeding(is_on=False)
     first = belts.add("red", "1", 0.3, 0.5)
@@ -363,7 +363,7 @@ def test_objects_leave_when_their_centre_passes_the_end() -> None:
     assert belts.step(100 * S) == []
 
 
-def test_a_negative_speed_feeds_at_the_end_and_empties_at_the_start() -> None:
+def test_belt_with_negative_speed_is_fed_at_its_end() -> None:
     belts = conveyor(1.0, speed_mps=-0.5, count=1)
     belts.step(S)
     (tracked,) = on(belts)

@@ -40,7 +40,7 @@ def shift(
     return running_shift(clock, room, **{"rate_hz": 200.0, "feeder": FEEDER, **changes})
 
 
-async def test_after_a_clean_end_the_next_one_goes_on_with_the_same_packages() -> None:
+async def test_conveyor_continues_with_the_same_packages_after_a_clean_end() -> None:
     clock = ManualClock()
     async with shift(clock) as first:
         await first.go(8.0, STEP_S)

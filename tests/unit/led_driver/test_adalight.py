@@ -34,7 +34,7 @@ def warning(pixels: int, **fields: object) -> str:
     return told.warnings.get("wiring x", "")
 
 
-def test_rate_that_the_wire_does_not_carry_is_told_with_what_fits() -> None:
+def test_rate_beyond_the_wire_is_reported_with_the_pixels_that_fit() -> None:
     sentence = warning(300)
     assert "300 pixels at 115200 baud: 88 ms a frame, 11.4 frames a second" in sentence
     fitting = re.search(r"(\d+) pixels fit", sentence)
@@ -54,7 +54,7 @@ def test_no_more_baud_is_advised_than_can_be_set() -> None:
         AdalightConfig(port="x", baud=4_000_001)  # pyrefly: ignore[bad-argument-type]
 
 
-def test_more_pixels_than_the_protocol_counts_in_two_bytes_are_refused() -> None:
+def test_pixels_beyond_a_two_byte_count_are_refused() -> None:
     assert "69632 pixels are more than Adalight has" in warning(17 * 4096)
     assert "65537 pixels are more than Adalight has" in warning(2**16 + 1)
     assert "more than Adalight has" not in warning(2**16)

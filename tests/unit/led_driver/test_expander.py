@@ -33,7 +33,7 @@ def expander(path: Path) -> LedDriverConfig:
     return FAST.model_copy(update={"outputs": (ExpanderConfig(port=str(path)),)})
 
 
-async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_path: Path) -> None:
+async def test_expander_reports_its_current_and_warns_above_the_limit(tmp_path: Path) -> None:
     clock = ManualClock()
     output = ExpanderConfig(port=str(tmp_path / "led"), max_current_a=0.05)
     async with memory_bench(clock) as bench:
@@ -113,7 +113,7 @@ class SentAtOnce:
 
 @pytest.mark.parametrize("pause_s", [0.0, KEEP_ALIVE_S])
 @pytest.mark.parametrize("baud", [100_000, 4_000_000])
-def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
+def test_frame_rate_is_that_of_the_link_even_for_static_pictures(
     pause_s: float, baud: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 0.0

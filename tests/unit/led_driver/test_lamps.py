@@ -54,7 +54,7 @@ def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
     }  # fmt: skip
 
 
-def test_of_several_people_the_nearest_ray_counts_and_lamps_no_longer_near_are_far() -> None:
+def test_lamp_colour_is_that_of_the_nearest_ray_of_several_people() -> None:
     shining = lights(lamps="ab")
     shining.on_cursor("anna", cursor(a=15.0, b=0.0), NOW_NS)
     shining.on_cursor("ben", cursor(a=0.0), NOW_NS)
@@ -63,7 +63,7 @@ def test_of_several_people_the_nearest_ray_counts_and_lamps_no_longer_near_are_f
     assert shining.lamps.colors(NOW_NS)["b"] == VIRIDIS.rgb(0.0)
 
 
-def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
+def test_lamps_go_dark_at_a_known_time_when_nobody_points() -> None:
     shining = lights(lamps="a")
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
     shining.lamps.colors(NOW_NS)
@@ -108,9 +108,7 @@ def test_while_anybody_localizes_only_their_targets_are_lit() -> None:
 
 
 @pytest.mark.parametrize(("by_lamps", "silence_s"), [(True, 3.0), (False, 60.0)])
-def test_who_crashed_while_localizing_does_not_keep_the_lamps_for_ever(
-    *, by_lamps: bool, silence_s: float
-) -> None:
+def test_lamps_are_free_again_when_a_localization_falls_silent(*, by_lamps: bool, silence_s: float) -> None:
     """Silence: by lamps people say each second that they go on. A robot may stand still for long."""
     shining = lights(lamps="ab")
     shining.lamps.queue.on_localization(
@@ -168,7 +166,7 @@ def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int,
     assert guard.show(changes[-1][1], now_ns + NS_PER_S) == changes[-1][1]
 
 
-def test_a_colour_that_is_held_back_is_shown_a_second_after_the_first_change_that_holds_it() -> None:
+def test_colour_held_back_is_shown_a_second_after_the_change_holding_it() -> None:
     guard = FlashGuard()
     turns = [0, 100, 200, 350, 500]
     for number, turn_ms in enumerate(turns):
@@ -182,7 +180,7 @@ def test_a_colour_that_is_held_back_is_shown_a_second_after_the_first_change_tha
     assert guard.free_ns == NOW_NS + 1100 * MS
 
 
-def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
+def test_lamp_shows_its_set_colour_except_while_people_localize() -> None:
     shining = lights(lamps="ab")
     shining.lamps.set_color("a", (255, 136, 0))
     assert shining.lamps.colors(NOW_NS) == {"a": (255, 136, 0), "b": DARK}
@@ -198,7 +196,7 @@ def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
     assert shining.lamps.colors(later_ns + 3 * NS_PER_S)["a"] == DARK
 
 
-def test_a_lamp_that_is_not_in_the_map_cannot_be_set() -> None:
+def test_lamp_outside_the_map_cannot_be_set() -> None:
     shining = lights(lamps="ab")
     with pytest.raises(ValueError, match="there is no lamp 'z'; there are a, b"):
         shining.lamps.set_color("z", (1, 2, 3))
@@ -234,7 +232,7 @@ def order(queue: LampQueue) -> dict[str, tuple[str, ...]]:
     return {lease.user: lease.ahead for lease in queue.service().leases}
 
 
-def test_the_earliest_request_is_served_and_all_others_of_its_lamps_wait_in_order() -> None:
+def test_lamps_serve_the_earliest_request_and_others_wait_in_order() -> None:
     queue = LampQueue(60 * S)
     for user, since_ns in (("zoe", 20), ("ben", 10), ("anna", 20)):
         queue.on_localization(user, news(since_ns), S)

@@ -49,7 +49,7 @@ spans = st.tuples(st.floats(-1.0, 3.5), st.floats(0.2, 2.0))
 
 
 @given(st.data(), st.floats(-0.5, 3.5), st.floats(0.1, 1.0))
-def test_a_package_lights_what_lies_beside_it_under_any_direction_and_clipping(
+def test_package_lights_the_pixels_beside_it_in_any_direction_and_clipping(
     data: st.DataObject, at_m: float, length_m: float
 ) -> None:
     offset_m, (start_m, span_m) = data.draw(offsets), data.draw(spans)
@@ -68,7 +68,7 @@ def test_a_package_lights_what_lies_beside_it_under_any_direction_and_clipping(
 
 
 @given(st.floats(0.3, 2.8), st.floats(0.15, 0.6))
-def test_in_a_curve_the_inner_and_the_outer_strip_show_the_same_stretch(at_m: float, length_m: float) -> None:
+def test_inner_and_outer_strip_of_a_curve_show_the_same_stretch(at_m: float, length_m: float) -> None:
     belt = Belt(id="belt", line_m=arc(2.0), width_m=WIDTH_M)
     length = 2.0 * math.pi / 2
     strips = [
@@ -83,7 +83,7 @@ def test_in_a_curve_the_inner_and_the_outer_strip_show_the_same_stretch(at_m: fl
         assert set(sure) <= set(stage.lit(strip.id)) <= set(possible)
 
 
-def test_margins_are_as_long_on_the_inner_strip_of_a_curve_as_elsewhere() -> None:
+def test_margins_are_as_long_on_the_inner_strip_of_curves() -> None:
     belt = Belt(id="belt", line_m=arc(1.0), width_m=WIDTH_M)
     inner = Strip(id="s", line_m=arc(0.7), pixels=round(0.7 * math.pi / 2 * PER_M))
     stage = Stage(inner, belts=(belt,), margin_m=0.1).put(item(0.8, 0.6, surface="belt", surface_id="belt"))
@@ -112,7 +112,7 @@ def test_gaps_between_strips_stay_gaps_and_strips_elsewhere_stay_dark() -> None:
     assert not stage.lit("beyond")
 
 
-def test_a_cursor_on_a_belt_shows_on_both_sides_and_one_on_a_strip_on_that_strip() -> None:
+def test_cursor_lights_both_sides_of_a_belt_or_one_strip() -> None:
     left = beside(0.25, 0.0, 3.0, name="l")
     right = beside(-0.25, 0.0, 3.0, name="r")
     stage = Stage(left, right, belts=(STRAIGHT,)).profile("anna", (0, 9, 0), 0.09)
@@ -124,7 +124,7 @@ def test_a_cursor_on_a_belt_shows_on_both_sides_and_one_on_a_strip_on_that_strip
 
 
 @given(st.floats(0.0, 3.0))
-def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: float) -> None:
+def test_cursor_below_a_pixel_lights_one_pixel_of_each_strip(at_m: float) -> None:
     left = beside(0.25, 0.0, 3.0, name="l")
     right = beside(-0.25, 0.5, 2.5, name="r")
     stage = Stage(left, right, belts=(STRAIGHT,)).profile("anna", (0, 9, 0), 1e-3)
@@ -135,7 +135,7 @@ def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: 
         assert len(stage.lit("r")) == (0.5 < at_m < 2.5)
 
 
-def test_two_thousand_things_without_a_length_are_found_within_a_frame() -> None:
+def test_lookup_of_two_thousand_points_takes_less_than_a_frame() -> None:
     strips = [beside(2.0 * index, 0.0, 3.0, name=str(index)) for index in range(22)]
     layout = Layout(strips)
     lines = np.arange(2000) % 22

@@ -56,7 +56,7 @@ async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
         assert set(pixels(await next_frame(frames), "b")) == {13, 14, 15}
 
 
-def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> None:
+def test_cursor_without_a_point_requests_one_dark_frame_only() -> None:
     """Else who rests takes the place in time of who points: their light came a period late."""
     scene = StripContent(FAST)
     nowhere = Cursor(stamp_ns=1)
@@ -98,7 +98,7 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
         assert (shown[5], shown[8]) == ((255, 255, 255), (9, 9, 9))  # one pixel at each end has to do
 
 
-async def test_an_object_of_a_slow_tracker_moves_on_without_any_message() -> None:
+async def test_object_of_a_slow_tracker_moves_on_between_messages() -> None:
     async with driven() as (bench, clock, frames):
         bench.put(at.OBJECTS, package(clock, speed_mps=1.0), "conveyor")
         assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
@@ -108,7 +108,7 @@ async def test_an_object_of_a_slow_tracker_moves_on_without_any_message() -> Non
         assert set(pixels(frames[-1], "a")) == {5, 6, 7, 8}
 
 
-async def test_a_person_who_points_at_no_object_still_causes_no_frame() -> None:
+async def test_hover_of_no_object_causes_no_frame_when_repeated() -> None:
     async with driven() as (bench, _clock, frames):
         for object_id in ("p1", ""):
             bench.put(at.HOVER, Hover(stamp_ns=1, object_id=object_id), "anna")
@@ -172,7 +172,7 @@ async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
         assert frames
 
 
-async def test_lamps_are_told_what_changes_and_are_dark_at_the_end() -> None:
+async def test_lamp_colours_are_published_on_change_and_dark_at_the_end() -> None:
     clock = ManualClock()
     told: list[tuple[str, tuple[int, ...]]] = []
     async with memory_bench(clock) as bench:
@@ -216,7 +216,7 @@ async def test_lamps_change_twenty_times_a_second_at_most() -> None:
         assert 2 <= len(told) <= (loop.time() - began_s) * 20 + 2
 
 
-async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None:
+async def test_driver_draws_nothing_without_a_map_and_reports_broken_ones() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = bench.collect(at.STRIPS_FRAME)

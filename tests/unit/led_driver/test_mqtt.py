@@ -58,7 +58,7 @@ SHARED = """{"dev": {"name": "Shelf"}, "avty": {"t": "shelf/link", "pl_avail": "
         ((0, 0, 1), {"state": "ON", "brightness": 1, "color": {"r": 0, "g": 0, "b": 255}}),
     ],
 )
-def test_a_colour_is_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: dict[str, Any]) -> None:
+def test_command_has_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: dict[str, Any]) -> None:
     assert json.loads(command(color)) == expected
 
 
@@ -161,7 +161,7 @@ def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
     )
 
 
-def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> None:
+def test_search_finds_lights_of_a_zigbee2mqtt_with_a_base_topic_of_levels() -> None:
     for base in ("zigbee2mqtt", "home/zigbee2mqtt", "de/home/z2m"):
         topic = f"{base}/bridge/devices"
         assert any(aiomqtt.Topic(topic).matches(each) for each in announcement_topics("house"))
@@ -187,7 +187,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("device", FOREIGN)
-def test_words_of_a_device_are_read_or_refused_until_its_parameters_describe_them(device: str) -> None:
+def test_words_of_other_devices_are_unknown_until_parameters_describe_them(device: str) -> None:
     *messages, words = FOREIGN[device]
     plain = MqttConfig(broker="hub", availability="x")
     expected = [None, None] if words else [True, False]
@@ -198,7 +198,7 @@ def test_words_of_a_device_are_read_or_refused_until_its_parameters_describe_the
     assert [of_lamp.is_online("a", "x", each) for each in messages] == [True, False]
 
 
-def test_the_words_of_a_lamp_are_not_those_of_its_bridge() -> None:
+def test_words_of_a_lamp_do_not_count_for_its_bridge() -> None:
     config = MqttConfig(broker="hub", online="here", offline="away")
     own, bridge = config.availability_topics("desk")
     assert config.is_online("desk", own, b"here") is True
@@ -267,7 +267,7 @@ def test_lamps_that_go_off_come_first() -> None:
     assert list(sender.lit) == ["a"]
 
 
-def test_an_offline_lamp_gets_nothing_until_it_is_back_and_then_its_colour() -> None:
+def test_offline_lamp_gets_its_colour_when_it_is_back() -> None:
     sender = commands()
     sender.show("a", RED)
     assert drain(sender, 0.0, 0.0)
@@ -304,7 +304,7 @@ SHOW = st.tuples(st.sampled_from((*LAMPS, "gone")), st.tuples(*[st.sampled_from(
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.5), SHOW), max_size=60))
-def test_whatever_is_shown_each_lamp_ends_with_its_newest_colour_within_the_rates(
+def test_lamps_end_with_their_newest_colours_within_the_rates(
     shows: list[tuple[float, tuple[str, Rgb]]],
 ) -> None:
     sender = commands(lamp_rate_hz=5.0, max_rate_hz=20.0)

@@ -88,7 +88,7 @@ async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> Non
         assert len(device.datagrams) < 20
 
 
-async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> None:
+async def test_refused_frames_are_reported_and_arrive_when_the_light_returns() -> None:
     told = Health()
     device = UdpDevice()
     async with running(device.port, told) as output:
@@ -139,7 +139,7 @@ async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pyt
     await device.unplug()
 
 
-async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
+async def test_light_goes_off_at_the_end_despite_an_earlier_refusal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(udp_output, "REPEAT_S", 1000.0)

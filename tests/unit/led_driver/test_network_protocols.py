@@ -83,7 +83,7 @@ def test_multicast_goes_to_the_group_of_each_universe(universe: int, group: str)
     assert stream.destination == Destination(host="", port=5568, interface="10.0.0.1")
 
 
-def test_stream_ends_with_a_dark_frame_and_three_packets_that_say_so() -> None:
+def test_stream_ends_with_a_dark_frame_and_three_termination_packets() -> None:
     stream = E131Stream(Destination(host="10.0.0.2", port=5568), 1)
     ends = [read_packet(each.data) for each in stream.end([(1, bytes(3)), (2, bytes(6))], 255)]
     for universe in (1, 2):
@@ -112,9 +112,7 @@ def test_artnet_packet_matches_the_golden_bytes() -> None:
 
 
 @given(slots, st.integers(0, 0x7FFF), st.integers(0, 100_000))
-def test_artnet_packet_has_an_even_number_of_slots_and_counts_from_one(
-    data: bytes, universe: int, number: int
-) -> None:
+def test_artnet_packet_has_even_slots_and_counts_from_one(data: bytes, universe: int, number: int) -> None:
     packet = artnet.dmx_packet(universe, number, data)
     assert int.from_bytes(packet[16:18], "big") == len(packet) - 18 == len(data) + len(data) % 2
     assert packet[18 : 18 + len(data)] == data
@@ -135,7 +133,7 @@ def test_node_that_answers_is_read() -> None:
     assert artnet.read_reply(REPLY) == node
 
 
-def test_a_node_that_replies_for_each_four_ports_is_one_node_with_all_universes() -> None:
+def test_node_with_several_replies_is_one_node_with_all_universes() -> None:
     nodes: dict[str, artnet.ArtnetNode] = {}
     for name, universes in (("wall", (4, 5)), ("", (0, 1, 2, 3)), ("wall", (4, 5))):
         merge_reply(nodes, artnet.ArtnetNode("10.0.0.7", name, "", universes))
@@ -196,7 +194,7 @@ def test_frame_of_a_thousand_pixels_matches_the_golden_bytes() -> None:
     assert b"".join(packet[10:] for packet in packets) == pixels
 
 
-def test_white_is_told_and_packets_hold_whole_pixels() -> None:
+def test_ddp_packets_have_the_type_of_white_and_whole_pixels() -> None:
     first, last = encode_frame(bytes(4 * 400), 4, 1)
     assert (first[2], len(first) - 10) == (0x1B, 4 * 360)
     assert struct.unpack(">I", last[4:8]) == (4 * 360,)
@@ -219,7 +217,7 @@ def shown_by_wled(packets: Sequence[bytes], last_push: int) -> tuple[bool, int]:
 
 
 @given(st.integers(1, 20_000), st.sampled_from([3, 4]))
-def test_wled_takes_no_packet_for_a_late_one_and_shows_each_frame_once(pixels: int, colors: int) -> None:
+def test_wled_drops_no_packet_as_late_and_shows_frames_once(pixels: int, colors: int) -> None:
     data = bytes(pixels * colors)
     last = 0
     for number in range(1, 18):
@@ -242,7 +240,7 @@ def test_controller_is_described_by_its_name_pixels_and_version() -> None:
     assert found.details == {"pixels": 120, "version": "0.15.1"}
 
 
-def test_name_and_version_of_a_controller_are_short_text_without_controls() -> None:
+def test_controllers_name_and_version_are_short_text_without_control_characters() -> None:
     info = {"name": "a\x1b[2J" + "x" * 100_000, "ver": "1" * 100_000}
     found = described("10.0.0.9", "wled-1", info)
     assert len(found.label) < 200

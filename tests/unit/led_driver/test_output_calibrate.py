@@ -55,7 +55,7 @@ def turned(device: UdpDevice, before: list[bytes]) -> bool:
     return lit(device)[-1:] not in (before, [])
 
 
-async def test_person_who_points_the_beam_at_four_lamps_gets_the_pose() -> None:
+async def test_calibration_finds_the_pose_from_four_lamps_pointed_at() -> None:
     device = UdpDevice()
     pressed = asyncio.Queue[bytes]()
     at = HOME
@@ -118,6 +118,6 @@ def test_pan_that_turns_the_other_way_is_to_be_configured() -> None:
         (["scenario_3", "--output", "spotlight:x"], "no keyboard"),
     ],
 )
-def test_what_is_missing_is_said(arguments: list[str], problem: str) -> None:
+def test_calibration_reports_missing_arguments(arguments: list[str], problem: str) -> None:
     done = CliRunner().invoke(outputs.calibrate, arguments)
     assert problem in str(done.exception)

@@ -60,7 +60,7 @@ def frame(*strips: StripFrame) -> StripsFrame:
     return StripsFrame(stamp_ns=1, strips=strips)
 
 
-def test_output_gets_its_strips_only_and_only_when_one_has_changed() -> None:
+def test_output_gets_its_own_strips_when_one_has_changed() -> None:
     mine = Strips()
     every = Strips()
     outputs = guarded(lambda: mine, "b"), guarded(lambda: every)
@@ -91,7 +91,7 @@ def test_new_map_shows_unchanged_strips_again() -> None:
     assert mine.shown == [(B,), (B,)]
 
 
-def test_frame_that_could_not_be_shown_is_shown_by_the_next_attempt() -> None:
+def test_frame_that_failed_is_shown_by_the_next_attempt() -> None:
     mine = Strips()
     mine.is_stuck = True
     output = guarded(lambda: mine, "b")
@@ -132,7 +132,7 @@ def test_strips_of_an_output_are_those_of_its_parameters(config: OutputConfig, s
     assert config.strip_ids() == strip_ids
 
 
-async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_latency_is_that_of_outputs_that_have_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     at_a = Strips()
     at_b = Strips()
     made = [guarded(lambda: at_a, "a"), guarded(lambda: at_b, "b")]

@@ -13,7 +13,7 @@ from tests.support import there
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, driven, next_frame, pixels
 
 
-def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
+def test_limiter_draws_cursors_at_once_and_other_changes_with_them() -> None:
     pacer = FrameLimiter(50.0, 0.03)
     assert pacer.request_frame(10.0, fresh=True) == 0.0
     pacer.drawn(10.0)
@@ -33,7 +33,7 @@ def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
     st.floats(10, 200),
     st.floats(0, 0.05),
 )
-def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
+def test_limiter_keeps_the_rate_and_no_request_waits_beyond_the_timeout(
     wishes: list[tuple[float, bool]], rate_hz: float, patience_s: float
 ) -> None:
     pacer = FrameLimiter(rate_hz, patience_s)
@@ -77,7 +77,7 @@ def passing(stamp_ns: int, position_m: float, strip_id: str = "a") -> Cursor:
 
 
 @pytest.mark.parametrize("strip_id", ["a", "b"])
-def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: str) -> None:
+def test_nearest_pixel_blinks_dim_when_a_person_points_past_everything(strip_id: str) -> None:
     lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
     lights.content.set_profile("anna", UserProfile(stamp_ns=0, cursor_color=(200, 100, 0)))
@@ -92,7 +92,7 @@ def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: s
     assert changes == 3  # on, off, on, off in 2 s: 1 Hz
 
 
-async def test_who_points_past_takes_nobodys_place_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_cursor_past_everything_requests_no_immediate_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     wished: list[bool] = []
     wish = FrameLimiter.request_frame
 
@@ -109,7 +109,7 @@ async def test_who_points_past_takes_nobodys_place_in_time(monkeypatch: pytest.M
         assert wished == [False, True]
 
 
-def test_a_frame_is_asked_for_when_the_pixel_changes_and_when_it_blinks() -> None:
+def test_frame_is_requested_when_the_nearest_pixel_changes_or_blinks() -> None:
     lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
     now_ns = 3 * NS_PER_S + NS_PER_S // 5

@@ -26,7 +26,7 @@ def shown(*segments: Segment, block_pixels: int = 1000) -> tuple[list[int], list
     return list(pixel_map.output_bytes(FRAME)), problems
 
 
-def test_segments_have_a_part_an_order_and_a_direction_each_and_gaps_stay_dark() -> None:
+def test_segments_have_parts_orders_and_directions_and_gaps_stay_dark() -> None:
     assert shown(
         Segment(strip="b", order="GRB", reversed=True),
         Segment(strip="a", first=1, pixels=1, offset=3),
@@ -34,7 +34,7 @@ def test_segments_have_a_part_an_order_and_a_direction_each_and_gaps_stay_dark()
     ) == ([50, 40, 60, 20, 10, 30, 0, 0, 0, 4, 5, 6, 9, 8, 7], [])
 
 
-def test_pixels_continue_in_the_next_universe_and_unused_universes_are_not_sent() -> None:
+def test_pixels_continue_in_the_next_universe_and_unused_ones_are_missing() -> None:
     segments = [Segment(strip="a", universe=2), Segment(strip="b", universe=7, offset=1)]
     pixel_map, problems = map_pixels(segments, STRIPS, block_pixels=2, first_block=1)
     assert problems == []
@@ -53,7 +53,7 @@ def test_pixels_continue_in_the_next_universe_and_unused_universes_are_not_sent(
         ([Segment(strip="a", universe=0)], "universe 0 lies before the output's first, 1"),
     ],
 )
-def test_what_cannot_be_shown_is_said(segments: list[Segment], problem: str) -> None:
+def test_pixel_map_reports_segments_that_cannot_be_shown(segments: list[Segment], problem: str) -> None:
     _, problems = map_pixels(segments, STRIPS, block_pixels=170, first_block=1)
     assert [said for said in problems if said.startswith(problem)] == problems
     assert problems
@@ -118,7 +118,7 @@ def test_frames_that_do_not_fit_are_cut_and_filled(pixels: dict[str, bytes]) -> 
     assert pixel_map.output_bytes(frame) == wanted
 
 
-def test_universes_and_pixels_that_only_the_map_before_has_are_dark() -> None:
+def test_pixels_and_universes_of_the_previous_map_alone_are_dark() -> None:
     before, _ = map_pixels((), STRIPS, block_pixels=2, first_block=3)
     pixel_map, _ = map_pixels((), STRIPS[1:], block_pixels=2, first_block=4)
     covering = pixel_map.covering(before)

@@ -30,7 +30,7 @@ from tests.unit.led_driver.stage import (
 
 
 @given(st.floats(-0.5, 2.5), st.floats(0.001, 1.0), st.sampled_from(["forth", "back"]), st.integers(1, 300))
-def test_exactly_the_pixels_with_their_centres_under_the_cursor_are_lit(
+def test_cursor_lights_exactly_the_pixels_with_centres_under_it(
     position_m: float, width_m: float, strip_id: str, pixels: int
 ) -> None:
     strip = (FORTH if strip_id == "forth" else BACK).model_copy(update={"pixels": pixels})
@@ -54,7 +54,7 @@ def test_exactly_the_pixels_with_their_centres_under_the_cursor_are_lit(
         assert not got[distance > pitch_m / 2 + 1e-5].any()
 
 
-def test_an_object_is_dim_and_a_selected_one_bright_with_the_owners_ends() -> None:
+def test_object_is_dim_or_bright_with_its_owners_ends_when_selected() -> None:
     assert Stage().put(item(0.6)).shown()[2:10] == [BLACK, *[DIM] * 6, BLACK]
     unknown = Stage().put(item(0.6)).select("anna").shown()
     assert unknown[2:10] == [BLACK, WHITE, *[RED] * 4, WHITE, BLACK]
@@ -62,7 +62,7 @@ def test_an_object_is_dim_and_a_selected_one_bright_with_the_owners_ends() -> No
     assert known[2:10] == [BLACK, GREEN, *[RED] * 4, GREEN, BLACK]
 
 
-def test_a_hovered_object_has_ends_in_the_persons_colour_and_fills_with_the_progress() -> None:
+def test_hovered_object_has_the_persons_ends_and_fills_with_progress() -> None:
     def shown(progress: float, *, owner: str = "", **more: Any) -> list[tuple[int, int, int]]:
         stage = Stage().profile("anna", GREEN).profile("ben", BLUE).put(item(0.6)).select(owner)
         return stage.hover("anna", progress, **more).shown()[3:9]
@@ -87,7 +87,7 @@ def wide() -> Stage:
     return people.put(item(0.95, 0.9))
 
 
-def test_margins_tell_hovered_selected_and_both_apart() -> None:
+def test_margins_distinguish_hovered_and_selected_objects() -> None:
     told = {
         "hovered": margins(wide().hover("anna")),
         "selected": margins(wide().select("anna")),
@@ -105,7 +105,7 @@ def test_margins_tell_hovered_selected_and_both_apart() -> None:
     assert told["idle"] == [DIM] * 4
 
 
-def test_a_reservation_is_a_thin_outer_mark_in_the_others_colour() -> None:
+def test_reservation_is_a_thin_outer_mark_in_the_users_colour() -> None:
     assert margins(wide().select(reserver="ben")) == [BLUE, DIM, DIM, BLUE]
     assert margins(wide().select(reserver="ben").hover("anna")) == [BLUE, GREEN, GREEN, BLUE]
     assert margins(wide().hover("anna", taken_by="ben")) == [BLUE, GREEN, GREEN, BLUE]
@@ -151,7 +151,7 @@ def test_the_patterns_of_nine_pixels() -> None:
     assert signs("tailed", -0.1) == "MMBBBMMMM"  # behind it
 
 
-def test_what_is_not_selected_has_no_pattern() -> None:
+def test_objects_that_are_not_selected_have_no_pattern() -> None:
     stage = wide().profile("anna", GREEN, pattern="hollow").hover("anna")
     assert stage.shown()[7:12] == [DIM] * 5
 
@@ -168,7 +168,7 @@ def test_a_moving_object_has_a_fading_tail_behind_it() -> None:
 
 
 @given(st.floats(0.3, 1.7), st.floats(0.2, 0.6), st.floats(0.1, 3.0), st.sampled_from([1.0, -1.0]))
-def test_a_tail_is_behind_only_and_takes_nothing_of_the_object(
+def test_tail_is_behind_the_object_and_covers_none_of_it(
     at_m: float, length_m: float, speed_mps: float, sign: float
 ) -> None:
     shown = Stage(tail_s=0.2).put(item(at_m, length_m, surface_speed_mps=sign * speed_mps)).shown()
@@ -182,7 +182,7 @@ def test_a_tail_is_behind_only_and_takes_nothing_of_the_object(
             assert color[0] <= DIM[0] / 2
 
 
-def test_the_last_pixel_of_a_moving_object_is_its_own_even_if_it_just_reaches_it() -> None:
+def test_last_pixel_of_a_moving_object_is_none_of_its_tail() -> None:
     for number in range(3, 16):  # its front is at a pixel's centre, as well as floats have it
         shown = Stage(tail_s=0.2).put(item(0.1 * number - 0.05, 0.2, surface_speed_mps=1.0)).shown()
         assert {shown[number - 1], shown[number]} <= {DIM, BLACK}
@@ -201,12 +201,12 @@ def test_an_object_partly_beyond_the_strip_keeps_its_shape() -> None:
     assert Stage().put(item(-0.5)).shown() == Stage().put(item(2.5)).shown() == [BLACK] * 20
 
 
-def test_a_short_object_is_still_a_pixel_and_keeps_its_colour() -> None:
+def test_short_object_is_one_pixel_of_its_colour() -> None:
     shown = Stage(tail_s=1.0).put(item(0.51, 0.0, surface_speed_mps=0.1)).select("x").shown()
     assert shown[4:7] == [BLACK, RED, BLACK]
 
 
-def test_an_unknown_kind_has_the_default_colour_and_an_unknown_line_draws_nothing() -> None:
+def test_unknown_kind_has_the_default_colour_and_unknown_lines_are_dark() -> None:
     assert Stage().put(item(0.6, kind="?")).select("x").shown()[5] == (8, 8, 8)
     assert Stage().put(item(0.5, surface_id="x")).point("anna", 0.5, "x").lit() == []
     assert Stage().put(item(0.5, surface="none")).point("anna", 0.5, surface="none").lit() == []
@@ -228,7 +228,7 @@ def test_overlapping_cursors_alternate_and_lone_parts_stay_whole() -> None:
     assert len(stage.lit("back")) in (3, 4)
 
 
-def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
+def test_cursor_shows_its_distance_by_a_colormap() -> None:
     def color(**miss: Any) -> tuple[int, int, int]:
         stage = Stage().profile("anna", GREEN, cursor_colormap="viridis")
         return stage.point("anna", 0.55, **miss).shown()[5]
@@ -260,7 +260,7 @@ def test_a_frame_keeps_nothing_of_the_one_before() -> None:
     assert stage.lit() == stage.lit("back") == []
 
 
-def test_a_line_without_length_is_refused_and_the_map_before_stays() -> None:
+def test_line_without_length_is_refused_and_the_previous_map_stays() -> None:
     stage = Stage()
     broken = FORTH.model_copy(update={"line_m": ((0, 0, 0), (0, 0, 0))})
     with pytest.raises(ValueError, match="two different vertices"):
@@ -286,7 +286,7 @@ def test_cursors_beyond_the_world_light_nothing_however_many(end_m: float, posit
     assert stage.lit("a") == []
 
 
-def test_without_a_map_there_is_no_frame_and_without_strips_an_empty_one() -> None:
+def test_frame_is_missing_without_a_map_and_empty_without_strips() -> None:
     lights = LightState(LedDriverConfig())
     assert lights.frame(0) is None
     lights.on_map(Environment(stamp_ns=0, name="dark"))

@@ -81,7 +81,7 @@ def test_hanging_head_points_down_and_around() -> None:
 
 
 @given(reached, reached, st.lists(st.floats(0.0, 0.5), max_size=8))
-def test_motion_keeps_the_speed_of_both_axes_and_arrives_in_time(
+def test_motion_keeps_both_axes_speeds_and_arrives_in_time(
     start: Angles, end: Angles, steps: list[float]
 ) -> None:
     angles = start
@@ -104,7 +104,7 @@ def test_beam_is_dark_while_it_must_turn_far() -> None:
     assert not beam.moves
 
 
-def test_beam_stays_dark_where_it_is_without_a_point_or_out_of_reach() -> None:
+def test_beam_stays_and_is_dark_without_a_point_in_reach() -> None:
     beam = Beam(HANGING, WIDE)
     beam.aim((2.0, 0.0, 3.0), RED, 0.0)
     half = beam.state(0.5).angles
@@ -148,7 +148,7 @@ def test_channels_are_those_of_the_manual_behind_the_address() -> None:
     assert not any(values[:10] + values[19:])
 
 
-def test_axis_without_a_fine_channel_is_rounded_and_an_inverted_one_mirrored() -> None:
+def test_axis_is_rounded_without_a_fine_channel_and_mirrored_if_inverted() -> None:
     channels = {
         "pan": 2,
         "pan_fine": 0,
@@ -206,7 +206,7 @@ def newest(device: UdpDevice) -> bytes:
     return (e131_frames(bytes(device.received)) or [bytes(512)])[-1]
 
 
-async def test_beam_follows_the_cursor_and_is_dark_where_it_is_without_one_and_at_the_end() -> None:
+async def test_beam_follows_the_cursor_and_is_dark_without_one() -> None:
     async with receiver() as device:
         async with shining(device) as spotlight:
             spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
@@ -260,7 +260,7 @@ def turn_rad(a: HeadMounting, b: HeadMounting) -> float:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: int) -> None:
+def test_pose_fit_of_four_places_errs_by_a_fifth_of_a_degree(seed: int) -> None:
     chance = random.Random(seed)
     truth = mounting(chance)
     fit = fit_pose(pointed(truth, LAMPS, chance, math.radians(0.2)), LAMPS)

@@ -88,7 +88,7 @@ def _installed(tmp_path: Path) -> Iterator[None]:
         yield
 
 
-async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_nothing() -> None:
+async def test_output_failure_is_reported_and_costs_other_outputs_nothing() -> None:
     config = LedDriverConfig.model_validate({"outputs": [{"kind": "broken"}, {"kind": "counting"}]})
     async with driven(config) as (bench, clock, _frames):
         health = bench.collect(HEALTH, "led-driver")
@@ -107,7 +107,7 @@ async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_not
             assert any(re.fullmatch(re.escape(label) + problem, each) for each in said), problem
 
 
-async def test_two_outputs_of_one_kind_share_neither_warnings_nor_metrics_nor_stored_state() -> None:
+async def test_outputs_of_one_kind_share_no_warnings_metrics_or_stored_state() -> None:
     config = LedDriverConfig.model_validate(
         {"outputs": [{"kind": "numbered", "number": 1}, {"kind": "numbered", "number": 2}]}
     )

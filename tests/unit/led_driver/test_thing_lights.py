@@ -71,7 +71,7 @@ def selection(*owned: tuple[str, str]) -> Selection:
     )
 
 
-def test_lamp_shows_its_set_colour_then_a_growing_level_of_the_hovering_person_then_the_owner() -> None:
+def test_lamp_shows_set_colour_then_growing_hover_then_owner() -> None:
     shining = lights()
     shining.lamps.set_color("lamp", GREEN)
     assert shining.lamps.colors(NOW_NS)["lamp"] == GREEN
@@ -114,7 +114,7 @@ def test_changes_of_level_below_a_twentieth_are_not_shown() -> None:
     assert shining.lamps.colors(NOW_NS)["lamp"] == DARK
 
 
-def test_hover_of_a_person_who_falls_silent_ends_also_while_others_localize() -> None:
+def test_hover_of_a_silent_person_ends_while_others_localize() -> None:
     shining = lights()
     shining.things.on_hover("anna", hover(), NOW_NS)
     assert shining.lamps.next_change_ns() == NOW_NS + 500 * MS
@@ -129,7 +129,7 @@ def test_hover_of_a_person_who_falls_silent_ends_also_while_others_localize() ->
     assert shining.lamps.next_change_ns() == NOW_NS + 3001 * MS  # the queue's
 
 
-def test_lamp_of_a_thing_flashes_three_times_a_second_at_most() -> None:
+def test_lamp_of_a_thing_flashes_at_most_three_times_a_second() -> None:
     shining = lights()
     shown = [DARK]
     for step in range(50):
@@ -138,7 +138,7 @@ def test_lamp_of_a_thing_flashes_three_times_a_second_at_most() -> None:
     assert sum(one != other for one, other in itertools.pairwise(shown)) == 5
 
 
-async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its_thing_is_selected() -> None:
+async def test_driver_updates_a_lamp_with_hover_and_selection_of_its_thing() -> None:
     clock = ManualClock()
     told = list[Color]()
 
@@ -176,7 +176,7 @@ async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its
     ],
     ids=["idle", "hovered", "half selected", "selected"],
 )
-def test_part_of_a_strip_shows_its_thing_and_leaves_the_next_one_as_it_is(
+def test_part_of_a_strip_shows_its_own_thing_only(
     progress: float | None, owner: str, screws: list[Color]
 ) -> None:
     shining = lights()
@@ -188,7 +188,7 @@ def test_part_of_a_strip_shows_its_thing_and_leaves_the_next_one_as_it_is(
     assert colors(frame.strips[0].rgb) == [*[BLACK] * 2, *screws, *[DIM] * 4, *[BLACK] * 8]
 
 
-def test_what_moves_over_the_light_of_a_thing_is_above_it() -> None:
+def test_moving_object_is_drawn_above_the_light_of_a_thing() -> None:
     shining = lights()
     moving = TrackedObjects(stamp_ns=NOW_NS, objects=(item(0.5, 0.2, kind="red"),))
     shining.content.set_objects("conveyor", moving, NOW_NS)
@@ -197,7 +197,7 @@ def test_what_moves_over_the_light_of_a_thing_is_above_it() -> None:
     assert [color == DIM for color in shown[2:8]] == [True, True, False, False, True, True]
 
 
-async def test_colour_that_a_thing_overrides_is_reported_as_not_shown_and_why() -> None:
+async def test_colour_overridden_by_a_thing_is_reported_with_the_reason() -> None:
     async with memory_bench(clock=ManualClock(NOW_NS)) as bench:
         await started(bench, FAST.model_copy(update={"cursor_timeout_s": 60.0}))
         bench.put(at.MAP, ROOM)

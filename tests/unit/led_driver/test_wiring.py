@@ -52,9 +52,7 @@ def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order:
         ("v3", "GRB", 1600),
     ],
 )
-def test_a_channel_lights_as_many_pixels_as_its_board_drives_with_its_colours(
-    board: str, order: str, limit: int
-) -> None:
+def test_channel_lights_as_many_pixels_as_its_board_drives(board: str, order: str, limit: int) -> None:
     segments = [{"strip": "0", "universe": 0, "order": order}]
     config = ExpanderConfig.model_validate({"board": board, "segments": segments})
     wiring, problems = map_channels(config, strips([limit]))
@@ -65,7 +63,7 @@ def test_a_channel_lights_as_many_pixels_as_its_board_drives_with_its_colours(
     assert f"channel 0 with strip 0 has {limit + 1} pixels, board {board} drives {limit}:" in problems[0]
 
 
-def test_vr_belts_on_one_wire_is_told_its_rate_and_what_fits() -> None:
+def test_warning_for_vr_belts_on_one_wire_has_rate_and_fitting_pixels() -> None:
     environment, _ = load_map_and_clouds("vr_belts", 0)
     counts = [strip.pixels for strip in environment.strips]
     sentence = shown(counts)
@@ -80,7 +78,7 @@ def test_vr_belts_on_one_wire_is_told_its_rate_and_what_fits() -> None:
     st.floats(10, 60),
     st.sampled_from([500_000, 1_000_000, 2_000_000]),
 )
-def test_the_number_that_is_said_to_fit_fits_and_no_more(
+def test_number_of_pixels_reported_as_fitting_is_exact(
     count: int, pixels: int, rate_hz: float, baud: int
 ) -> None:
     sentence = shown([pixels] * count, wanted_rate_hz=rate_hz, baud=baud)
@@ -100,7 +98,7 @@ def test_the_number_that_is_said_to_fit_fits_and_no_more(
         assert shown(more, wanted_rate_hz=rate_hz, baud=baud) != ""
 
 
-def test_a_channel_that_is_drawn_too_slowly_is_told() -> None:
+def test_channel_that_is_drawn_too_slowly_is_reported() -> None:
     sentence = shown([1600])
     assert "a channel of 1600 pixels: 48 ms a frame" in sentence
     assert "1323 pixels a channel fit at 25 frames a second" in sentence
@@ -131,7 +129,7 @@ def test_segments_put_parts_of_strips_on_channels() -> None:
     )
 
 
-def test_segments_of_a_channel_with_several_orders_are_told() -> None:
+def test_channel_with_several_colour_orders_is_reported() -> None:
     segments = [{"strip": "0", "universe": 0}, {"strip": "1", "universe": 0, "offset": 4, "order": "GRB"}]
     _, problems = map_channels(ExpanderConfig.model_validate({"segments": segments}), strips([4, 2]))
     assert problems == ["channel 0 has segments of several orders: use one for a channel"]
@@ -177,7 +175,7 @@ def test_too_many_strips_are_said() -> None:
     assert "65 strips" in problems[0]
 
 
-def test_board_that_is_plugged_in_shows_the_picture_from_its_first_frame_on() -> None:
+def test_board_shows_the_picture_from_its_first_frame_when_plugged_in() -> None:
     output = ExpanderOutput(ExpanderConfig(), Surroundings.detached())
     output.set_strips([strip("a", 2)])
     assert output.encode_opening(b"\1\2\3\4\5\6") == output.encode(b"\1\2\3\4\5\6")

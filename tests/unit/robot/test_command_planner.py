@@ -42,13 +42,13 @@ HELD: dict[Hold, StopReason | None] = {
 }  # fmt: skip
 
 
-def test_each_stage_has_an_action_for_each_wish_and_each_hold_a_change_for_each_verdict() -> None:
+def test_tables_of_actions_and_holds_are_complete() -> None:
     assert get_args(Mode) == get_args(Steering.model_fields["mode"].annotation)
     assert set(product(get_args(Stage), get_args(Mode))) == {(a, b) for a in ACTIONS for b in ACTIONS[a]}
     assert set(product(get_args(Hold), get_args(Verdict))) == {(a, b) for a in HOLDS for b in HOLDS[a]}
 
 
-def test_nothing_begins_for_who_wants_nothing_and_nothing_resumes_unless_it_is_safe() -> None:
+def test_tables_begin_nothing_unrequested_and_resume_nothing_unsafe() -> None:
     assert {actions["none"] for actions in ACTIONS.values()} <= {"wait", "stay", "stop"}
     for changes in HOLDS.values():
         assert {changes[each] for each in get_args(Verdict) if each != "safe"}.isdisjoint({"-", "resume"})
@@ -113,7 +113,7 @@ def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) 
     assert desk.pilot.user == ("" if change == "release" else user)
 
 
-def test_a_robot_that_stands_on_its_way_is_said_until_it_goes_on() -> None:
+def test_robot_held_up_on_its_way_is_reported_until_it_continues() -> None:
     desk = desk_of()
     desk.send("anna", THERE, robot=ROBOT)
     desk.pilot.on_item(OrderStatus(there(desk.step()).order, "active"), desk.now_ns)
@@ -129,9 +129,7 @@ def test_a_robot_that_stands_on_its_way_is_said_until_it_goes_on() -> None:
 
 
 @pytest.mark.parametrize(("height_m", "is_taken"), [(0.25, True), (0.7, False), (-0.7, False)])
-def test_a_ground_robot_goes_to_its_floor_only_and_stays_at_its_height(
-    *, height_m: float, is_taken: bool
-) -> None:
+def test_ground_robot_goes_to_its_own_floor_only(*, height_m: float, is_taken: bool) -> None:
     x, y, _ = THERE
     goals = desk_of()
     follows = desk_of(mode="follow")
@@ -166,7 +164,7 @@ def test_goals_of_others_for_others_late_or_twice_move_nothing() -> None:
     assert desk.step() is None
 
 
-def test_a_goal_that_is_not_permitted_is_refused_with_the_reason() -> None:
+def test_goal_is_refused_with_the_reason_when_not_permitted() -> None:
     desk = desk_of()
     desk.safety.place_problem = "the place is beyond a fence: choose another"
     desk.send("anna", THERE)

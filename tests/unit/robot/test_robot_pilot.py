@@ -73,7 +73,7 @@ def flying_desk() -> Desk:
     return desk
 
 
-def test_a_robot_is_told_to_stop_when_it_reports_first_and_after_each_loss() -> None:
+def test_robot_gets_a_stop_at_its_first_report_after_each_loss() -> None:
     desk = Desk(kind="ground")
     assert desk.step() is None
     desk.report()
@@ -87,7 +87,7 @@ def test_a_robot_is_told_to_stop_when_it_reports_first_and_after_each_loss() -> 
     assert isinstance(desk.step(), Stop)
 
 
-def test_a_robot_that_is_silent_at_the_start_is_said_after_the_time_for_a_report() -> None:
+def test_robot_is_reported_as_silent_after_the_report_timeout() -> None:
     desk = Desk(report_timeout_s=1.0)
     desk.step()
     assert (desk.pilot.phase, desk.pilot.reason) == ("lost", "")
@@ -97,7 +97,7 @@ def test_a_robot_that_is_silent_at_the_start_is_said_after_the_time_for_a_report
     assert (desk.pilot.phase, desk.pilot.reason[:7]) == ("lost", "nothing")
 
 
-def test_the_first_who_names_it_gets_it_and_the_next_when_it_is_let_go() -> None:
+def test_robot_goes_to_the_first_claimant_then_to_the_next() -> None:
     desk = desk_of("anna")
     desk.steer("ben")
     desk.step()
@@ -108,7 +108,7 @@ def test_the_first_who_names_it_gets_it_and_the_next_when_it_is_let_go() -> None
 
 
 @pytest.mark.parametrize("purpose", ["anchor", "pose"])
-def test_who_is_localized_by_following_their_robot_has_let_go(purpose: Literal["anchor", "pose"]) -> None:
+def test_user_localized_by_following_their_robot_has_let_go(purpose: Literal["anchor", "pose"]) -> None:
     desk = desk_of("anna")
     desk.safety.stop_reason = StopReason("not_pointing", "it waits until anna is localized", is_freeing=False)
     assert isinstance(desk.step(), Stop)
@@ -120,7 +120,7 @@ def test_who_is_localized_by_following_their_robot_has_let_go(purpose: Literal["
     assert desk.pilot.user == ("anna" if purpose == "anchor" else "")
 
 
-def test_who_leaves_has_let_go() -> None:
+def test_user_who_leaves_has_let_go() -> None:
     desk = desk_of("anna")
     desk.send("anna", THERE)
     assert isinstance(desk.step(), FollowPath)
@@ -132,7 +132,7 @@ def test_who_leaves_has_let_go() -> None:
     assert desk.pilot.user == ""  # what they wanted before they left counts no more
 
 
-def test_after_a_stop_nobody_gets_it_who_does_not_ask_anew() -> None:
+def test_robot_goes_to_new_requests_only_after_a_stop() -> None:
     desk = desk_of("anna")
     desk.steer("ben")
     desk.send("anna", THERE)
@@ -151,7 +151,7 @@ def test_after_a_stop_nobody_gets_it_who_does_not_ask_anew() -> None:
 
 
 @pytest.mark.parametrize("age_s", [0.0, 100.0, -100.0])
-def test_what_people_wanted_before_it_was_connected_moves_nothing(age_s: float) -> None:
+def test_requests_from_before_the_connection_move_nothing(age_s: float) -> None:
     desk = Desk()
     desk.steer("anna", age_s=age_s)
     desk.step()
@@ -166,14 +166,14 @@ def test_what_people_wanted_before_it_was_connected_moves_nothing(age_s: float) 
 
 
 @pytest.mark.parametrize("age_s", [0.3, 100.0, -100.0])
-def test_a_wish_that_is_repeated_after_the_first_report_moves_nothing(age_s: float) -> None:
+def test_request_repeated_after_the_first_report_moves_nothing(age_s: float) -> None:
     desk = ready_desk()
     desk.steer("anna", age_s=age_s)
     assert [desk.step() for _ in range(50)] == [None] * 50
     assert desk.pilot.user == ""
 
 
-def test_who_lowers_the_arm_after_a_landing_was_held_up_lands_all_the_same() -> None:
+def test_landing_continues_when_its_user_lowers_the_arm() -> None:
     desk = flying_desk()
     desk.safety.place_problem = "you are not pointing: point at the place"
     desk.steer("anna", "land", target_m=(0.2, 0.3, 0.0))
@@ -182,7 +182,7 @@ def test_who_lowers_the_arm_after_a_landing_was_held_up_lands_all_the_same() -> 
     assert (order.position_m, order.max_speed_mps) == ((0.2, 0.3, 0.0), 1.0), "slow near people"
 
 
-def test_a_take_off_that_does_not_happen_is_given_up_and_said() -> None:
+def test_take_off_that_does_not_happen_is_given_up_and_reported() -> None:
     desk = ready_desk()
     desk.steer("anna")
     order = desk.step()
@@ -207,7 +207,7 @@ def test_a_landing_takes_its_time_while_the_robot_moves() -> None:
     assert "not landed" in desk.pilot.reason
 
 
-def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
+def test_user_who_may_not_steer_gets_the_reason_instead() -> None:
     desk = ready_desk(kind="ground")
     desk.safety.person_problem = "your position is unknown: localize first"
     desk.steer("anna", "goals")
@@ -218,7 +218,7 @@ def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
     assert (desk.pilot.user, desk.pilot.reason) == ("anna", "")
 
 
-def test_a_quadrotor_follows_above_the_floor_and_hovers_when_its_person_points_elsewhere() -> None:
+def test_quadrotor_follows_above_the_floor_and_hovers_when_pointed_elsewhere() -> None:
     desk = flying_desk()
     order = desk.step()
     assert isinstance(order, Follow)
@@ -251,7 +251,7 @@ def test_an_order_that_is_refused_is_said_and_not_repeated(
     assert isinstance(desk.step(), TakeOff)
 
 
-def test_answers_about_earlier_orders_are_no_news_and_silence_is_said() -> None:
+def test_answers_about_earlier_orders_are_ignored_and_silence_is_reported() -> None:
     desk = desk_of()
     desk.send("anna", THERE)
     first = desk.step()
@@ -328,7 +328,7 @@ def test_nothing_but_a_stop_is_ordered_while_nobody_steers(acts: list[tuple[str,
 
 
 @pytest.mark.parametrize(("speed_mps", "is_told"), [(0.0, False), (0.09, False), (0.12, True)])
-def test_a_robot_may_seem_to_creep_by_0_2_m_in_2_s_and_no_faster(speed_mps: float, *, is_told: bool) -> None:
+def test_standstill_monitor_permits_drift_of_0_2_m_in_2_s(speed_mps: float, *, is_told: bool) -> None:
     monitor = StandstillMonitor(RobotConfig(), "rover")
     told = [
         monitor.is_left(
@@ -356,7 +356,7 @@ def begin(pilotage: Pilotage, ago_s: float = 0.0, user: str = "anna", **changes:
 
 
 @flown(QUADROTOR)
-async def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_found(
+async def test_quadrotor_flies_figures_and_lands_when_the_person_is_localized(
     pilotage: Pilotage,
 ) -> None:
     await pilotage.until(lambda state: state.phase == "landed")
@@ -374,7 +374,7 @@ async def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_
 
 
 @flown(QUADROTOR)
-async def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it(pilotage: Pilotage) -> None:
+async def test_figure_needs_a_localization_by_this_robot_without_a_user(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "landed")
     for other in ({"target_id": "led_1"}, {"purpose": "anchor"}, {"ahead": ("ben",)}, {"phase": "refused"}):
         pilotage.bench.put(
@@ -393,7 +393,7 @@ async def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it(pi
 
 
 @flown(QUADROTOR)
-async def test_a_quadrotor_takes_off_for_a_figure_only_with_room_above_it(pilotage: Pilotage) -> None:
+async def test_quadrotor_takes_off_for_a_figure_only_with_room_above(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "landed")
     pilotage.arrive("bob")
     pilotage.pose("bob", (0.3, 0.0, 0.0))
@@ -404,7 +404,7 @@ async def test_a_quadrotor_takes_off_for_a_figure_only_with_room_above_it(pilota
 
 
 @flown(GROUND)
-async def test_a_figure_ends_with_the_localizer_and_an_old_localization_begins_none(
+async def test_figure_ends_with_the_localizer_and_needs_a_recent_localization(
     pilotage: Pilotage,
 ) -> None:
     await pilotage.until(lambda state: state.phase == "idle")
@@ -430,7 +430,7 @@ async def test_a_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> Non
     await pilotage.until(lambda state: state.reason == "")
 
 
-def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
+def test_figure_is_for_places_of_people_not_localized_yet() -> None:
     figure = FigureConfig(people_m=((2.5, 0.0, 0.0), (0.0, 2.5, 0.0)))
     flight = FigureFlight(RobotConfig(figure=figure), ROBOT)
     tracked = UserPose(stamp_ns=1, position_m=(2.3, 0.2, 0.0), yaw_rad=0.0)
@@ -440,7 +440,7 @@ def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
     assert [each.place_m for each in flight.people((0.0, 0.0, 0.0), is_flying=False)] == [(0.0, 2.5, 0.0)]
 
 
-def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait() -> None:
+def test_stopped_robot_is_free_though_others_wait_to_be_localized() -> None:
     flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
     assert flight.command(STANDS, CurrentOrder(), Permits(), 0) is not None
@@ -449,7 +449,7 @@ def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait()
     assert flight.take_problem("anna", 0) == ""
 
 
-def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_for_it_only() -> None:
+def test_figure_is_less_informative_where_people_and_fences_leave_little_room() -> None:
     flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
     safety = Permits()
@@ -482,7 +482,7 @@ def sigma_m(points: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
-def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(start: Vec3) -> None:
+def test_best_figure_beats_circle_and_line_of_the_same_length(start: Vec3) -> None:
     best = figures(start, [PERSON], speed_mps=1.0, duration_s=5.0, is_flying=start[2] > 0.0)[0]
     turned = np.linspace(0.0, math.tau, 25)
     radius_m = 5.0 / math.tau
@@ -499,7 +499,7 @@ def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(
 
 @given(st.floats(1.6, 5.0), st.floats(-math.pi, math.pi), st.floats(1.0, 6.0), st.sampled_from([0.0, 1.2]))
 @settings(max_examples=20, deadline=None)
-def test_figures_are_closed_as_long_as_asked_and_away_from_people(
+def test_figures_are_closed_of_the_requested_length_and_clear_of_people(
     reach_m: float, way_rad: float, length_m: float, height_m: float
 ) -> None:
     start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)
@@ -515,7 +515,7 @@ def test_figures_are_closed_as_long_as_asked_and_away_from_people(
 
 
 @pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
-def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle(
+def test_unknown_latency_costs_little_on_the_best_figure(
     monkeypatch: pytest.MonkeyPatch, start: Vec3
 ) -> None:
     """The tracker is late, at constant speed: a circle turns the pose by it, and no residual tells."""

@@ -43,7 +43,7 @@ def test_a_cursor_beyond_a_fence_is_followed_along_the_fence() -> None:
     assert math.dist(after(robot, 8.0, (-6.0, 2.0, 0.0))[:2], (-2.7, 2.0)) < 0.07
 
 
-def test_a_cursor_behind_a_volume_leads_to_its_edge_not_across() -> None:
+def test_cursor_behind_a_volume_leads_to_its_edge_only() -> None:
     robot = steered()
     assert math.dist(after(robot, 8.0, (2.6, 0.0, 0.0))[:2], (0.7, 0.0)) < 0.07
     assert "keep_out" in robot.problem
@@ -109,7 +109,7 @@ def test_goals_are_permitted_or_refused_in_one_sentence(points_m: list[Vec3], se
         (["lost"], 0, False),
     ],
 )
-def test_a_robot_that_is_lost_is_kept_clear_of_for_ten_minutes_where_it_was(
+def test_lost_robot_is_kept_clear_of_for_ten_minutes(
     phases: list[str], age_s: int, *, is_kept_clear_of: bool
 ) -> None:
     robot = steered()
@@ -121,7 +121,7 @@ def test_a_robot_that_is_lost_is_kept_clear_of_for_ten_minutes_where_it_was(
     assert ("cart" in robot.safety.way_problem([(-1.0, 2.0, 0.0)])) == is_kept_clear_of
 
 
-def test_an_unsure_goal_and_one_of_a_person_who_does_not_hold_on_are_refused() -> None:
+def test_goal_is_refused_if_unsure_or_without_a_pointing_person() -> None:
     robot = steered()
     robot.run(0.1)
     assert "sure to 0.7 m only" in robot.safety.target_problem("ada", [], robot.now_ns, sigma_m=0.7)
@@ -130,7 +130,7 @@ def test_an_unsure_goal_and_one_of_a_person_who_does_not_hold_on_are_refused() -
 
 
 @pytest.mark.parametrize("kind", ["ground", "quadrotor"])
-def test_a_ground_robot_whose_person_points_at_a_lamp_stands_and_stays_theirs(kind: str) -> None:
+def test_ground_robot_stays_its_users_while_they_point_at_lamps(kind: str) -> None:
     robot = steered(GROUND.model_copy(update={"kind": kind}))
     robot.run(0.1)
     robot.interact("localizing")
@@ -186,7 +186,7 @@ def test_a_quadrotor_does_not_take_off_beside_a_person() -> None:
         (0.29, 5.0, None),
     ],
 )
-def test_the_age_of_a_cursor_from_before_a_localization_is_no_sign_of_a_lost_wrist(
+def test_cursor_from_before_a_localization_indicates_no_lost_wrist(
     cursor_s: float | None, pointing_s: float, text: str | None
 ) -> None:
     people = PeopleNearRobot(RobotConfig(cursor_timeout_s=0.3), "quad")
@@ -207,7 +207,7 @@ def test_the_age_of_a_cursor_from_before_a_localization_is_no_sign_of_a_lost_wri
     assert (stop and stop.text) == text
 
 
-def test_a_quadrotor_passes_over_a_low_volume_and_a_ground_robot_under_a_high_one() -> None:
+def test_robots_pass_over_low_volumes_and_under_high_ones() -> None:
     outline_m = ((1.0, -9.0), (2.0, -9.0), (2.0, 9.0), (1.0, 9.0))
     low = fence("keep_out", *outline_m, low_m=-1.0, high_m=1.0)
     high = fence("keep_out", *outline_m, low_m=1.0, high_m=3.0)

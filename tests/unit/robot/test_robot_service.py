@@ -38,7 +38,7 @@ NOTHING = Steering(stamp_ns=0)
 
 
 @flown()
-async def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_where_pointed(
+async def test_quadrotor_takes_off_hovers_and_lands_where_its_user_points(
     pilotage: Pilotage,
 ) -> None:
     pilotage.arrive("anna")
@@ -83,7 +83,7 @@ async def test_a_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilo
 
 
 @flown(RobotConfig(kind="ground", frame="dock"))
-async def test_a_frame_of_the_map_is_between_the_driver_and_the_room(pilotage: Pilotage) -> None:
+async def test_poses_and_commands_are_converted_by_the_drivers_frame(pilotage: Pilotage) -> None:
     yaw = 1.2
     turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
     frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=turned)
@@ -130,7 +130,7 @@ class Endless(Raises):
 
 @driven_by(Endless)
 @flown(RobotConfig(kind="ground", frame="dock", start_m=(1.0, 0.0, 0.0)))
-async def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from_its_frame(
+async def test_start_of_a_silent_robot_is_converted_from_its_frame(
     pilotage: Pilotage,
 ) -> None:
     frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
@@ -146,7 +146,7 @@ async def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from
 
 @driven_by(Raises)
 @flown()
-async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_goes_on(
+async def test_driver_that_raises_is_reported_and_restarted(
     pilotage: Pilotage,
 ) -> None:
     health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
@@ -162,7 +162,7 @@ async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_g
 
 
 @flown()
-async def test_a_robot_is_found_and_stopped_and_an_absent_one_is_said(pilotage: Pilotage) -> None:
+async def test_robot_is_found_and_stopped_and_absent_ones_are_reported(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "landed")
     bus = pilotage.bench.bus
     (row,) = rows(await find_robots(bus))
@@ -250,7 +250,7 @@ async def stands(pilotage: Pilotage, driver: FaultyDriver) -> RobotState:
 
 
 @flown(GROUND)
-async def test_a_robot_that_vanishes_and_returns_moves_only_when_it_is_taken_again(
+async def test_robot_that_returns_moves_only_when_taken_again(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await driving(pilotage, drivers)
@@ -318,7 +318,7 @@ async def test_a_robot_with_another_time_is_not_steered(
 
 
 @flown(GROUND)
-async def test_a_robot_that_drives_on_is_told_again_and_again_to_stop(
+async def test_robot_that_drives_on_gets_repeated_orders_to_stop(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await driving(pilotage, drivers)
@@ -344,7 +344,7 @@ async def test_a_robot_that_drives_on_is_told_again_and_again_to_stop(
 
 
 @flown(GROUND.model_copy(update={"max_speed_mps": 0.6}))
-async def test_a_goal_is_given_up_when_the_persons_arm_is_silent_for_a_second(
+async def test_goal_is_given_up_when_the_arm_is_silent(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await driving(pilotage, drivers)

@@ -234,7 +234,7 @@ async def test_a_robot_that_reports_no_velocity_stops_before_a_person(
 
 
 @flown(CONFIG)
-async def test_a_robot_with_a_fast_clock_is_missed_as_early_as_others(
+async def test_robot_with_a_fast_clock_is_lost_as_early_as_others(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await at_full_speed(pilotage, drivers)
@@ -248,7 +248,7 @@ async def test_a_robot_with_a_fast_clock_is_missed_as_early_as_others(
 
 @pytest.mark.parametrize("mode", ["follow", "land"])
 @flown(CONFIG)
-async def test_a_quadrotor_neither_rises_nor_lands_beside_a_person_who_comes(
+async def test_quadrotor_neither_rises_nor_lands_beside_an_approaching_person(
     pilotage: Pilotage, drivers: list[FaultyDriver], mode: str
 ) -> None:
     if mode == "land":
@@ -471,7 +471,7 @@ def test_a_ground_robot_that_turns_beside_corners_crosses_none(seeds: Sequence[i
 @pytest.mark.parametrize(
     ("max_speed_mps", "max_acceleration_mps2", "start_yaw_deg"), [(1.0, 4.0, 180.0), (1.5, 2.0, 270.0)]
 )
-def test_a_robot_that_is_led_about_a_corner_neither_slides_over_it_nor_stops_and_goes_on_in_turns(
+def test_robot_led_about_a_corner_keeps_clear_and_moves_steadily(
     max_speed_mps: float, max_acceleration_mps2: float, start_yaw_deg: float
 ) -> None:
     radius_m = 0.25

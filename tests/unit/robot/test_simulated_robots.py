@@ -195,14 +195,14 @@ def test_a_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Comm
         assert vector.norm(vector.subtract(pose_of(robot).position_m, here)) <= 2.0 * WANDER_M + 0.02
 
 
-def test_the_same_seed_flies_the_same_way_and_another_does_not() -> None:
+def test_wander_is_the_same_for_the_same_seed_only() -> None:
     course: list[tuple[Command, int]] = [(TakeOff(0, 0.5), 300), (Follow(1, (1.0, 2.0, 0.7)), 300)]
     assert drive(quadrotor(1), course) == drive(quadrotor(1), course)
     assert drive(quadrotor(1), course) != drive(quadrotor(2), course)
 
 
 @given(courses)
-def test_speed_acceleration_and_turn_rate_stay_within_limits_at_any_command(
+def test_limits_of_speed_acceleration_and_turn_rate_hold_at_any_command(
     course: list[tuple[Command, int]],
 ) -> None:
     poses = drive(ground_robot(), course)
@@ -227,7 +227,7 @@ def test_it_moves_forwards_only_and_never_sideways(course: list[tuple[Command, i
 
 
 @given(courses, st.lists(places, min_size=1, max_size=5).map(tuple), yaws)
-def test_the_end_of_a_path_is_reached_after_any_commands_facing_as_ordered(
+def test_path_ends_at_its_last_point_facing_as_ordered(
     course: list[tuple[Command, int]], points: tuple[vector.Vec3, ...], yaw_rad: float | None
 ) -> None:
     robot = ground_robot()
@@ -298,7 +298,7 @@ def fly(
     return run_virtually(flight())
 
 
-def test_orders_are_active_and_done_and_a_replaced_one_is_cancelled() -> None:
+def test_orders_are_active_then_done_or_cancelled_when_replaced() -> None:
     pilot = fly(
         (TakeOff(1, 0.5), 4.0),
         (FollowPath(2, ((5.0, 0.0, 0.5),)), 1.0),
@@ -315,7 +315,7 @@ def test_orders_are_active_and_done_and_a_replaced_one_is_cancelled() -> None:
 
 
 @pytest.mark.parametrize("refused", [TakeOff(2, 1.0), Land(2)], ids=["take-off", "landing"])
-def test_a_refused_order_says_why_and_leaves_the_one_before_alone(refused: Command) -> None:
+def test_refused_order_has_a_reason_and_leaves_the_previous_one(refused: Command) -> None:
     pilot = fly((FollowPath(1, ((1.0, 0.0, 0.0),)), 0.5), (refused, 4.0), kind="ground")
     assert pilot.states(1) == ["active", "done"]
     [said] = [item.reason for item in pilot.items if isinstance(item, OrderStatus) and item.order == 2]
@@ -335,7 +335,7 @@ def test_a_speed_limit_of_an_order_is_kept(kind: RobotKind, command: Command) ->
     assert 0.25 < max(math.hypot(*pose.velocity_mps[:2]) for pose in pilot.poses) < 0.301
 
 
-def test_a_robot_that_is_connected_again_stops_instead_of_going_on() -> None:
+def test_robot_that_is_reconnected_stops() -> None:
     async def drive() -> Pilot:
         pilot = Pilot("ground", VirtualClock())
         async with pilot.connected():

@@ -32,7 +32,7 @@ def write(folder: Path, count: int, step_s: float) -> Path:
     return path
 
 
-def test_samples_that_share_a_time_make_one_report_with_finite_velocity() -> None:
+def test_samples_of_one_time_make_one_report_with_finite_velocity() -> None:
     trajectory = Trajectory(recording([0.0, 0.1, 0.1, 0.2], [0.0, 0.1, 5.0, 0.2]))
     assert trajectory.times_ns == [0, 100_000_000, 200_000_000]
     assert trajectory.report(1, 0).objects[0].velocity_mps == pytest.approx((1.0, 0.0, 0.0))
@@ -46,7 +46,7 @@ def test_a_lost_robot_has_no_report() -> None:
     )
 
 
-async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Path) -> None:
+async def test_reports_come_when_due_with_their_own_stamps(tmp_path: Path) -> None:
     clock = VirtualClock()
     start_ns = clock.now_ns() + 1_000_000_000
     async with memory_bench(clock) as bench:
@@ -64,7 +64,7 @@ async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Pat
         assert len(reports) == 31
 
 
-async def test_without_a_start_it_starts_at_once_and_what_is_past_is_left_out(tmp_path: Path) -> None:
+async def test_replay_starts_at_once_without_a_start_and_skips_the_past(tmp_path: Path) -> None:
     clock = VirtualClock()
     path = str(write(tmp_path, 31, 0.1))
     async with memory_bench(clock) as bench:

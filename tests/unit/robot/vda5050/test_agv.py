@@ -22,7 +22,7 @@ def _bench() -> AgvBench:
     return bench
 
 
-def test_a_path_is_handed_out_in_steps_and_driven_without_a_pause(bench: AgvBench) -> None:
+def test_path_is_released_in_steps_and_driven_without_a_pause(bench: AgvBench) -> None:
     path = bench.tell(FollowPath, ((3.0, 0.0, 0.0), (3.0, 4.0, 0.0)), 1.5)
     bench.run(8.0)
     assert bench.outcomes(path) == [("accepted", ""), ("done", "")]
@@ -35,7 +35,7 @@ def test_a_path_is_handed_out_in_steps_and_driven_without_a_pause(bench: AgvBenc
     assert not bench.agv.is_active
 
 
-def test_a_new_place_is_gone_to_behind_the_released_way_and_small_changes_are_not(bench: AgvBench) -> None:
+def test_new_target_follows_the_released_way_unless_it_hardly_differs(bench: AgvBench) -> None:
     bench.tell(Follow, FAR)
     bench.run(2.0)
     for number in range(20):
@@ -89,7 +89,7 @@ def test_lost_orders_and_cancellations_are_sent_again(bench: AgvBench) -> None:
     assert bench.virtual.base == []
 
 
-def test_a_late_answer_to_a_cancellation_counts_though_others_were_sent_since(bench: AgvBench) -> None:
+def test_late_answer_to_a_repeated_cancellation_counts(bench: AgvBench) -> None:
     bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
     bench.is_lossy = lambda topic: topic.endswith("/instantActions")
@@ -105,7 +105,7 @@ def test_a_late_answer_to_a_cancellation_counts_though_others_were_sent_since(be
     assert not bench.agv.is_active
 
 
-def test_an_agv_that_does_not_answer_fails_the_order_and_is_stopped_when_it_does(bench: AgvBench) -> None:
+def test_order_fails_when_unanswered_and_is_cancelled_at_the_answer(bench: AgvBench) -> None:
     bench.is_lossy = lambda topic: topic.endswith(("/order", "/instantActions"))
     path = bench.tell(FollowPath, (FAR,))
     bench.run(7.0)
@@ -122,7 +122,7 @@ def test_an_agv_that_does_not_answer_fails_the_order_and_is_stopped_when_it_does
     assert "agv" not in bench.health.warnings
 
 
-def test_a_refused_order_is_told_with_the_reason_of_the_agv(bench: AgvBench) -> None:
+def test_refused_order_is_reported_with_the_agvs_reason(bench: AgvBench) -> None:
     bench.virtual.place = (5.0, 5.0)  # carried away, and not yet said
     path = bench.tell(FollowPath, (FAR,))
     for publication in bench.agv.step(bench.now_s + 1.0):
@@ -139,7 +139,7 @@ def test_a_refused_order_is_told_with_the_reason_of_the_agv(bench: AgvBench) -> 
         ({"errors": [{"errorType": "wheel", "errorLevel": "FATAL"}]}, "needs help (wheel)"),
     ],
 )
-def test_an_agv_that_cannot_drive_is_stopped_and_refuses_until_it_can(
+def test_agv_that_cannot_drive_is_stopped_and_refuses_orders(
     bench: AgvBench, change: dict[str, object], words: str
 ) -> None:
     path = bench.tell(FollowPath, (FAR,))
@@ -172,7 +172,7 @@ def test_an_order_that_somebody_else_cancels_ends(bench: AgvBench) -> None:
     assert bench.outcomes(path) == [("accepted", ""), cancelled]
 
 
-def test_an_order_that_is_cancelled_while_its_update_is_on_the_way_is_not_refused_but_cancelled(
+def test_order_cancelled_during_its_update_counts_as_cancelled(
     bench: AgvBench,
 ) -> None:
     path = bench.tell(FollowPath, (FAR,))
@@ -189,7 +189,7 @@ def test_an_order_that_is_cancelled_while_its_update_is_on_the_way_is_not_refuse
     assert not bench.agv.is_active
 
 
-def test_what_was_ordered_before_a_lost_link_is_cancelled_afterwards(bench: AgvBench) -> None:
+def test_order_from_before_a_lost_link_is_cancelled_afterwards(bench: AgvBench) -> None:
     path = bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
     bench.agv.on_disconnected("the broker is gone")
@@ -215,7 +215,7 @@ def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
     assert bench.virtual.base == []
 
 
-def test_an_agv_that_stands_is_reported_ten_times_a_second_until_it_is_silent_for_long(
+def test_agv_that_stands_is_reported_ten_times_a_second(
     bench: AgvBench,
 ) -> None:
     bench.is_lossy = lambda _topic: True
@@ -228,7 +228,7 @@ def test_an_agv_that_stands_is_reported_ten_times_a_second_until_it_is_silent_fo
     assert bench.lost[-1] == "the AGV has sent nothing for 35 s: look at its network"
 
 
-def test_an_agv_that_should_drive_and_says_nothing_is_asked_and_not_made_up(bench: AgvBench) -> None:
+def test_silent_agv_with_an_order_is_asked_for_its_state(bench: AgvBench) -> None:
     bench.tell(FollowPath, (FAR,))
     bench.run(0.5)
     bench.is_lossy = lambda _topic: True
@@ -257,7 +257,7 @@ def test_an_agv_that_should_drive_and_says_nothing_is_asked_and_not_made_up(benc
         ),
     ],
 )
-def test_an_agv_without_a_place_or_a_connection_is_lost_and_comes_back(
+def test_agv_without_position_or_connection_is_lost_and_returns(
     name: str, change: dict[str, object], words: str
 ) -> None:
     bench = AgvBench(map_id="hall")
@@ -336,7 +336,7 @@ def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple
 
 
 @pytest.mark.parametrize("connection", ["OFFLINE", "CONNECTIONBROKEN", "ONLINE", ""])
-def test_agv_of_a_retained_state_gets_no_order_until_it_says_something(connection: str) -> None:
+def test_agv_of_a_retained_state_gets_no_order_before_a_message(connection: str) -> None:
     bench = AgvBench()
     bench.connect()
     old = json.loads(bench.virtual.state()) | {"timestamp": "2023-11-13T10:00:00.00Z"}

@@ -81,7 +81,7 @@ def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentenc
     ],
     ids=lambda payload: str(payload)[:12],
 )
-def test_what_is_no_message_is_none(payload: object) -> None:
+def test_payload_that_is_no_message_is_none(payload: object) -> None:
     assert parse(AgvState, payload) is None
     assert parse(Visualization, payload) is None
 
@@ -205,7 +205,7 @@ def place(**change: object) -> dict[str, object]:
         ({"safetyState": {"eStop": None}}, {"eStop"}),
     ],
 )
-def test_a_field_that_cannot_be_read_is_left_out_by_name_and_all_others_are_used(
+def test_unreadable_field_is_reported_and_all_others_are_used(
     change: dict[str, object], names: set[str]
 ) -> None:
     parsed = state(**change)
@@ -291,7 +291,7 @@ def test_names_of_version_3_are_those_of_version_2(old: dict[str, object], *, is
         ({"nodeStates": [{"nodeId": None, "sequenceId": "x"}]}, True),
     ],
 )
-def test_an_agv_whose_nodes_cannot_be_read_is_idle_only_if_it_says_that_it_does_not_drive(
+def test_agv_with_unreadable_nodes_is_idle_only_if_it_reports_standing(
     change: dict[str, object], expected: object
 ) -> None:
     assert state(**change).is_executing == expected
@@ -319,7 +319,7 @@ NOWHERE: dict[str, Any] = {"x": None, "y": None, "theta": None}
         pytest.param({"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": "f2"}, None, "is missing", id="no flag"),
     ],
 )
-def test_position_counts_unless_a_field_denies_it_and_health_names_what_cannot_be_read(
+def test_position_counts_unless_a_readable_field_denies_it(
     where: dict[str, object], is_valid: object, fault: str | None
 ) -> None:
     parsed = state(agvPosition=where)
@@ -338,7 +338,7 @@ def test_charge_that_may_be_a_share_is_reported() -> None:
 
 
 @pytest.mark.parametrize("where", [{"x": "here"}, {"x": None}, {"y": 1e9}])
-def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_used(
+def test_position_without_a_coordinate_is_none_in_a_usable_state(
     where: dict[str, object],
 ) -> None:
     parsed = state(**place(**where))
@@ -354,9 +354,7 @@ def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_us
         *((word, {"connectionState"}) for word in ("UP", "online", "", None, [])),
     ],
 )
-def test_words_of_a_connection_are_those_of_the_standard_and_others_are_reported_by_name(
-    written: object, unreadable: set[str]
-) -> None:
+def test_connection_words_beyond_the_standard_are_reported(written: object, unreadable: set[str]) -> None:
     header = {"serialNumber": "7"} if unreadable else {"headerId": None}
     connection = parse(AgvConnection, json.dumps({**header, "connectionState": written}).encode())
     assert connection is not None

@@ -15,7 +15,7 @@ def _bench() -> AgvBench:
     return connected_bench()
 
 
-def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: AgvBench) -> None:
+def test_agv_is_steered_despite_unreadable_fields_which_health_reports(bench: AgvBench) -> None:
     for charge in (-1, -2):
         bench.change(batteryState={"batteryCharge": charge}, errors=None, lastNodeSequenceId=None)
         bench.run(0.1)
@@ -45,7 +45,7 @@ def test_an_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
     assert bench.outcomes(path)[-1] == ("done", "")
 
 
-def test_an_agv_whose_emergency_stop_cannot_be_read_gets_no_order(bench: AgvBench) -> None:
+def test_agv_with_an_unreadable_emergency_stop_gets_no_order(bench: AgvBench) -> None:
     bench.change(safetyState=None)
     bench.run(0.1)
     assert "safetyState is missing" in bench.health.warnings["message state"]
@@ -56,7 +56,7 @@ def test_an_agv_whose_emergency_stop_cannot_be_read_gets_no_order(bench: AgvBenc
     assert orders(bench) == []
 
 
-def test_an_agv_that_does_not_say_that_it_stands_is_not_reported_as_standing(bench: AgvBench) -> None:
+def test_agv_is_reported_as_standing_only_if_it_says_so(bench: AgvBench) -> None:
     bench.change(driving=None)
     bench.run(0.1)
     bench.is_lossy = lambda _topic: True
@@ -73,7 +73,7 @@ def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
     assert "x is '?'" in bench.health.warnings["message state"]
 
 
-def test_an_agv_that_states_no_map_is_told_so_if_one_is_wanted() -> None:
+def test_agv_without_a_map_is_reported_if_one_is_configured() -> None:
     bench = AgvBench(map_id="hall")
     bench.change(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": None})
     bench.connect()
@@ -83,7 +83,7 @@ def test_an_agv_that_states_no_map_is_told_so_if_one_is_wanted() -> None:
     )
 
 
-def test_a_heading_in_degrees_is_named_and_the_position_is_used(bench: AgvBench) -> None:
+def test_heading_in_degrees_is_reported_and_the_position_is_used(bench: AgvBench) -> None:
     where = {"x": 2.0, "y": 3.0, "theta": 90.0, "mapId": "hall", "positionInitialized": True}
     bench.hear("visualization", json.dumps({"headerId": 900, "agvPosition": where}).encode())
     assert bench.reports[-1].position_m == (2.0, 3.0, 0.0)

@@ -15,7 +15,7 @@ def order_of_another(bench: AgvBench) -> None:
     bench.change(orderId="theirs")
 
 
-def test_an_order_of_another_master_that_runs_at_the_start_is_left_alone_and_reported() -> None:
+def test_order_of_another_master_at_the_start_is_left_alone() -> None:
     bench = AgvBench()
     order_of_another(bench)
     bench.agv.on_connected()
@@ -41,7 +41,7 @@ def test_an_order_of_another_master_that_runs_at_the_start_is_left_alone_and_rep
 
 
 @pytest.mark.parametrize("order", [Follow, FollowPath])
-def test_an_order_that_meets_one_of_another_master_fails_and_cancels_nothing(
+def test_order_during_another_masters_fails_and_cancels_nothing(
     order: type[Follow | FollowPath],
 ) -> None:
     bench = connected_bench()
@@ -59,7 +59,7 @@ def test_an_order_that_meets_one_of_another_master_fails_and_cancels_nothing(
     assert "cancelOrder" not in str(bench.sent)
 
 
-def test_what_another_master_orders_during_a_lost_link_is_not_cancelled_after_it() -> None:
+def test_order_of_another_master_during_a_lost_link_is_not_cancelled() -> None:
     bench = connected_bench()
     bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
@@ -71,7 +71,7 @@ def test_what_another_master_orders_during_a_lost_link_is_not_cancelled_after_it
     assert "cancelOrder" not in str(bench.sent)
 
 
-def test_an_agv_whose_first_state_is_lost_is_asked_again_though_it_reports_its_place() -> None:
+def test_agv_is_asked_again_when_its_first_state_is_lost() -> None:
     """Nothing is sent before its state is known, and by the standard it sends one every 30 s only."""
     bench = AgvBench()
     bench.is_lossy = lambda topic: topic.endswith("/instantActions")

@@ -45,7 +45,7 @@ class Broker:
         self.incoming.put_nowait(aiomqtt.Message(STATE, self.agv.state(), 0, False, 1, None))
 
 
-async def test_an_error_in_the_driver_stops_the_agv_before_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_agv_is_stopped_before_an_error_ends_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
     broker = Broker()
 
     @contextlib.asynccontextmanager

@@ -137,7 +137,7 @@ async def test_lamps_follow_their_newest_colour_and_go_off_at_the_end(port: int)
     assert heard[4:] == [(desk, b'{"state":"OFF"}'), ("pointit/status", b"offline")]
 
 
-async def test_an_offline_lamp_is_named_and_gets_its_colour_when_it_is_back(port: int) -> None:
+async def test_offline_lamp_is_reported_and_gets_its_colour_when_back(port: int) -> None:
     async with overheard(port, "zigbee2mqtt/+/set") as heard, aiomqtt.Client("127.0.0.1", port) as bridge:
         await bridge.publish("zigbee2mqtt/desk/availability", '{"state":"offline"}', qos=1, retain=True)
         async with lamps_on(port) as (output, health):
@@ -258,7 +258,7 @@ async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:
         await until(lambda: not lit(), what="dark lamps")
 
 
-async def test_a_lamp_that_is_lit_again_after_a_loss_stays_lit_when_the_broker_notices_the_loss(
+async def test_lamp_lit_again_stays_lit_when_the_broker_notices_the_loss(
     port: int,
 ) -> None:
     """The broker still has the connections of before when those of after come."""
@@ -276,7 +276,7 @@ async def test_a_lamp_that_is_lit_again_after_a_loss_stays_lit_when_the_broker_n
         assert wills <= {*heard[: -1 - heard[::-1].index(lit)]}, "they would come later"
 
 
-async def test_a_broker_that_asks_for_a_password_gets_it_from_the_environment_or_a_file(
+async def test_broker_gets_its_password_from_the_environment_or_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     users = tmp_path / "users"

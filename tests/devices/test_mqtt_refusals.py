@@ -87,7 +87,7 @@ async def steered(port: int) -> AsyncGenerator[list[str]]:
         yield reasons
 
 
-async def test_refused_subscriptions_are_told_to_who_steers_an_agv(mute_port: int) -> None:
+async def test_refused_subscriptions_are_reported_to_the_agvs_user(mute_port: int) -> None:
     await until(lambda: is_listening(mute_port), what="the broker")
     async with steered(mute_port) as reasons:
         await until(lambda: any(REFUSES in each for each in reasons), what="the reason")
@@ -145,7 +145,7 @@ async def test_a_broker_of_version_3_refuses_by_its_only_code() -> None:
     assert old.published == [("a/x", b"1")]
 
 
-async def test_commands_that_an_access_list_denies_are_told_and_others_go_on(tmp_path: Path) -> None:
+async def test_denied_commands_are_reported_and_others_go_on(tmp_path: Path) -> None:
     rights = tmp_path / "rights"
     rights.write_text("topic readwrite pointit/#\ntopic readwrite zigbee2mqtt/door/#\ntopic read #\n")
     options = f"allow_anonymous true\nuser root\nacl_file {rights}\n"
@@ -171,7 +171,7 @@ async def test_an_event_that_an_access_list_denies_fails_its_act(tmp_path: Path)
             await until(lambda: "publish to" in watcher.summary()["mqtt"]["problem"], what="the problem")
 
 
-async def test_one_session_for_each_user_name_is_told_with_its_remedy(
+async def test_one_session_per_user_name_is_reported_with_its_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("MQTT_PASSWORD", "sesame")

@@ -144,9 +144,7 @@ async def test_an_agv_drives_along_a_path_and_reports_it(
         assert min(math.dist(place[:2], (1.5, 2.0)) for place in places) < 0.3, "it drove round the corner"
 
 
-async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
-    port: int, node: tuple[str, Path]
-) -> None:
+async def test_agv_comes_to_the_pointed_place_and_follows_a_path(port: int, node: tuple[str, Path]) -> None:
     agv = {"broker": f"127.0.0.1:{port}", "manufacturer": "acme", "serial_number": "7"}
     config = RobotConfig.model_validate(
         {"driver": "vda5050", "frame": "agvs", "vda5050": agv, "max_cursor_sigma_m": 1.0}
@@ -217,9 +215,7 @@ def order_of_another(*points: tuple[float, float], released: int, update: int = 
     return message_of_another(1, orderId="theirs", orderUpdateId=update, nodes=nodes, edges=edges)
 
 
-async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_starts_idles_and_stops(
-    port: int, node: tuple[str, Path]
-) -> None:
+async def test_order_of_another_master_is_shown_and_left_alone(port: int, node: tuple[str, Path]) -> None:
     agv = {"broker": f"127.0.0.1:{port}", "manufacturer": "acme", "serial_number": "7"}
     config = RobotConfig.model_validate({"driver": "vda5050", "vda5050": agv})
     launch = Launch(service=Robot, config=config, name=ROBOT)
@@ -254,7 +250,7 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
         assert kinds == {"stateRequest"}
 
 
-async def test_an_agv_that_is_switched_off_or_in_manual_mode_refuses_with_a_sentence(
+async def test_agv_refuses_with_a_reason_when_off_or_in_manual_mode(
     port: int, node: tuple[str, Path]
 ) -> None:
     async with steering(port) as steered:

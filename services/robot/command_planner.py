@@ -255,7 +255,7 @@ class CommandPlanner:
             self.forget()
             action = "stop"
 
-        # It is always told to stop, whatever it has refused
+        # An order to stop is given whatever it has refused
         if action == "stop":
             return Stop(self._order.next())
         if self._refused is not None or action == "wait":

@@ -144,7 +144,7 @@ class StandstillMonitor:
         self._place = None
 
     def is_left(self, report: RobotReport, now_ns: int) -> bool:
-        """Return True if it has to be told once more to stop. Call this while it has no order."""
+        """Return True if it needs one more order to stop. Call this while it has no order."""
         # At first it may still brake
         if self._due_ns is None:
             self._due_ns = now_ns + round((self._braking_s + REPEAT_S) * NS_PER_S)
@@ -154,7 +154,7 @@ class StandstillMonitor:
             self._place = (now_ns, report.position_m)
             return False
 
-        # It is told again at once, and then judged by a new place
+        # It gets that order at once, and is then judged by a new place
         since_ns, place_m = self._place
         limit_m = MOVED_M + 2.0 * (report.position_sigma_m or 0.0)
         if math.dist(place_m, report.position_m) > limit_m:

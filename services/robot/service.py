@@ -144,7 +144,7 @@ class Robot(Service[RobotConfig]):
                 item = report_in_world(item, self._frame)
         elif self.config.frame:
             item = LinkLost(
-                f"the map has no frame {self.config.frame!r} yet, in which the robot tells its place"
+                f"the map has no frame {self.config.frame!r} yet, in which the robot reports its place"
             )
         fault = self._pilot.on_item(item, now_ns)
         self.bus.warn("report", fault)

@@ -168,7 +168,7 @@ async def test_availability_in_the_words_of_other_makers_is_described_or_named(p
             names = [f"{each} 127.0.0.1:{port}" for each in ("lamps", "availability")]
             await until(lambda: all(name in health.warnings for name in names), what="both warnings")
             assert "offline: desk;" in health.warnings[names[0]]
-            assert "hub/link tells" in health.warnings[names[1]]
+            assert "hub/link reports" in health.warnings[names[1]]
             assert "`online` and `offline`" in health.warnings[names[1]]
             output.show_lamp("desk", RED)
             output.show_lamp("door", GREEN)

@@ -70,7 +70,7 @@ SESSION_HINT = "set `last_wills: false`: PointIt then has one connection for all
 
 
 def _payload(value: object) -> object:
-    """Return a word of a device. YAML does not tell which word it read as true."""
+    """Return a word of a device. YAML hides which word it read as true."""
     if isinstance(value, bool):
         raise described_error('write the word in quotes as the device sends it, such as "true" or "on"')
     return str(value) if isinstance(value, int | float) else value
@@ -84,7 +84,7 @@ class AvailabilityConfig(Config):
 
     availability: Topic = Field(
         default="",
-        description="topic that tells online or offline; {lamp} stands for the id; if empty, those of "
+        description="topic that reports online or offline; {lamp} stands for the id; if empty, those of "
         "Zigbee2MQTT below `base_topic`",
     )
     online: Payload = Field(default="", description="word there for online; `online` if empty")
@@ -371,11 +371,11 @@ class MqttLamps:
         self._commands.set_offline(offline)
 
         # Both warnings end as soon as their message is empty
-        messages = [f"{topic} tells {text}" for topic, text in unknown.items()]
+        messages = [f"{topic} reports {text}" for topic, text in unknown.items()]
         warning = ", ".join(messages)
         if warning:
             warning += (
-                ": set `availability` to the topic that tells if the lamp is online, and `online` and "
+                ": set `availability` to the topic that reports if the lamp is online, and `online` and "
                 "`offline` to its words, or its whole messages"
             )
         self._health.warn("availability", warning)

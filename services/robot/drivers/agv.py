@@ -252,7 +252,7 @@ class Agv:
             self._repeated_s = now_s
             self._report_position(last.position_m, last.yaw_rad, (0.0, 0.0), last.position_sigma_m)
 
-        # One that has an order is asked for its state: its position alone does not tell
+        # One that has an order is asked for its state: its position alone is not enough
         self._polled_s = min(self._polled_s, now_s)
         received_s = self._received_s if self._orders.has_state else 0.0
         if self._orders.is_active and now_s - max(received_s, self._polled_s) >= POLL_S:

@@ -162,7 +162,7 @@ class PeopleNearRobot:
     def _cursor_age_problem(self, user: str, age_s: float, timeout_s: float, now_ns: int) -> str:
         """Return the problem and the remedy, as one sentence, if the newest cursor has not the right age."""
         pointing_s = (now_ns - self._pointing_since_ns.get(user, 0)) / NS_PER_S
-        if age_s >= pointing_s:  # none came while they were localized, so that its age tells nothing
+        if age_s >= pointing_s:  # none came while they were localized, so that its age means nothing
             return f"{self._robot} waits for {user}'s first cursor; if none comes, look at {LINK}"
         if age_s < 0.0:
             ahead_s = round_beyond(-age_s, timeout_s)

@@ -473,6 +473,8 @@ def blocked_by(state: AgvState) -> str:
         return "the AGV does not state its operatingMode: update its software"
     if state.operating_mode not in ("AUTOMATIC", "SEMIAUTOMATIC"):
         return f"the AGV is in mode {state.operating_mode[:30]}: switch it to AUTOMATIC"
+
+    # Only a stated NONE shows that the AGV may drive
     e_stop = state.safety_state.e_stop if state.safety_state else ""
     if e_stop in ACTIVE_STOPS:
         return "the emergency stop of the AGV is active: release it at the vehicle"
@@ -481,9 +483,10 @@ def blocked_by(state: AgvState) -> str:
             f"safetyState.eStop is {e_stop[:30] or 'not stated'}, so the emergency stop of the AGV may be "
             "active: update its software, which has to state NONE, AUTOACK, MANUAL or REMOTE"
         )
+
+    # An error that cannot be read, or has an unknown level, may be fatal
     if "errors" in state.unreadable:
         return f"errors {state.unreadable['errors']}: look after the AGV, and update its software"
-    # errors of unknown levels may be fatal, too
     fatal = next((error for error in state.errors if error.error_level not in HARMLESS_LEVELS), None)
     if fatal is None:
         return ""

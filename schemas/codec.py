@@ -54,6 +54,7 @@ def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
     if len(payload) > kind.max_bytes:
         size = len(payload)
         raise DecodeError(f"{kind.__name__}: has {size} bytes, at most {kind.max_bytes} are taken")
+    # From an unknown sender: each step may fail, with the field in the message
     try:
         data = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_map_len=MAX_FIELDS)
     except (ValueError, msgpack.exceptions.UnpackException, RecursionError) as error:

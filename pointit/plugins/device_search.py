@@ -106,7 +106,7 @@ def search(
             continue
         results[search_key] = result
 
-    # In the order of the searches, not of the answers
+    # In the order of the searches, not of the answers. Those without an answer have a problem.
     ordered: list[SearchResult] = []
     for kind, name in searches:
         if (kind, name) not in results:
@@ -182,6 +182,7 @@ async def find_home_assistants(seconds: float) -> Sequence[FoundDevice]:
 
 def announced_home(service: NetworkService) -> FoundDevice:
     """Return the Home Assistant that a service announces, whatever its properties hold."""
+    # Anybody in the network may announce anything, so texts are cut, and another host is named
     name = service.properties.get("location_name") or service.name
     version = service.properties.get("version") or ""
     address = _url_of(service)
@@ -206,6 +207,7 @@ def import_options(device: FoundDevice) -> str:
 
 def _url_of(service: NetworkService) -> str:
     """Return the address that Home Assistant states for its network, or that of its machine."""
+    # An address with a user or odd characters may be a trap, and is not used
     stated = service.properties.get("internal_url") or ""
     try:
         parts = urlsplit(stated)

@@ -385,6 +385,7 @@ async def open_raw_session(
         ListenError: If the router's address is in use.
         ConnectError: If nothing answered the client within `patience_s`.
     """
+    # Only a client needs an answer: a peer opens alone, and a router listens
     sentence = f"nobody answers at {link.endpoint}"
     if link.remedy:
         sentence += f": {link.remedy}"

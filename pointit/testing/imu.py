@@ -221,6 +221,7 @@ class ImuSourceContract(DeviceContract):
             noise = random.Random(0)  # noqa: S311 - the same bytes in each run
             odd = [trial.encoded(orientation) for orientation in NO_ORIENTATIONS]
             random_pieces = [noise.randbytes(size) for size in (1, 7, 16, 100, 4096)]
+            # Odd readings, cut ones, other programs' bytes, and noise
             pieces = (
                 *odd,
                 b"\n",
@@ -317,6 +318,7 @@ class ImuSourceContract(DeviceContract):
             if self.virtual_time:
                 await asyncio.sleep(VIRTUAL_SILENCE_S)
                 return
+            # One quick look is not enough: the median of several leaves out a garbage collection
             shares: list[float] = []
             for _ in range(TRIES):
                 began_s = time.monotonic()
@@ -324,7 +326,7 @@ class ImuSourceContract(DeviceContract):
                 await asyncio.sleep(SILENCE_S)
                 used_s = time.process_time() - cpu_s
                 shares.append(used_s / (time.monotonic() - began_s))
-            used = statistics.median(shares)  # a garbage collection is no polling
+            used = statistics.median(shares)
             require(
                 used <= MAX_CPU,
                 f"while nothing arrived it used {used:.0%} of a processor core",

@@ -254,6 +254,7 @@ class LedOutputContract(DeviceContract):
                 trial.show_frames(frames)
             await trial.device.plug()
             await trial.start()
+            # Strips may change while it runs, as maps do
             for strips in (STRIPS[:1], (), STRIPS[::-1], STRIPS):
                 with called("set_strips"):
                     trial.output.set_strips(strips)

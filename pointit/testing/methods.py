@@ -247,6 +247,7 @@ class SelectionMethodContract(Contract):
     @promise()
     async def test_deterministic(self) -> None:
         """Gives the same results for the same cursors, beside other people, too."""
+        # The same path twice, the second time in turns with another person
         alone = Person(self)
         alone.wander(7)
         alone.select("object 1")

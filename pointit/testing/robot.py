@@ -236,6 +236,7 @@ class RobotContract(DeviceContract):
             await trial.rise()
             await trial.go(trial.place(0.5), trial.place(0.5, 0.5))
             await trial.still("its path was done")
+            # An order that a newer one replaces is never done
             replaced = await trial.go_far()
             await trial.go(trial.place(0.0, 0.6))
             stopped = await trial.go_far()
@@ -324,6 +325,7 @@ class RobotContract(DeviceContract):
                 await trial.exchange()
             is_still = trial.speed_mps() <= STILL_MPS
             require(is_still, "the robot came, and moved by what was ordered before", "Forget it in `run`")
+            # The loss that counts is the one that comes now
             trial.losses.clear()
             await trial.device.unplug()
             remedy = "Report LinkLost(reason), with what to do, as soon as the connection ends"

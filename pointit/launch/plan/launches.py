@@ -345,7 +345,7 @@ def _person(
         position_m = [pose.x_m, pose.y_m, 0.0]
         yaw_deg = pose.yaw_deg if choices.localize else pose.yaw_deg or 0.0
 
-    # Only the localizer finds the pose if there is one to find: by a robot, or by lamps
+    # The localizer gets the pose, or finds it by a robot or by lamps
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
     supervisor: dict[str, Any] = {"localize": choices.localize}
     if choices.localize and choices.robot is not None:
@@ -369,7 +369,7 @@ def _person(
         profile["stature_m"] = choices.stature_m
         body |= body_of(choices.stature_m)
 
-    # The simulated person stands where the localizer may only find them
+    # The simulated person stands there whether the localizer knows it or not
     user_sim = {
         "position_m": position_m,
         "yaw_deg": yaw_deg,
@@ -490,6 +490,8 @@ def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0)
     for launch in launches:
         if isinstance(launch.config, LocalizerConfig):
             localizers[launch.user] = launch.config
+
+    # A message for those whose localizer has a place that nobody chose
     source = "the scenario or a file of --config says" if choices.files else "the scenario says"
     is_set = any(setting.startswith("localizer.") for setting in choices.settings)
     for index, user in enumerate(users, start=first):

@@ -88,10 +88,13 @@ class RunScore:
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
         """Update from the list of `tracker`."""
+        # The tracker that is silent longest is evicted first, which bounds memory
         self.listed.pop(tracker, None)
         self.listed[tracker] = frozenset(thing.id for thing in message.objects)
         if len(self.listed) > MAX_TRACKERS:
             del self.listed[next(iter(self.listed))]
+
+        # Objects that were selected before they were seen count from now on
         for thing in message.objects:
             self._add_object(thing.id, thing.kind)
             if thing.id in self.unknown:
@@ -204,6 +207,7 @@ class Latency:
         """Store a capture that waits for its frame."""
         if cursor.surface == "none" and not cursor.solid:
             return
+        # Captures whose frame never comes are evicted
         self._pending[cursor.stamp_ns] = None
         while len(self._pending) > RECENT:
             del self._pending[next(iter(self._pending))]

@@ -302,6 +302,8 @@ class RunningScenario:
             group = self._new_companion_group(companion, companion.beside.launch())
             await companion.begin(group)
             await _until_present(self.bus, companion.beside, companion.beside.WAIT_S)
+
+        # The others start after the scenario, which they must not delay
         await self._start(self.plan)
         for companion in in_background:
             starting = self._start_companion(companion)
@@ -315,6 +317,7 @@ class RunningScenario:
             ConfigError: If it cannot start, with the reason.
         """
         previous = self.plan
+        # Names are claimed before the current plan stops: without them, it goes on
         new_users = set(plan.users) - set(previous.users)
         await claim_names(self.bus, USER_ALIVE, new_users)
         await self._stop()
@@ -382,6 +385,7 @@ class RunningScenario:
 
     async def _stop(self) -> None:
         """Stop the scenario. Return when no retained state of it is left."""
+        # Retracted first: what ends on purpose is not missing
         self._deployment_publisher.retract()
         if self._service_group is not None:
             await self._service_group.end()

@@ -202,6 +202,7 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             click.echo(f"Error: the disk is full: {error.filename or 'the output'} is cut off", err=True)
             sys.exit(EXIT_FAILED)
+        # Anything else is a mistake of ours, of which users see one sentence, and developers the log
         log.critical("fault of the program", exc_info=error)
         fault = plain(hide_secrets(f"{type(error).__name__}: {error}"))
         click.echo(f"Error: a fault of PointIt itself ({fault}), see the log", err=True)

@@ -64,6 +64,7 @@ async def query_samples(
 
     `under_any_key`: answers may have other keys than the query.
     """
+    # All answers, not only the newest of each key: several may be missing samples
     accept_replies = zenoh.ReplyKeyExpr.ANY if under_any_key else None
     try:
         replies = await query_replies(

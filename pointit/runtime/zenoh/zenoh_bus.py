@@ -218,6 +218,7 @@ async def send_query(
     Raises:
         RequestError: as `Bus.call`.
     """
+    # A server that is starting is not known everywhere yet: without an answer, ask again
     for wait_s in (*EMPTY_RETRY_S, None):
         data = encode(query)
         encoding = encoding_of(type(query))

@@ -89,7 +89,7 @@ class TestLatest:
 
 
 class TestEvent:
-    async def test_all_arrive_in_order_at_all_readers(self, site: Site) -> None:
+    async def test_messages_arrive_in_order_at_all_readers(self, site: Site) -> None:
         sinks = [Sink() for _ in site.buses]
         subscriptions = [bus.subscribe(BUTTON, sink) for bus, sink in zip(site.buses, sinks, strict=True)]
         writer = site.a.publisher(BUTTON, "anna")
@@ -216,7 +216,7 @@ class TestReaders:
         said = [record for record in caplog.records if record.exc_info and topic.key in record.message]
         assert len(said) == 1, "at most once a second"
 
-    async def test_nothing_runs_after_a_subscription_is_closed(self, site: Site) -> None:
+    async def test_handler_never_runs_after_its_subscription_is_closed(self, site: Site) -> None:
         closed = Sink()
         open_ = Sink()
         subscription = site.b.subscribe(BUTTON, closed)
@@ -269,7 +269,7 @@ class TestTap:
         writer.put(profile(2))
         await until(lambda: all(sink.seen == [("anna", 1), ("anna", 2)] for sink in sinks))
 
-    async def test_nothing_comes_after_it_is_closed(self, site: Site) -> None:
+    async def test_closed_tap_gets_nothing(self, site: Site) -> None:
         closed = Sink()
         open_one = Sink()
         tap = site.b.tap(IMU, tapped(closed), "anna")
@@ -347,7 +347,7 @@ class TestPresence:
 
 
 class TestClose:
-    async def test_nothing_works_and_nothing_runs_afterwards(self, site: Site) -> None:
+    async def test_closed_bus_does_nothing(self, site: Site) -> None:
         sink = Sink()
         roll = Roll()
         alive = Sink()

@@ -62,7 +62,7 @@ def test_the_asyncapi_document_holds_together() -> None:
         assert node
 
 
-def test_channels_say_how_they_are_delivered_and_requests_have_a_query_and_a_reply() -> None:
+def test_channels_have_a_delivery_and_requests_query_and_reply() -> None:
     document = json.loads((FOLDER / "asyncapi.json").read_bytes())
     channels = document["channels"]
     imu = channels["users.user.imu"]

@@ -86,7 +86,7 @@ def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
     assert check_committed(COMMITTED, [changed]) == [str(caught.value)]
 
 
-def test_an_added_field_of_a_part_asks_for_a_version_of_its_message() -> None:
+def test_added_field_of_a_part_requires_a_new_message_version() -> None:
     grown = part(spokes=(int, 0))
     parts: dict[str, Any] = {"front": (grown, ...), "wheels": (several(grown), ())}
     assert "raise `version` of Cart to 2" in check_committed(COMMITTED, [cart(**parts)])[0]

@@ -94,7 +94,7 @@ async def start_shard(three: SimpleNamespace, people: tuple[str, ...] = ("anna",
 
 
 class TestPeopleShare:
-    async def test_without_shards_the_default_hears_all_by_one_subscription(
+    async def test_default_instance_has_one_subscription_without_shards(
         self, three: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         names: list[str] = []
@@ -190,7 +190,7 @@ class TestPeopleShare:
         tracked.put(profile(1))
         await flows(three.site.c.publisher(IMU, "dora"), "dora", three.default.imu)
 
-    async def test_who_is_heard_without_presence_is_heard_till_silent(
+    async def test_user_without_presence_is_read_until_silent(
         self, three: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         default = three.default

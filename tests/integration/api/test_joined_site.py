@@ -87,7 +87,7 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
             await again.close()
 
 
-async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
+async def test_connection_without_a_site_gives_one_sentence(endpoint: str) -> None:
     with pytest.raises(ConnectError, match=f"nobody answers at {endpoint}; is `pointit run` or"):
         async with pointit.connect(endpoint, timeout_s=0.0):
             pass
@@ -140,7 +140,7 @@ async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endp
 
 
 @pytest.mark.slow
-async def test_who_may_not_is_told(
+async def test_denied_call_raises_access_denied(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user", "dashboard1": "dashboard", "guest": "user"})
@@ -196,7 +196,7 @@ async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path
             await services.close()
 
 
-async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: Path) -> None:
+async def test_person_reads_their_own_latest_on_a_secured_site(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user"})
     with routed(folder):
         wrist = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)

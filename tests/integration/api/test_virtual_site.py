@@ -50,7 +50,7 @@ print("closed")
 """
 
 
-async def test_a_script_that_waits_is_called_until_ctrl_c_and_then_goes_on(
+async def test_waiting_script_reacts_until_ctrl_c_and_then_goes_on(
     tmp_path: Path, commands: Commands
 ) -> None:
     (tmp_path / "model.py").write_text(SCRIPT)
@@ -122,7 +122,7 @@ def test_objects_and_lamps_of_a_script() -> None:
             lamp.set("red")
 
 
-def test_an_exception_in_a_loop_is_the_callers_and_ends_the_site() -> None:
+def test_exception_in_a_loop_reaches_the_caller_and_ends_the_site() -> None:
     def fail() -> None:
         with pointit.run("scenario_2", virtual=True) as site:
             for _cursor in site.cursors():
@@ -169,7 +169,7 @@ def test_a_service_that_fails_is_named_to_who(
         ({"listen": "tcp/127.0.0.1:7447"}, "nobody can join a site in virtual time"),
     ],
 )
-def test_what_cannot_run_is_one_sentence(arguments: dict[str, Any], sentence: str) -> None:
+def test_run_that_cannot_start_gives_one_sentence(arguments: dict[str, Any], sentence: str) -> None:
     with pytest.raises(PointItError, match=sentence), pointit.run(**arguments, virtual=True):
         pass
 
@@ -180,7 +180,7 @@ async def test_virtual_time_needs_a_loop_of_its_own() -> None:
             pass
 
 
-def test_nothing_elsewhere_can_be_joined_or_waited_for_in_virtual_time() -> None:
+def test_virtual_time_neither_joins_nor_waits_for_others() -> None:
     async def join() -> None:
         async with pointit.connect():
             pass
@@ -205,7 +205,7 @@ user:
 """
 
 
-def test_a_person_who_follows_a_quadrotor_is_found_with_the_stated_sigma(tmp_path: Path) -> None:
+def test_person_who_follows_a_quadrotor_is_found_within_the_stated_sigma(tmp_path: Path) -> None:
     path = tmp_path / "robots.yaml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pointit.run(path, localize="robot", virtual=True) as site:

@@ -139,7 +139,7 @@ async def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
 
 
 @pytest.mark.slow
-async def test_who_comes_late_finds_what_killed_writers_have_said(site: Site, tmp_path: Path) -> None:
+async def test_late_reader_gets_states_of_killed_writers(site: Site, tmp_path: Path) -> None:
     await site.found(ALL)
     for instance in WRITERS:
         await site.kill(instance)

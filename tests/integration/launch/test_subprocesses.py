@@ -72,7 +72,7 @@ def test_a_command_names_everything_the_service_needs() -> None:
     assert site_command[-1] == "wall"
 
 
-async def test_they_live_and_end_with_the_block_and_leave_nothing() -> None:
+async def test_processes_live_and_end_with_the_block() -> None:
     group = processes()
     async with group:
         assert set(children(group)) == {"selector", "pointing.anna"}

@@ -152,7 +152,7 @@ async def test_a_reply_that_does_not_decode_names_the_server(bus: ZenohBus, stra
     queryable.undeclare()
 
 
-async def test_who_sends_an_endless_id_is_named(bus: ZenohBus, stranger: zenoh.Session) -> None:
+async def test_sender_of_an_endless_id_is_named(bus: ZenohBus, stranger: zenoh.Session) -> None:
     seen: list[Message] = []
     view = ServiceBus(bus, WallClock(), "selector", "selector")
     view.subscribe(CLAIM, lambda claim, _name: seen.append(claim))

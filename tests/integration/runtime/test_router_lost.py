@@ -53,7 +53,9 @@ async def two() -> AsyncIterator[Two]:
             await a.close()
 
 
-async def test_it_is_said_once_each_and_shown_meanwhile(two: Two, caplog: pytest.LogCaptureFixture) -> None:
+async def test_router_loss_and_return_are_logged_once_and_shown_meanwhile(
+    two: Two, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level(logging.INFO)
     third = await ZenohBus.open(Link(connect=(two.router.endpoint,)))
     await settled(two.a, two.b, third)
@@ -78,7 +80,7 @@ async def test_it_is_said_once_each_and_shown_meanwhile(two: Two, caplog: pytest
         ], "one line a bus and a change"
 
 
-async def test_of_two_routers_the_other_takes_over(caplog: pytest.LogCaptureFixture) -> None:
+async def test_second_router_takes_over(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     async with router_process() as one, router_process() as other:
         bus = await ZenohBus.open(Link(connect=(one.endpoint, other.endpoint)), patience_s=30)

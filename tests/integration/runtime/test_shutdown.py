@@ -89,7 +89,7 @@ async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> 
     await bus.close()
 
 
-async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answers() -> None:
+async def test_service_ends_while_its_router_never_answers() -> None:
     async with router_process() as router:
         bus = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=30)
         told: list[tuple[str, bool]] = []
@@ -161,9 +161,7 @@ ending.run_until_shutdown(work())
 
 
 @pytest.mark.parametrize(("crowding", "within_s"), [(0.2, 0.5), (2.0, 1.0)])
-def test_a_task_that_does_not_end_is_cut_off_later_on_a_crowded_machine(
-    crowding: float, within_s: float
-) -> None:
+def test_stuck_task_is_killed_later_on_a_crowded_machine(crowding: float, within_s: float) -> None:
     with process("-c", STUBBORN, str(crowding)) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"

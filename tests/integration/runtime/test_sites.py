@@ -22,7 +22,7 @@ async def endpoint() -> AsyncIterator[str]:
         yield where
 
 
-async def test_nothing_of_one_site_reaches_the_other(endpoint: str) -> None:
+async def test_sites_are_isolated_from_each_other(endpoint: str) -> None:
     async def done(_query: SetBrightness, _name: str) -> Done:
         return Done()
 

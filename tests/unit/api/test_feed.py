@@ -39,7 +39,7 @@ async def test_a_slow_loop_gets_the_newest_cursor_of_each_person(bus: MemoryBus,
     assert cursors.lost == 0
 
 
-async def test_of_one_person_no_others_come(bus: MemoryBus, site: Site) -> None:
+async def test_feed_of_one_person_has_no_others(bus: MemoryBus, site: Site) -> None:
     cursors = site.cursors("ben")
     put_cursor(bus, "anna", 1)
     put_cursor(bus, "ben", 2)
@@ -73,7 +73,7 @@ async def test_events_nobody_takes_count(
     assert "the oldest ones are lost" in caplog.text
 
 
-async def test_the_end_of_the_site_ends_waiting_loops_and_forbids_new_ones(bus: MemoryBus) -> None:
+async def test_closed_site_ends_waiting_loops_and_forbids_new_ones(bus: MemoryBus) -> None:
     async with Site.on(bus, WallClock()) as site:
 
         async def take() -> list[Cursor]:
@@ -100,7 +100,7 @@ async def test_a_failure_reaches_all_loops_behind_what_came_before(bus: MemoryBu
         await anext(events)
 
 
-async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, site: Site) -> None:
+async def test_dropped_feed_is_unsubscribed(bus: MemoryBus, site: Site) -> None:
     readers = bus.exchange.readers_of(CURSOR)
     cursors = site.cursors()
     assert len(readers) == 1
@@ -170,7 +170,9 @@ async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> Non
         assert await anext(site.people()) == {"ben"}
 
 
-async def test_who_leaves_during_the_listing_is_gone(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_person_who_leaves_during_the_listing_is_absent(
+    bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
     anna = bus.announce(USER_ALIVE, "anna")
     bus.announce(USER_ALIVE, "ben")
     list_present = bus.list_present

@@ -35,9 +35,7 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
     assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
 
 
-async def test_the_latest_ends_with_its_person_and_the_pose_returns_with_them(
-    bus: MemoryBus, site: Site
-) -> None:
+async def test_latest_ends_with_its_person_and_the_pose_returns(bus: MemoryBus, site: Site) -> None:
     anna = bus.announce(USER_ALIVE, "anna")
     bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
     assert (await site.latest.pose.wait("anna")).stamp_ns == 1

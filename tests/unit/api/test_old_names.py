@@ -21,7 +21,7 @@ def double(number: int = 1, *, after: int = 0) -> int:
     return 2 * (number + after)
 
 
-def test_old_name_works_with_a_warning_at_the_line_of_the_caller() -> None:
+def test_old_name_works_with_a_warning_at_the_callers_line() -> None:
     old: Callable[..., int] = double
     with pytest.warns(DeprecationWarning, match=r"double\(before=\) is now after=; the next minor") as caught:
         assert old(1, before=2) == double(1, after=2) == 6

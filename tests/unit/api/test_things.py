@@ -79,14 +79,14 @@ async def test_only_switches_are_switched_off() -> None:
     ("event", "names", "counts"),
     [("selected", ("screws",), True), ("selected", (), False), ("deselected", ("screws",), False)],
 )
-def test_before_the_map_has_come_only_a_named_thing_fires(
+def test_only_named_things_fire_before_the_map_has_come(
     event: str, names: tuple[str, ...], *, counts: bool
 ) -> None:
     told = {"stamp_ns": 1, "event": event, "object_id": "screws", "user": "anna", "cause": "dwell"}
     assert is_reaction(SelectionEvent.model_validate(told), names, None) == counts
 
 
-def test_nothing_reacts_to_a_switch_that_is_restored_after_a_restart() -> None:
+def test_reactions_ignore_a_switch_restored_after_a_restart() -> None:
     fields = {"stamp_ns": 1, "event": "selected", "object_id": "radio", "user": "anna"}
     for more in ("", "; told again after a restart of the selector"):
         event = SelectionEvent.model_validate({**fields, "reason": RESTORED + more})
@@ -115,7 +115,7 @@ async def test_misspelt_thing_is_refused_when_the_map_has_come() -> None:
 
 
 @in_virtual_time
-async def test_slow_function_delays_no_other_and_leaves_out_what_exceeds_eight_calls(
+async def test_slow_function_delays_no_other_and_skips_calls_beyond_eight(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async with shop() as (site, bench):
@@ -148,7 +148,7 @@ async def test_slow_function_delays_no_other_and_leaves_out_what_exceeds_eight_c
 
 
 @in_virtual_time
-async def test_nothing_runs_after_the_site_has_closed() -> None:
+async def test_reactions_end_with_the_site() -> None:
     before = asyncio.all_tasks()
     cancelled: list[bool] = []
     bus = MemoryBus()
@@ -204,14 +204,14 @@ def test_script_iterates_over_events(script: Shop) -> None:
     assert next(events).thing == "radio"
 
 
-def test_script_waits_for_the_map_and_says_that_it_has_not_come() -> None:
+def test_script_waits_for_the_map_and_reports_its_absence() -> None:
     with SyncSite(in_memory(), LoopThread(virtual=True)) as site:
         for act in (lambda: next(site.pointed("screws")), site.on_pointed):
             with pytest.raises(NoMessageError, match="nothing came on map within 2 s"):
                 act()
 
 
-def test_the_tutorials_program_ends_with_one_sentence_if_the_map_lacks_a_thing(
+def test_tutorial_ends_with_a_sentence_when_the_map_lacks_a_thing(
     script: Shop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextlib.contextmanager
@@ -297,7 +297,7 @@ async def test_a_limit_that_cannot_be_is_refused_at_once(limit_s: float) -> None
             site.carries("screws", limit_s=limit_s)
 
 
-def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_other_way() -> None:
+def test_call_in_a_thread_ends_before_the_opposite_call_starts() -> None:
     begun: list[bool] = []
     end = threading.Event()
 
@@ -356,7 +356,7 @@ def test_an_empty_name_is_not_everybodys(site: SyncSite) -> None:
         site.lamp("")
 
 
-def test_the_traceback_of_a_wrong_name_has_no_frames_of_the_sites_thread(site: SyncSite) -> None:
+def test_traceback_of_a_wrong_name_hides_the_sites_thread(site: SyncSite) -> None:
     with pytest.raises(KeyNameError, match="user ''") as told:
         site.cursors("")
     assert [frame.name for frame in told.traceback[1:]] == ["iterating", "call", "run"]

@@ -43,6 +43,6 @@ async def test_referents_are_asked_of_the_person_s_listener(bus: MemoryBus, site
 
 
 @pytest.mark.usefixtures("denied")
-async def test_who_may_not_speak_for_a_person_is_told(site: Site) -> None:
+async def test_hear_is_denied_without_the_right_to_speak(site: Site) -> None:
     with pytest.raises(AccessDeniedError):
         await site.hear("anna", [THAT])

@@ -12,7 +12,7 @@ def kept_at(state: Path, site: str = "lab") -> Path:
     return state / site / "web" / "tokens.json"
 
 
-def test_they_stay_the_same_for_a_site_and_nobody_else_reads_them(own_state: Path) -> None:
+def test_tokens_stay_the_same_for_a_site_in_a_private_file(own_state: Path) -> None:
     tokens, notes = stored_tokens("lab")
     assert not notes
     assert stored_tokens("lab") == (tokens, ())
@@ -24,7 +24,7 @@ def test_they_stay_the_same_for_a_site_and_nobody_else_reads_them(own_state: Pat
     assert min(len(tokens.operator), len(tokens.viewer)) >= 22
 
 
-def test_they_can_be_forgotten() -> None:
+def test_tokens_can_be_renewed() -> None:
     tokens, _ = stored_tokens("lab")
     new, notes = stored_tokens("lab", renew=True)
     assert not {new.operator, new.viewer} & {tokens.operator, tokens.viewer}
@@ -33,7 +33,7 @@ def test_they_can_be_forgotten() -> None:
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o602])
-def test_those_that_others_could_read_or_change_are_made_anew(own_state: Path, mode: int) -> None:
+def test_tokens_that_others_could_read_or_change_are_replaced(own_state: Path, mode: int) -> None:
     tokens, _ = stored_tokens("lab")
     kept_at(own_state).chmod(mode)
     new, (note,) = stored_tokens("lab")
@@ -63,7 +63,7 @@ def test_a_broken_file_is_made_anew_and_not_shown(own_state: Path, text: str) ->
     assert stored_tokens("lab") == (new, ())
 
 
-def test_where_nothing_can_be_kept_it_is_said(own_state: Path) -> None:
+def test_tokens_that_cannot_be_stored_are_reported(own_state: Path) -> None:
     own_state.write_text("no folder")
     tokens, notes = stored_tokens("lab")
     assert tokens.operator

@@ -44,7 +44,7 @@ def runs(bus: MemoryBus, name: str) -> None:
         (["scenario_1", "scenario_2"], USUAL),
     ],
 )
-async def test_who_joins_takes_part_in_what_runs_there(
+async def test_surroundings_are_the_scenario_of_the_joined_site(
     names: list[str], scenario: str, bus: MemoryBus
 ) -> None:
     for name in names:
@@ -52,7 +52,7 @@ async def test_who_joins_takes_part_in_what_runs_there(
     assert await surroundings(bus) == (scenario, 1)
 
 
-async def test_who_joins_has_the_first_colour_that_nobody_has(bus: MemoryBus) -> None:
+async def test_surroundings_have_the_first_free_colour(bus: MemoryBus) -> None:
     for user, color in (("user1", CURSOR_COLORS[0]), ("ben", CURSOR_COLORS[2])):
         bus.publisher(PROFILE, user).put(UserProfile(stamp_ns=1, cursor_color=color))
     assert await surroundings(bus) == (USUAL, 2)
@@ -71,7 +71,7 @@ async def test_a_person_may_not_be_called_like_a_shard_of_others(
         await check_names(bus, ["anna", "hall"])
 
 
-async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for(bus: MemoryBus) -> None:
+async def test_name_check_waits_for_a_shard_that_is_about_to_serve(bus: MemoryBus) -> None:
     bus.announce(SERVICE_ALIVE, "selector.anna")
     asyncio.get_running_loop().call_later(LISTEN_S + 0.2, bus.announce, SHARD_ALIVE, "selector.anna")
     await check_names(bus, ["anna"])
@@ -82,7 +82,7 @@ def health(viewers: float | None, service: str = "web") -> Health:
     return Health(stamp_ns=1, service=service, instance=f"{service}.2", pid=1, figures=figures)
 
 
-def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> None:
+def test_viewers_are_present_until_the_page_has_been_silent() -> None:
     onlookers = ViewerPresence()
     assert onlookers.until_s <= 0.0
     assert onlookers.on_health(health(2.0), 10.0)
@@ -113,7 +113,7 @@ def other(stamp_ns: int) -> Deployment:
     return Deployment(stamp_ns=stamp_ns, name="anna", services=services)
 
 
-async def test_who_is_asked_to_end_takes_it_back(bus: MemoryBus) -> None:
+async def test_retracted_deployment_has_no_services(bus: MemoryBus) -> None:
     notice, told = posted(bus)
     await until(lambda: len(told) == 1, what="the run")
     notice.retract()
@@ -122,7 +122,7 @@ async def test_who_is_asked_to_end_takes_it_back(bus: MemoryBus) -> None:
     notice.retract()
 
 
-async def test_what_another_has_told_since_is_not_taken_back(bus: MemoryBus) -> None:
+async def test_newer_deployment_of_another_process_is_not_retracted(bus: MemoryBus) -> None:
     notice, told = posted(bus)
     bus.publisher(DEPLOYMENT, "anna").put(other(time.time_ns() + AWAY_NS))
     await until(lambda: bool(told) and told[-1].services[0].command == ("elsewhere",), what="the other one")
@@ -193,7 +193,7 @@ def test_parameters_are_set_for_one_or_for_all(tmp_path: Path) -> None:
     assert parameters(launches, "keep_out_m") == [2.0, 2.0]
 
 
-def test_a_setting_of_a_driver_is_not_taken_for_one_of_a_robot() -> None:
+def test_setting_of_a_driver_is_not_applied_to_a_robot() -> None:
     choices = Choices(settings=["robot.sim.seed=3"])
     (launch,) = site_launches(scenario(robot_quad={}), choices)
     check_settings([launch], choices)
@@ -232,7 +232,7 @@ def shards(*sites: str, **choices: Any) -> list[Launch]:
     return shard_launches(made, Choices(**choices), "anna")
 
 
-def test_a_persons_shards_have_the_parameters_of_the_scenario_and_the_map_of_the_site() -> None:
+def test_shards_have_the_scenarios_parameters_and_the_sites_map() -> None:
     pui, selector = shards("pui", "selector", "led_driver")
     assert (pui.instance, selector.instance) == ("pui.anna", "selector.anna")
     room = pui.config
@@ -245,7 +245,7 @@ def test_a_persons_shards_have_the_parameters_of_the_scenario_and_the_map_of_the
     check_launches([pui, selector])
 
 
-def test_a_person_has_shards_of_what_the_scenario_has_and_the_map_that_is_set() -> None:
+def test_person_has_the_shards_of_the_scenario_with_the_set_map() -> None:
     (pui,) = shards("pui", settings=["pui.map=lab", "pui.anna.tolerance_deg=3"])
     room = pui.config
     assert isinstance(room, PuiConfig)
@@ -261,12 +261,12 @@ def test_a_shard_has_a_name_and_people(name: str, people: tuple[str, ...], sente
         check_launches([Launch(service=Pui, config=PuiConfig(people=people), name=name)])
 
 
-def test_of_what_serves_all_two_may_run_and_of_a_shard_one() -> None:
+def test_shared_service_may_run_twice_and_a_shard_once() -> None:
     assert not Launch(service=Pui, config=PuiConfig()).is_single
     assert Launch(service=Pui, config=PuiConfig(people=("anna",)), name="anna").is_single
 
 
-def test_its_command_starts_that_one_again() -> None:
+def test_command_restarts_the_named_instance() -> None:
     assert start_command("robot", "quad") == "pointit service run robot --name quad"
     assert start_command("robot") == "pointit service run robot"
     (launch,) = site_launches(scenario(robot_quad={}), Choices())

@@ -175,7 +175,7 @@ def test_the_later_source_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert window_s(settings=["selector.window_s=1.4", "selector.window_s=1.5"]) == 1.5
 
 
-def test_a_file_changes_what_the_command_line_set_and_leaves_the_rest(tmp_path: Path) -> None:
+def test_file_overrides_single_parameters_of_the_command_line(tmp_path: Path) -> None:
     path = written(tmp_path / "a.yaml", "user-sim: {seed: 77, arm: {tremor_rms_deg: 0.0}}\n")
     simulated = config_of(person(seed=3, files=[path]), "user-sim")
     assert (simulated["seed"], simulated["behaviour"]) == (77, "select")
@@ -215,7 +215,7 @@ def test_names_of_services_may_have_underscores_as_other_names_in_yaml(tmp_path:
     assert config_of(launches, "led-driver")["brightness"] == 0.5
 
 
-def test_home_assistant_of_a_site_is_spelled_as_in_maps_and_its_token_is_in_no_error(tmp_path: Path) -> None:
+def test_home_assistant_has_both_spellings_and_errors_hide_its_token(tmp_path: Path) -> None:
     token = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of this test
     (tmp_path / "token").write_text(token)
     (tmp_path / "token").chmod(0o600)
@@ -278,7 +278,7 @@ def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("length", [60, 61])
-def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, tmp_path: Path) -> None:
+def test_scenario_name_that_exceeds_a_key_is_refused(length: int, tmp_path: Path) -> None:
     """The longest that is taken can be told (`DeploymentPublisher`); once a run began and failed by it."""
     path = written(tmp_path / f"{'x' * length}.yaml", GOOD)
     if length > 60:
@@ -297,7 +297,7 @@ def test_a_person_is_not_called_as_a_run() -> None:
         CliRunner().invoke(user, ["run.bob"], catch_exceptions=False)
 
 
-def test_people_differ_in_the_colour_of_their_cursor_unless_the_scenario_says_otherwise() -> None:
+def test_people_have_different_cursor_colours_unless_the_scenario_sets_them() -> None:
     people = [person(f"user{index}", index) for index in range(3)]
     profiles = [config_of(launches, "supervisor")["profile"] for launches in people]
     assert len({tuple(profile["cursor_color"]) for profile in profiles}) == 3
@@ -330,7 +330,7 @@ def test_names_in_scenarios_and_files_of_parameters_are_literal_text(tmp_path: P
     assert config["feeder_belts"] == {"on": "010", "off": "1_0", "0x1": "12:30"}
 
 
-def test_a_goal_is_of_the_scenario_and_not_of_a_room_of_ones_own(tmp_path: Path) -> None:
+def test_goal_belongs_to_the_scenario_and_not_to_an_own_room(tmp_path: Path) -> None:
     assert read_scenario("scenario_4").goal == "Move onto a red package and stay on it until it is full."
     room = tmp_path / "room.yaml"
     room.write_text("things: {lamp: {center: [2, 0, 1], size: [0.2, 0.2, 0.2]}}\n", encoding="utf-8")

@@ -75,7 +75,7 @@ def test_people_and_localizing_are_as_asked_or_as_now() -> None:
     assert (len(third.users), third.localizes) == (4, True)
 
 
-def test_what_was_set_is_set_again_where_it_fits() -> None:
+def test_choices_are_kept_in_scenarios_that_they_fit() -> None:
     settings = [
         "selector.window_s=0.7",
         "pui.tolerance_deg=7",
@@ -138,7 +138,7 @@ def test_a_duration_that_was_asked_for_stays() -> None:
     assert program.plan(RunScenario(scenario="scenario_2"), plan).duration_s == plan.duration_s
 
 
-def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_path: Path) -> None:
+def test_map_is_refused_as_a_scenario_with_a_remedy(tmp_path: Path) -> None:
     path = written(tmp_path, "lamps:\n  led_0:\n    position: [3, 1, 2]\n", "my_room.yaml")
     with pytest.raises(ConfigError) as caught:
         read_scenario(str(path))
@@ -146,7 +146,7 @@ def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_pa
     assert f"`pointit run scenario_2 --set pui.map={path}`" in str(caught.value)
 
 
-def test_a_thing_with_a_light_that_does_not_exist_ends_the_start_with_a_sentence(tmp_path: Path) -> None:
+def test_thing_with_a_missing_light_is_refused_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "my_room.yaml"
     path.write_text("strips: {shelf: {line: [[0, 0, 1], [2, 0, 1]], pixels: 9}}\n"
         "things: {nuts: {light: {strip: shelv, from: 0, to: 1}}}\n", encoding="utf-8")  # fmt: skip
@@ -189,7 +189,7 @@ def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:
         scenario_launches(read_scenario("scenario_4"), choices, 1)
 
 
-def test_scenario_is_offered_where_its_feeder_names_a_belt_of_the_map(tmp_path: Path) -> None:
+def test_scenario_is_offered_when_its_feeder_fits_the_map(tmp_path: Path) -> None:
     room = f"pui.map={written(tmp_path, ROOM)}"
     assert set(offered(room)) == {
         *("scenario_1", "scenario_2", "scenario_3", "scenario_5", "scenario_6"),

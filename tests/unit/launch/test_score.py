@@ -105,7 +105,7 @@ def test_refusals_count_as_such_alone() -> None:
     assert (score.refused, score.refusal) == (2, "anna has it")
 
 
-def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() -> None:
+def test_dispatched_object_counts_by_its_person_whatever_was_selected() -> None:
     score = RunScore(("red",))
     for message in (SELECTED, dispatched("a", "red", "3"), SELECTED):  # the selector's may come later
         score.on_event(message)
@@ -114,7 +114,7 @@ def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() 
     assert score.dispatched() == {"3": {"red": 1}}
 
 
-def test_what_left_while_the_selector_was_down_counts_as_the_conveyor_sent_it() -> None:
+def test_dispatched_object_counts_while_the_selector_is_down() -> None:
     score = RunScore(("red",))
     score.on_objects("conveyor", things(("a", "red"), ("b", "red"), ("c", "blue")))
     for name in ("a", "c"):
@@ -305,7 +305,7 @@ def test_a_summary_says_what_was_refused_and_who_was_not_found() -> None:
     ]
 
 
-def test_a_summary_says_where_people_were_found_and_how_far_off_that_is() -> None:
+def test_summary_has_found_positions_and_their_errors() -> None:
     found = {"position_m": [2.031, -0.48], "position_sigma_m": 0.123, "yaw_sigma_deg": 2.06}
     people = {
         "anna": {**found, "position_error_m": 0.087, "yaw_error_deg": 2.13},
@@ -364,7 +364,7 @@ def sent(robot: str = "rover", goal_ns: int = 5, x_m: float = 2.0) -> Goal:
     return goal_at((x_m, 0.5, 0.0), stamp_ns=goal_ns, robot=robot)
 
 
-def test_summary_has_the_person_and_the_distance_of_each_landing_and_goal() -> None:
+def test_summary_has_person_and_distance_of_each_landing_and_goal() -> None:
     score = RobotsScore([(1.0, 1.0, 0.0)])
     for user, y in (("anna", 1.1), ("anna", 1.05), ("ben", 1.2)):
         score.on_state("quad", state((1.0, y, 0.2), user=user))
@@ -385,7 +385,7 @@ def test_summary_has_the_person_and_the_distance_of_each_landing_and_goal() -> N
     assert score.goals_without_robot == {}
 
 
-def test_goals_that_no_robot_takes_are_in_the_summary_with_their_person() -> None:
+def test_summary_has_goals_without_a_robot_by_person() -> None:
     score = RobotsScore()
     score.on_goal(sent("", x_m=1.0), "anna")
     score.on_goal(sent("", x_m=2.0), "anna")

@@ -35,7 +35,7 @@ def said(choices: Choices, user: str = "anna", index: int = 0) -> list[str]:
 
 
 @pytest.mark.parametrize("index", [0, 1])
-def test_who_wears_a_device_is_told_where_they_are_taken_to_stand(index: int) -> None:
+def test_notice_states_the_assumed_place_of_a_person_with_a_device(index: int) -> None:
     place = read_scenario("scenario_3").places[index]
     x_m, y_m, _ = place.position_m
     (sentence,) = said(Choices(imu=[SERIAL]), index=index)
@@ -56,11 +56,11 @@ def test_who_wears_a_device_is_told_where_they_are_taken_to_stand(index: int) ->
     ],
 )
 @pytest.mark.parametrize("index", [0, 1])
-def test_nobody_is_told_what_was_said_or_is_simulated(choices: Choices, index: int) -> None:
+def test_notice_is_omitted_for_given_or_simulated_places(choices: Choices, index: int) -> None:
     assert said(choices, index=index) == []
 
 
-def test_what_is_kept_and_in_use_is_said() -> None:
+def test_notices_name_stored_offset_and_mounting_in_use() -> None:
     launches = user_launches(read_scenario("scenario_3"), Choices(imu=[SERIAL]), "anna")
     assert [*stored_mounting_notices(launches), *stored_offset_notices(launches)] == []
     StateFile(PointingOffset, "anna", OFFSET_PURPOSE).write(PointingOffset(rung="pitch", fitted_ns=FITTED_NS))

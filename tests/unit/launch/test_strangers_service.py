@@ -244,7 +244,7 @@ def test_personal_service_gets_rights_at_its_persons_name_only() -> None:
     assert "personal.anna can write it and runs" in silence_reason(topics.POSE, "anna", {"personal.anna"})
 
 
-def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
+def test_plugin_rows_are_in_the_tables_and_give_rights() -> None:
     before = len(topics.TOPICS), len(topics.REQUESTS)
     rights = rights_of("services", "supervisor")
     assert (len(topics.TOPICS), len(topics.REQUESTS)) == (before[0] + 2, before[1] + 1)
@@ -266,7 +266,7 @@ def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
         check_launches([launch])
 
 
-async def test_service_alone_in_its_process_ends_if_it_cannot_start_and_is_restarted_later(
+async def test_service_alone_in_its_process_ends_unless_it_has_started(
     monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)

@@ -95,7 +95,7 @@ async def site() -> AsyncGenerator[Site]:
 
 
 @in_virtual_time
-async def test_a_result_has_the_state_after_it_and_only_what_names_the_carrier_is_carried_out() -> None:
+async def test_carrier_carries_out_its_own_events_and_reports_the_new_state() -> None:
     async with site() as home:
         lamp = Lamp()
         home.carrier.use({"lamp": [lamp]})
@@ -113,7 +113,7 @@ async def test_a_result_has_the_state_after_it_and_only_what_names_the_carrier_i
 
 
 @in_virtual_time
-async def test_an_event_that_is_told_again_after_a_restart_of_the_selector_is_not_carried_out() -> None:
+async def test_repeated_event_of_a_restarted_selector_is_not_carried_out() -> None:
     async with site() as home:
         lamp = Lamp()
         home.carrier.use({"lamp": [lamp]})
@@ -130,7 +130,7 @@ async def test_an_event_that_is_told_again_after_a_restart_of_the_selector_is_no
 
 
 @in_virtual_time
-async def test_failures_are_told_by_their_sentence_and_errors_of_targets_by_their_type() -> None:
+async def test_failure_has_its_sentence_and_an_unexpected_error_its_type() -> None:
     async with site() as home:
         errors = [ActFailedError("refused", "not allowed"), ValueError("what?")]
         for number, error in enumerate(errors):
@@ -163,7 +163,7 @@ async def test_the_limit_is_that_of_the_thing() -> None:
 
 
 @in_virtual_time
-async def test_too_many_acts_at_once_are_refused_and_those_that_run_are_not_hurt() -> None:
+async def test_act_beyond_the_limit_is_refused_and_running_acts_go_on() -> None:
     async with site() as home:
         home.carrier.use({"lamp": [Lamp(takes_s=1.0)], "other": [Lamp()]})
         for number in range(MAX_AT_ONCE + 1):
@@ -175,7 +175,7 @@ async def test_too_many_acts_at_once_are_refused_and_those_that_run_are_not_hurt
 
 
 @in_virtual_time
-async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its_end() -> None:
+async def test_newest_act_on_a_switch_cancels_and_awaits_the_earlier_one() -> None:
     async with site() as home:
         lamp = Lamp(takes_s=1.0)
         home.carrier.use({"lamp": [lamp]})
@@ -190,9 +190,7 @@ async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its
 
 
 @in_virtual_time
-async def test_what_some_targets_have_done_or_may_do_yet_is_taken_back_and_those_that_failed_are_spared() -> (
-    None
-):
+async def test_undo_reaches_all_targets_but_those_that_failed() -> None:
     async with site() as home:
         done = Lamp()
         failing = Lamp(error=ActFailedError("refused", "no"))
@@ -212,7 +210,7 @@ async def test_what_some_targets_have_done_or_may_do_yet_is_taken_back_and_those
 
 
 @in_virtual_time
-async def test_what_comes_after_people_were_told_that_it_failed_is_not_carried_out_nor_taken_back() -> None:
+async def test_late_act_is_neither_carried_out_nor_taken_back() -> None:
     async with site() as home:
         lamp = Lamp()
         home.carrier.use({"lamp": [lamp]})
@@ -230,7 +228,7 @@ async def test_what_comes_after_people_were_told_that_it_failed_is_not_carried_o
 
 
 @in_virtual_time
-async def test_states_are_told_when_they_change_and_one_that_is_unavailable_counts() -> None:
+async def test_states_are_published_on_change_and_unavailable_takes_precedence() -> None:
     async with site() as home:
         lamp = Lamp()
         plug = Lamp()
@@ -248,7 +246,7 @@ async def test_states_are_told_when_they_change_and_one_that_is_unavailable_coun
 
 
 @in_virtual_time
-async def test_a_carrier_that_ends_tells_that_its_acts_have_failed_and_takes_leave() -> None:
+async def test_closed_carrier_reports_failure_of_its_acts_and_leaves() -> None:
     async with site() as home:
         home.carrier.use({"lamp": [Lamp(takes_s=4.0)]})
         await home.act()

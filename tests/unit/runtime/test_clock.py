@@ -198,7 +198,7 @@ steps = st.floats(min_value=-7200.0, max_value=7200.0) | st.floats(min_value=0.0
 
 
 @given(st.lists(steps, max_size=50))
-def test_a_steady_clock_never_goes_back_nor_faster_than_what_it_follows(moves_s: list[float]) -> None:
+def test_steady_clock_never_goes_back_nor_runs_faster_than_its_source(moves_s: list[float]) -> None:
     clock = ManualClock()
     steady = SteadyClock(clock)
     time_ns = steady.now_ns()
@@ -226,7 +226,7 @@ def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.5, MAX_SLEW_S, MAX_SLEW_S + 1.0, 3600.0])
-def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(back_s: float) -> None:
+def test_clock_that_may_step_slews_and_steps_instead_of_a_restart(back_s: float) -> None:
     clock = ManualClock()
     stepping = SteadyClock(clock, may_step=True)
     steady = SteadyClock(clock)
@@ -289,7 +289,7 @@ async def test_ticks_follow_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert await take(ticks(FastClock(), 10), loop, [0.0] * 4) == [0.0, 0.002, 0.004, 0.006]
 
 
-async def test_a_tick_of_a_clock_far_behind_is_not_taken_for_old(wall: Wall, bus: MemoryBus) -> None:
+async def test_tick_of_a_clock_far_behind_is_not_old(wall: Wall, bus: MemoryBus) -> None:
     del wall
     follower = SiteClock(bus)
     bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))
@@ -309,7 +309,7 @@ def test_a_virtual_loop_does_not_wait_for_threads_at_its_end() -> None:
         busy.set()
 
 
-def test_of_several_starts_the_earliest_end_counts_once() -> None:
+def test_timer_started_several_times_ends_once_at_the_earliest() -> None:
     async def ends_s(*waits_s: float) -> list[float]:
         loop = asyncio.get_running_loop()
         began_s = loop.time()

@@ -243,7 +243,7 @@ def test_every_parameter_is_listed_with_option_type_and_default() -> None:
     assert [leaf.default for leaf in iter_parameters(Needy)] == ["required"]
 
 
-def test_replaced_mapping_of_a_file_hides_the_one_below_and_an_option_changes_one_entry() -> None:
+def test_file_replaces_a_mapping_and_an_option_changes_one_entry() -> None:
     layers = Layers(("by_name",))
     layers.add({"by_name": {"a": {"name": "x"}}, "arm": {"length_m": 0.5}}, "scenario.yaml")
     layers.add({"by_name": {"b": {"name": "y"}, "c": {"name": "z"}}, "arm": {"side": "left"}}, "mine.yaml")

@@ -97,7 +97,7 @@ class Serving:
         raise OSError("the broker is gone")
 
 
-async def test_it_goes_on_after_each_loss() -> None:
+async def test_connection_is_renewed_after_each_loss() -> None:
     serving = Serving()
     running = asyncio.create_task(serving.run())
     for _ in range(3):

@@ -50,7 +50,7 @@ def test_control_characters_are_question_marks_wherever_they_are(console: PlainC
     assert text.replace("\n", "").isprintable()
 
 
-def test_spaces_of_any_kind_are_spaces_and_what_breaks_lines_is_not(console: PlainConsole) -> None:
+def test_plain_text_keeps_spaces_of_any_kind_but_no_line_breaks(console: PlainConsole) -> None:
     text = "1\u00a0000\u202fm\tfar\u3000off"
     assert plain(text) == "1 000 m far off"
     assert plain("a\u2028b\u200bc\rd") == "a?b?c?d"
@@ -135,7 +135,7 @@ def test_said_line_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"done Error: {TAME}\n"
 
 
-def test_long_text_is_cut_and_line_breaks_are_kept_only_where_asked_for() -> None:
+def test_long_text_is_cut_and_keeps_line_breaks_on_request_only() -> None:
     assert one_line("a\r\n\tb") == "a b"
     assert len(one_line("x" * 10_000)) == 600
     assert plain("a\nb\x07c") == "a\nb?c"

@@ -143,7 +143,7 @@ async def test_a_gap_is_closed(reader: Reader, heard: tuple[int, ...], unable: i
     [(range(4, 20), 6, [1, 4, 5, 6], 1), (range(0), 4, [1, 4], 6)],
     ids=["evicted by its writer: lost at once", "of a writer that never answers: given up"],
 )
-async def test_what_does_not_come_is_lost(
+async def test_samples_that_never_come_are_lost(
     reader: Reader, kept: range, last: int, got: list[int], asked: int
 ) -> None:
     reader.writer.kept = kept
@@ -154,7 +154,7 @@ async def test_what_does_not_come_is_lost(
 
 @pytest.mark.parametrize("heard", [(3, 4), (3, 6)], ids=["no gap since", "and a gap since"])
 @pytest.mark.parametrize("cut", [0, 1])
-async def test_what_a_writer_sent_before_it_was_first_heard_is_asked_for(
+async def test_samples_of_a_new_writer_are_queried_from_its_first_on(
     reader: Reader, heard: tuple[int, ...], cut: int
 ) -> None:
     reader.writer.kept = range(1, 20)
@@ -200,7 +200,7 @@ async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: R
     assert len(reader.lost) == 1, "what a writer sent before the reader began is not lost"
 
 
-async def test_of_many_writers_at_once_only_so_many_are_asked(reader: Reader) -> None:
+async def test_gaps_beyond_the_limit_are_not_queried(reader: Reader) -> None:
     made_up = [Id(eid=eid) for eid in range(100, 100 + 2 * MAX_GAPS)]
     for each in made_up:
         reader.hear(5000, of=each)

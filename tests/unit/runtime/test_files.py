@@ -28,7 +28,7 @@ def mode_of(path: Path) -> int:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
-def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_path: Path) -> None:
+def test_written_file_and_new_folders_are_private_without_a_mode(tmp_path: Path) -> None:
     write_atomically(tmp_path / "a" / "b" / "secret", b"")
     assert [mode_of(tmp_path / path) for path in ("a", "a/b", "a/b/secret")] == [0o700, 0o700, 0o600]
     write_atomically(tmp_path / "a" / "b" / "secret", b"", mode=0o644)
@@ -62,7 +62,7 @@ def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pyt
     assert waited == ([False] if os.name == "nt" else [False, True])  # the file, then its name
 
 
-def test_kept_file_has_the_modes_of_the_system_or_of_the_file_before(tmp_path: Path) -> None:
+def test_replaced_file_keeps_its_mode_or_has_that_of_the_system(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.touch()
     for mode in (mode_of(other), 0o640):
@@ -91,7 +91,7 @@ def test_links_to_a_kept_file_stay(tmp_path: Path) -> None:
         assert (tmp_path / "folder" / "y").read_text() == text
 
 
-def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+def test_replaced_file_writes_to_pipes_and_devices_themselves(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     try:
@@ -128,7 +128,7 @@ class Shoe(BaseModel):
     size: int
 
 
-def test_a_stored_value_is_read_again_by_the_same_person_only_until_it_is_erased(own_state: Path) -> None:
+def test_stored_value_is_read_by_the_same_person_until_erased(own_state: Path) -> None:
     file = StateFile(Shoe, "anna", "shoe")
     assert file.read() is None
     assert not file.erase()

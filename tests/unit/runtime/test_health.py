@@ -177,7 +177,7 @@ async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> Non
     assert of(bench.view.report(), BUTTON.key, "in").dropped == 3
 
 
-async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s: list[float]) -> None:
+async def test_closed_declarations_are_forgotten_but_still_counted(bench: Bench, now_s: list[float]) -> None:
     async def unheard(_query: ClearSelection, _name: str) -> Done:
         return Done(message="")
 
@@ -348,7 +348,7 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
     assert not bench.view.report().warnings
 
 
-async def test_one_message_far_ahead_does_not_make_the_others_old(bench: Bench) -> None:
+async def test_message_far_ahead_does_not_make_others_old(bench: Bench) -> None:
     stamps_ns = [10_000_000_000, 20_000_000_000, 10_020_000_000, 10_040_000_000]
     seen: list[int] = []
     bench.view.subscribe(IMU, lambda message, _name: seen.append(message.stamp_ns), "anna")

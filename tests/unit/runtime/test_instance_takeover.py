@@ -104,7 +104,7 @@ class TestSuccession:
 
     @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])
     @pytest.mark.parametrize("older", ["a", "b"])
-    async def test_of_two_instances_one_ends_at_any_delay(
+    async def test_one_of_two_instances_ends_at_any_delay(
         self, bus: MemoryBus, older: str, late_s: float
     ) -> None:
         """One began 101 s ago, the other 100 s; each hears what the other has said `late_s` ago."""
@@ -122,7 +122,7 @@ class TestSuccession:
                 lost.append(me)
         assert lost == [older]
 
-    async def test_its_own_reports_are_no_rival(self, bus: MemoryBus) -> None:
+    async def test_own_reports_are_no_rival(self, bus: MemoryBus) -> None:
         at = TakeoverMonitor(bus, "pointing.anna", lambda: NOW_NS)
         bus.publisher(HEALTH, "pointing.anna").put(report(ME[1], 0.0, host=ME[0]))
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 0.0))

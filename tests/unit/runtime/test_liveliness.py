@@ -100,7 +100,7 @@ def test_the_loop_learns_what_is_present_each_change_once(changes: list[str | No
 
 
 @given(st.lists(st.tuples(st.sampled_from(["a", "b"]), st.booleans(), st.booleans()), max_size=20))
-def test_what_is_present_is_known_although_two_changes_are_reported_in_reverse_order(
+def test_presence_is_known_although_changes_are_reported_in_reverse(
     pairs: list[tuple[str, bool, bool]],
 ) -> None:
     network = Network()

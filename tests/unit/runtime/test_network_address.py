@@ -162,7 +162,7 @@ def test_a_machine_without_routes_and_interfaces_has_no_address(monkeypatch: pyt
     assert own_address("here") == "here"
 
 
-def test_in_a_network_of_ipv6_alone_the_page_has_its_address_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_has_an_ipv6_address_in_a_network_without_ipv4(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(name_lookup, "interface_addresses", list)
     route(monkeypatch, {"2001:db8::1": "fd00::5", "fd00::1": "fe80::5"})
     assert (found_addresses(), lan_addresses()) == ([], ["fd00::5"])

@@ -146,7 +146,7 @@ async def test_rights_that_were_added_are_answered_by_the_common_test() -> None:
         await test.close()
 
 
-async def test_it_is_tested_until_it_is_closed() -> None:
+async def test_right_is_tested_until_the_probe_is_closed() -> None:
     router = Router()
     router.denied = lambda key: "imu" in key
     test = self_test_at(router)
@@ -160,7 +160,7 @@ async def test_it_is_tested_until_it_is_closed() -> None:
 
 
 @pytest.mark.parametrize("turns", range(8))
-async def test_it_closes_while_answers_arrive(turns: int) -> None:
+async def test_probe_closes_while_answers_arrive(turns: int) -> None:
     router = Router()
     test = self_test_at(router)
     test.add("writes", "users/anna/imu")

@@ -110,7 +110,7 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
     assert "part 'mine' of strangers failed at its end: ValueError: port lost" in caplog.text
 
 
-def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_up_the_end(
+def test_plugin_that_ignores_its_cancellation_is_abandoned(
     guard: PluginGuard, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(plugin_guard, "END_TIMEOUT_S", 0.01)
@@ -138,7 +138,7 @@ def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_
 
 
 @pytest.mark.wall_time
-async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(
+async def test_health_names_plugin_and_line_that_have_blocked_the_loop(
     tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(plugin_guard, "STALL_S", 0.05)
@@ -189,7 +189,7 @@ async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
     assert sink.last.endswith(" in block: report this place")
 
 
-def test_module_that_is_loaded_accuses_its_importer_and_not_its_own_service() -> None:
+def test_blocking_import_is_that_of_its_importer() -> None:
     """A plug-in of another package loads modules of the package of a service."""
     packages = {"pointit.services.flooded", "strangers"}
     found: list[plugin_guard.BlockingCode | None] = []
@@ -239,7 +239,7 @@ def test_call_that_raises_is_reported_until_it_works(guard: PluginGuard, sink: S
     assert not sink.shown
 
 
-def test_calls_that_raise_in_turn_for_each_frame_are_logged_once_in_a_while(
+def test_calls_that_raise_for_each_frame_are_logged_rarely(
     guard: PluginGuard, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def lost(frame: int) -> None:
@@ -386,7 +386,7 @@ def test_process_imports_only_plugins_that_its_arguments_name(
     assert len(list(tmp_path.glob("*.imported"))) == others
 
 
-def test_driver_that_no_package_has_is_refused_with_the_group_of_its_entry_point() -> None:
+def test_unknown_driver_is_refused_with_the_group_of_its_entry_point() -> None:
     sentence = (
         "use one of ros2, sim, vda5050; another one comes from a package with an entry point 'turtle' of "
         "pointit.robots, or is in pyproject.toml: then run scripts/setup"

@@ -79,7 +79,7 @@ def test_errors_are_sentence_and_code(
     assert "Traceback" not in shown.err
 
 
-def test_an_unforeseen_error_gives_a_sentence_a_code_and_a_logged_traceback(
+def test_unforeseen_error_gives_a_sentence_a_code_and_a_traceback(
     capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     assert ended(raising(ZeroDivisionError("oops"))) == 70
@@ -122,7 +122,7 @@ def test_having_been_asked_to_end_is_no_failure(number: int) -> None:
     assert signal.getsignal(number) is before
 
 
-def test_what_a_shell_has_started_beside_it_ignores_ctrl_c_again_afterwards() -> None:
+def test_ctrl_c_is_ignored_again_afterwards_in_a_background_process() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         assert kill_soon(signal.SIGINT) == 0
@@ -245,7 +245,7 @@ def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, sa
     assert (done.returncode, done.stdout, done.stderr) == (3, said, "")
 
 
-def test_full_collections_leave_out_what_a_process_has_made_at_its_start(
+def test_full_collections_skip_objects_of_the_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("pointit.runtime.service.process.STARTED_S", 0.0)

@@ -26,7 +26,7 @@ class Session:
         self.is_closed = True
 
 
-def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_router_looks_for_no_sockets_without_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     """To find them, all that this process has open is looked at, in the loop."""
     cut: list[set[tuple[str, int]]] = []
     monkeypatch.setattr(router, "cut", cut.append)
@@ -111,7 +111,7 @@ def test_equal_lines_beyond_the_limit_are_counted_exactly_and_taken_rarely() -> 
     assert len(taken) < count / 2
 
 
-def test_of_too_many_different_lines_those_with_a_mark_are_taken_and_others_are_left_out() -> None:
+def test_marked_lines_have_precedence_in_a_flood_of_different_lines() -> None:
     count = 20 * LIMIT
     taken = read([*(line(b"x%d" % at) for at in range(count)), line(b"anna is unauthorized")])
     assert number_of("anna is unauthorized", taken) == 1
@@ -125,7 +125,7 @@ def test_ignored_lines_are_neither_taken_nor_counted() -> None:
     assert [each for each, _ in taken] == [line(b"anna").decode()] * 10
 
 
-def test_rest_of_a_key_with_a_line_break_becomes_no_line_of_zenoh() -> None:
+def test_key_with_a_line_break_forges_no_line_of_zenoh() -> None:
     """It has as many characters before the forged text as Zenoh's time has."""
     forged = b"x" * TIME_BYTES + b"ben is unauthorized"
     taken = read([*[line(b"x")] * LIMIT, *[forged] * 3])

@@ -109,7 +109,7 @@ async def bench(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Bench]:
     await bench.other.close()
 
 
-async def test_it_is_present_and_reports_while_it_runs(bench: Bench) -> None:
+async def test_service_is_present_and_reports_while_it_runs(bench: Bench) -> None:
     task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
     await until(lambda: bench.alive == {"worker.anna": True, "anna": True})
     await until(lambda: len(bench.health) >= 3)
@@ -127,7 +127,7 @@ async def test_it_is_present_and_reports_while_it_runs(bench: Bench) -> None:
     assert not bench.bus.declarations
 
 
-async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(bench: Bench) -> None:
+async def test_service_is_present_from_its_readiness_to_its_last_task(bench: Bench) -> None:
     states: list[tuple[bool, bool]] = []
 
     def told(_name: str, *, present: bool) -> None:
@@ -142,7 +142,7 @@ async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(ben
     await until(lambda: states == [(True, True), (False, False)])
 
 
-async def test_of_two_processes_with_one_name_the_later_keeps_it(bench: Bench) -> None:
+async def test_later_of_two_processes_keeps_the_name(bench: Bench) -> None:
     launch = Launch(service=OneOfSeveral, config=Config(), name="quad")
     assert (launch.instance, launch.is_single) == ("worker.quad", True)
     task = asyncio.create_task(run_service(launch, bench.bus, ManualClock()))
@@ -199,7 +199,7 @@ async def test_a_constructor_that_raises_leaves_nothing_behind(bench: Bench) -> 
     ("kind", "back_s", "count"),
     [(Worker, MAX_SLEW_S - 1.0, 1), (Worker, MAX_SLEW_S + 1.0, 2), (SteppingWorker, 3600.0, 1)],
 )
-async def test_a_clock_set_back_too_far_to_be_slewed_restarts_a_service(
+async def test_service_restarts_when_its_clock_is_set_back_too_far(
     bench: Bench, kind: type[Worker], back_s: float, count: int
 ) -> None:
     clock = ManualClock()
@@ -235,7 +235,7 @@ async def test_a_bus_closed_beneath_a_service_ends_it_without_complaint(bench: B
         await task
 
 
-async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> None:
+async def test_services_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> None:
     task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
     await until(lambda: bool(bench.health))
     await bench.bus.close()

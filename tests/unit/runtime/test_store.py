@@ -47,7 +47,7 @@ def store(tmp_path: Path) -> Store:
     return Store(tmp_path / "new" / "book.sqlite", LAYOUT)
 
 
-def test_committed_data_are_read_at_the_next_start_and_all_or_nothing_is_committed(store: Store) -> None:
+def test_transaction_is_committed_whole_and_read_at_the_next_start(store: Store) -> None:
     def interrupted(db: sqlite3.Connection) -> None:
         db.execute("INSERT INTO words VALUES ('half')")
         raise KeyError
@@ -76,7 +76,7 @@ time.sleep(60)
 """
 
 
-def test_killed_writer_loses_nothing_and_a_second_writer_is_refused_while_it_runs(store: Store) -> None:
+def test_killed_writer_loses_nothing_and_excludes_a_second_while_alive(store: Store) -> None:
     child = subprocess.Popen(
         [sys.executable, "-c", CHILD, str(store.path)],
         stdout=subprocess.PIPE,
@@ -203,7 +203,7 @@ def test_full_disk_is_reported_and_writing_is_tried_again_later(store: Store) ->
     store.close()
 
 
-def test_process_that_holds_the_file_for_a_moment_at_the_start_costs_nothing(store: Store) -> None:
+def test_store_waits_for_a_process_that_holds_the_file_briefly(store: Store) -> None:
     store.open(NOW, read)
     write(store, "a")
     store.close()

@@ -115,9 +115,7 @@ def test_udp_ports_are_released_and_their_sockets_stay_open(listening: socket.so
 @pytest.mark.parametrize(
     ("family", "host"), [("::1", "::1"), ("::", "127.0.0.1"), ("127.0.0.1", "127.0.0.1")]
 )
-def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_written(
-    family: str, host: str
-) -> None:
+def test_only_the_peers_connection_is_closed_in_any_notation(family: str, host: str) -> None:
     """Sockets of both versions write an IPv4 address as one of IPv6."""
     version = socket.AF_INET6 if ":" in family else socket.AF_INET
     with (
@@ -152,7 +150,7 @@ def test_connection_that_is_held_stays_open_and_nothing_of_it_arrives(listening:
                 accepted.recv(1)
 
 
-def test_nothing_is_found_where_no_descriptor_is_left() -> None:
+def test_sockets_are_not_found_without_a_free_descriptor() -> None:
     looked = python("-c", LOOKS_WITHOUT_DESCRIPTORS)
     assert (looked.stdout, looked.stderr) == ("[] 0\n", "")
 

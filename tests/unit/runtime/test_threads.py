@@ -57,7 +57,7 @@ async def waiting(name: str) -> tuple[threading.Event, list[bool], asyncio.Task[
     return release, dropped, task
 
 
-async def test_a_result_that_comes_too_late_is_discarded_while_the_loop_runs() -> None:
+async def test_late_result_of_a_thread_is_discarded() -> None:
     release, dropped, task = await waiting("late")
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)

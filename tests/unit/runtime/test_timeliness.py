@@ -135,7 +135,7 @@ def test_a_clock_that_was_set_back_is_believed_after_a_moment(back_s: float) -> 
     assert order.refused == refused
 
 
-def test_a_clock_that_was_set_forward_is_believed_and_what_was_before_is_old() -> None:
+def test_clock_set_forward_is_believed_and_earlier_stamps_are_old() -> None:
     order = OutOfOrderFilter()
     stamps_s = [
         *(100.0 + number * PERIOD_S for number in range(10)),
@@ -180,7 +180,7 @@ def test_delayed_messages_are_refused_whatever_the_clocks_say(held_s: float, ahe
     assert lateness.by_s == pytest.approx(LATE_S, abs=2 * PERIOD_S)
 
 
-def test_a_backlog_that_comes_bit_by_bit_is_refused_to_its_end() -> None:
+def test_backlog_in_small_parts_is_refused_to_its_end() -> None:
     lateness = LateMessageFilter()
     link(lateness, [0.01] * 100)
     came = [(5.0 + n * 0.015, 3.0 - n * 0.005) for n in range(700)]  # a third more than is said meanwhile
@@ -189,7 +189,7 @@ def test_a_backlog_that_comes_bit_by_bit_is_refused_to_its_end() -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.5, 5.0, 3600.0])
-def test_a_clock_that_was_set_back_and_a_link_that_became_slow_are_believed(back_s: float) -> None:
+def test_constant_delay_is_believed_after_a_moment(back_s: float) -> None:
     lateness = LateMessageFilter()
     link(lateness, [0.01] * 100)
     taken = link(lateness, [0.01 + 0.05 * (n % 3) for n in range(200)], began_s=2.0, ahead_s=-back_s)
@@ -229,7 +229,7 @@ def test_clock_skew_is_reported_with_machine_and_amount(skew_s: float) -> None:
     assert found[0].exceeds_limit == (abs(skew_s) >= 1.0)
 
 
-def test_delays_of_an_overloaded_machine_are_no_clock_and_a_wireless_link_hides_none() -> None:
+def test_load_is_no_clock_skew_and_wireless_delays_hide_none() -> None:
     loaded_s = [0.07 + 0.01 * number for number in range(20)]
     assert watched({}, {"here": [0.001] * 20, "busy": loaded_s}) == []
     own_s = [0.4 + 0.05 * number for number in range(10)]

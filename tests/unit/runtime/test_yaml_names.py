@@ -77,13 +77,13 @@ def test_keys_that_differ_only_as_text_are_all_there() -> None:
         ('~: 1\nb: 2\n"~": 3\n', "line 3: the key '~' occurs twice, first in line 1; keep one"),
     ],
 )
-def test_a_key_that_is_there_twice_is_an_error_with_both_lines(text: str, sentence: str) -> None:
+def test_duplicate_key_is_an_error_with_both_lines(text: str, sentence: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_yaml(text.encode(), "x.yaml")
     assert str(caught.value) == f"x.yaml: {sentence}"
 
 
-def test_only_an_alias_is_merged_and_another_entry_called_so_is_a_name() -> None:
+def test_merge_key_merges_aliases_only_and_is_otherwise_a_name() -> None:
     text = "base: &base {a: 1}\nlist: {<<: [*base], b: 2}\nnames: {<<: {c: 3}, '=': 4}\n"
     assert parse_yaml(text.encode(), "x") == {
         "base": {"a": 1},
@@ -92,7 +92,7 @@ def test_only_an_alias_is_merged_and_another_entry_called_so_is_a_name() -> None
     }
 
 
-def test_a_key_that_is_an_anchor_too_does_not_change_the_value_at_the_anchor() -> None:
+def test_key_that_is_an_anchor_leaves_the_anchored_value() -> None:
     assert parse_yaml(b"a: &x 8\nb: {*x : 1}\n", "x") == {"a": 8, "b": {"8": 1}}
 
 
@@ -120,7 +120,7 @@ def test_null_in_a_field_of_text_is_refused() -> None:
         layers.build(Lamps)
 
 
-def test_other_mistakes_are_named_beside_a_name_that_looks_like_a_number() -> None:
+def test_mistake_is_named_beside_a_name_like_a_number() -> None:
     layers = Layers()
     layers.add(parse_yaml(b"name: 010\ncount: many\n", "x"), "x.yaml")
     with pytest.raises(ConfigError, match=r"^x.yaml: count: write a whole number \(got 'many'\)$"):
@@ -154,7 +154,7 @@ def test_other_mistakes_are_named_beside_a_name_that_looks_like_a_number() -> No
         ("path", "010", Path("010")),
     ],
 )
-def test_a_field_of_another_type_gets_the_value_in_files_and_options(
+def test_field_of_another_type_gets_the_value_of_files_and_options(
     field: str, word: str, value: object
 ) -> None:
     assert getattr(lamps(f"{field}: {word}"), field) == value
@@ -213,7 +213,7 @@ def test_a_word_of_set_is_text_and_not_reported(word: str, caplog: pytest.LogCap
 
 
 @given(WORDS)
-def test_quoted_text_is_the_same_text_for_readers_of_yaml_1_1_and_1_2(text: str) -> None:
+def test_quoted_text_is_the_same_for_all_yaml_versions(text: str) -> None:
     ruamel = pytest.importorskip("ruamel.yaml")
     written = f"{{{quoted(text)}: [{quoted(text)}]}}"
     assert "\n" not in written
@@ -227,7 +227,7 @@ def test_quoted_text_is_the_same_text_for_readers_of_yaml_1_1_and_1_2(text: str)
         lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=3),
     )
 )
-def test_what_is_dumped_is_read_again(value: Any) -> None:
+def test_dumped_value_is_read_again(value: Any) -> None:
     text = dump_yaml({"x": value})
     again = load_yaml(text, "x")
     assert again == {"x": value}

@@ -57,7 +57,7 @@ def press(seq: int) -> ButtonEvent:
 
 
 @pytest.mark.usefixtures("restless")
-async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() -> None:
+async def test_newest_item_of_many_threads_comes_last_without_missed_wake_ups() -> None:
     newest: dict[str, int] = {}
     handled = 0
 
@@ -87,7 +87,7 @@ async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() 
 
 @pytest.mark.usefixtures("restless")
 @pytest.mark.parametrize("topic", [BUTTON, IMU])
-async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(topic: AnyTopic) -> None:
+async def test_items_of_all_threads_are_counted_once(topic: AnyTopic) -> None:
     """Some threads even put what they should offer."""
     seen: list[tuple[str, int]] = []
     mailbox = Mailbox(topic, lambda message, name: seen.append((name, message.seq)), Dispatcher())
@@ -115,9 +115,7 @@ async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(to
 
 
 @pytest.mark.parametrize(("topic", "left"), [(BUTTON, range(9)), (IMU, [8])])
-async def test_what_other_threads_bring_neither_overtakes_nor_is_overtaken(
-    topic: AnyTopic, left: Iterable[int]
-) -> None:
+async def test_items_of_loop_and_other_threads_stay_in_order(topic: AnyTopic, left: Iterable[int]) -> None:
     seen: list[int] = []
     mailbox = Mailbox(topic, lambda message, _name: seen.append(message.seq), Dispatcher())
     for wakes in range(1, 4):
@@ -136,7 +134,7 @@ async def test_what_other_threads_bring_neither_overtakes_nor_is_overtaken(
 
 
 @pytest.mark.usefixtures("restless")
-async def test_nothing_is_handled_after_close_whatever_threads_still_offer() -> None:
+async def test_closed_mailbox_handles_nothing_that_threads_still_offer() -> None:
     handled: list[int] = []
     mailbox = Mailbox(BUTTON, lambda message, _name: handled.append(message.seq), Dispatcher())
     stop = threading.Event()
@@ -171,7 +169,7 @@ async def test_an_overflow_is_said_once_however_long_ago_the_last_line(
     assert [line.split(", ")[1] for line in said] == ["5 events lost so far", "12 events lost so far"]
 
 
-async def test_one_wake_up_drains_a_chain_but_lets_others_have_their_turn() -> None:
+async def test_one_wake_up_drains_a_chain_and_lets_others_run() -> None:
     dispatcher = Dispatcher()
     turns = 0
     other_ran_at = -1
@@ -264,7 +262,7 @@ async def test_tasks_that_fail_are_logged_unless_it_is_a_reply(
     assert [record.message for record in caplog.records] == logged
 
 
-async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order() -> None:
+async def test_queue_rejects_items_beyond_its_limit_and_keeps_the_order() -> None:
     seen: list[int] = []
     turned_away = OverflowCounter()
 

@@ -24,7 +24,7 @@ LIMIT_NS = 35 * NS_PER_S
         (START_NS + DAY_NS, False, -DAY_NS),
     ],
 )
-def test_age_is_that_of_the_stamp_and_unknown_without_one_when_retained(
+def test_message_age_is_unknown_when_retained_without_stamp(
     stamp_ns: int | None, expected_ns: float, *, is_retained: bool
 ) -> None:
     assert message_age_ns(stamp_ns, START_NS, is_retained=is_retained) == expected_ns
@@ -40,7 +40,7 @@ def ages_ns(clock: SenderClock, messages: list[tuple[float, float]]) -> list[flo
     ]
 
 
-def test_clock_that_is_behind_by_the_same_time_is_believed_after_a_second() -> None:
+def test_clock_behind_by_a_constant_is_believed_after_a_second() -> None:
     behind_s = -3600.0
     messages = [(behind_s + 0.1 * step, 0.1 * step) for step in range(20)]
     ages = ages_ns(SenderClock(LIMIT_NS), messages)
@@ -48,7 +48,7 @@ def test_clock_that_is_behind_by_the_same_time_is_believed_after_a_second() -> N
     assert set(ages[11:]) == {0}
 
 
-def test_queue_that_is_delivered_late_is_old_until_it_has_caught_up() -> None:
+def test_late_queue_is_old_until_it_has_caught_up() -> None:
     hour = [(-3600.0 + step, 0.001 * step) for step in range(3600)]
     ages = ages_ns(SenderClock(LIMIT_NS), [*hour, (4.0, 4.0)])
     assert min(ages[:3500]) > LIMIT_NS
@@ -59,13 +59,13 @@ def test_clock_that_is_ahead_makes_no_message_old() -> None:
     assert ages_ns(SenderClock(LIMIT_NS), [(7200.0, 0.0), (7200.1, 0.1)]) == [0, 0]
 
 
-def test_late_message_of_a_wrong_clock_is_no_message_of_another_clock() -> None:
+def test_late_message_does_not_change_a_known_clock_error() -> None:
     clock = SenderClock(LIMIT_NS)
     ages_ns(clock, [(-3600.0 + 0.1 * step, 0.1 * step) for step in range(20)])
     assert ages_ns(clock, [(-3598.0, 3.0), (-3596.0, 4.0)]) == [0, 0]
 
 
-def test_what_was_said_before_the_end_is_old_until_the_sender_starts() -> None:
+def test_messages_of_before_the_end_are_old_until_the_sender_starts() -> None:
     clock = SenderClock(LIMIT_NS)
     clock.end(START_NS)
     assert ages_ns(clock, [(-1.0, 1.0)])[0] > LIMIT_NS

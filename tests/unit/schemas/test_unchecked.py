@@ -31,7 +31,7 @@ def as_in_production(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 @given(data=st.data())
-def test_a_message_is_the_same_in_all_that_is_done_with_it(kind: type[Message], data: st.DataObject) -> None:
+def test_unchecked_message_behaves_like_a_validated_one(kind: type[Message], data: st.DataObject) -> None:
     checked = data.draw(messages(kind))  # once for both: a draw takes longer than all the rest
     values = dict(reversed(vars(checked).items()))  # the order of the call is not the bytes'
     for are_on in (True, False):
@@ -54,7 +54,7 @@ def test_defaults_are_those_of_the_message() -> None:
 
 
 @pytest.mark.usefixtures("as_in_production")
-def test_nobody_can_change_it() -> None:
+def test_unchecked_message_is_frozen() -> None:
     ray = unchecked(PointingRay)(stamp_ns=5, origin_m=EYES, direction=AHEAD)
     with pytest.raises(ValidationError, match="frozen"):
         ray.direction = EYES  # pyrefly: ignore[read-only]
@@ -86,6 +86,6 @@ def test_whoever_receives_a_wrong_value_refuses_it(direction: Any) -> None:
 
 @pytest.mark.usefixtures("as_in_production")
 @pytest.mark.parametrize("direction", WRONG)
-def test_what_anybody_else_makes_is_always_validated(direction: Any) -> None:
+def test_normal_constructor_always_validates(direction: Any) -> None:
     with pytest.raises(ValidationError, match="direction"):
         PointingRay(stamp_ns=5, origin_m=EYES, direction=direction)

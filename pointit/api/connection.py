@@ -94,7 +94,7 @@ async def _join(
         is_default = not address and not site
         if is_default and not link.credentials:
             people = ", ".join(sorted(await bus.list_present(USER_ALIVE))) or "nobody"
-            _tell_joined(f"site {bus.site} at {DEFAULT_ENDPOINT}, with {people}")
+            _log_joined(f"site {bus.site} at {DEFAULT_ENDPOINT}, with {people}")
         async with Site.on(bus, SiteClock(bus)) as joined:
             yield joined
     finally:
@@ -102,8 +102,8 @@ async def _join(
 
 
 @functools.cache  # once
-def _tell_joined(what: str) -> None:
-    log.warning("joined %s; to join another run, pass its address, such as tcp/HOST:7447", what)
+def _log_joined(site: str) -> None:
+    log.warning("joined %s; to join another run, pass its address, such as tcp/HOST:7447", site)
 
 
 def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:
@@ -111,22 +111,22 @@ def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:
     if not folder:
         addresses = tuple(connect) or (DEFAULT_ENDPOINT,)
         return Link(site=site or DEFAULT_SITE, connect=addresses)
-    known = _credentials(Path(folder))
-    if site and site != known.link.site:
+    credentials = _credentials(Path(folder))
+    if site and site != credentials.link.site:
         raise ConfigError(
-            f"site {site}: the credentials in {known.folder} are of site {known.link.site}; leave the site "
-            "out, or use that site's credentials"
+            f"site {site}: the credentials in {credentials.folder} are of site {credentials.link.site}; "
+            "leave the site out, or use that site's credentials"
         )
-    addresses = tuple(connect) or tuple(known.link.endpoints)
-    return Link(site=known.link.site, connect=addresses, credentials=known)
+    addresses = tuple(connect) or tuple(credentials.link.endpoints)
+    return Link(site=credentials.link.site, connect=addresses, credentials=credentials)
 
 
 def _credentials(folder: Path) -> Credentials:
     now = dt.datetime.now(dt.UTC)
-    known = read_credentials(folder, now)
-    if ending := known.expiry_warning(now):
+    credentials = read_credentials(folder, now)
+    if ending := credentials.expiry_warning(now):
         log.warning("%s", ending)
-    return known
+    return credentials
 
 
 async def _check_site(bus: ZenohBus) -> None:

@@ -158,7 +158,7 @@ class Feed(AsyncIterator[T], Generic[T]):
         self._speed = speed
         self._duration_s = duration_s
         self._end_s: float | None = None
-        self._left: int | None = None
+        self._remaining: int | None = None
         """Items to give after the end of the duration."""
 
     @property
@@ -195,11 +195,11 @@ class Feed(AsyncIterator[T], Generic[T]):
                 async with asyncio.timeout_at(self._end_s):
                     return self._pick(await self._buffer.take())
         # The time is over: what has come until now is still returned, but nothing that comes later
-        if self._left is None:
-            self._left = len(self._buffer)
-        if not self._left or not len(self._buffer):
+        if self._remaining is None:
+            self._remaining = len(self._buffer)
+        if not self._remaining or not len(self._buffer):
             raise StopAsyncIteration
-        self._left -= 1
+        self._remaining -= 1
         return self._pick(await self._buffer.take())
 
 

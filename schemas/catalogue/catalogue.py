@@ -315,34 +315,34 @@ def _bare(node: Any, definitions: Mapping[str, Any]) -> Any:
     return bare
 
 
-def _losses(old: JsonSchema, new: JsonSchema, where: str) -> Iterator[str]:
+def _losses(old: JsonSchema, new: JsonSchema, path: str) -> Iterator[str]:
     fields: JsonSchema = old.get("properties", {})
     grown: JsonSchema = new.get("properties", {})
     for name, field in fields.items():
-        path = f"{where}.{name}" if where else name
+        field_path = f"{path}.{name}" if path else name
         if name in grown:
-            yield from _losses(field, grown[name], path)
+            yield from _losses(field, grown[name], field_path)
         else:
-            yield f"the field {path} is gone"
+            yield f"the field {field_path} is gone"
     was_required = set(old.get("required", ()))
     is_required = set(new.get("required", ()))
     for name in sorted(is_required - was_required):
-        path = f"{where}.{name}" if where else name
-        yield f"the field {path} is required now, give it a default"
-    rest = (old.keys() | new.keys()) - {"properties", "required", "default"}
-    for key in sorted(rest):
-        yield from _changes(old.get(key), new.get(key), key, where)
+        field_path = f"{path}.{name}" if path else name
+        yield f"the field {field_path} is required now, give it a default"
+    keywords = (old.keys() | new.keys()) - {"properties", "required", "default"}
+    for key in sorted(keywords):
+        yield from _changes(old.get(key), new.get(key), key, path)
 
 
-def _changes(old: Any, new: Any, keyword: str, where: str) -> Iterator[str]:
+def _changes(old: Any, new: Any, keyword: str, path: str) -> Iterator[str]:
     if _is_object(old) and _is_object(new):
-        yield from _losses(old, new, where)
+        yield from _losses(old, new, path)
     elif _are_same_length(old, new):  # the places of a tuple, or alternatives
         for old_part, new_part in zip(old, new, strict=True):
-            yield from _changes(old_part, new_part, keyword, where)
+            yield from _changes(old_part, new_part, keyword, path)
     elif old != new:
         change = f"{keyword}: {old!r} before, {new!r} now"
-        yield f"the field {where} changed ({change})"
+        yield f"the field {path} changed ({change})"
 
 
 def _are_same_length(old: Any, new: Any) -> bool:

@@ -435,19 +435,19 @@ def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str
     return [name for name in services if _row(name, f"--with {name}").scope == scope]
 
 
-def _row(instance: str, where: str) -> Process:
+def _row(instance: str, source: str) -> Process:
     name, which = split_instance(instance)
     try:
         row = registry.process(name)
         if which:
-            check_name(which, f"{where}: name")
+            check_name(which, f"{source}: name")
     except KeyError as error:
-        raise ConfigError(f"{where}: {error.args[0]}") from error
+        raise ConfigError(f"{source}: {error.args[0]}") from error
     except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from error
+        raise ConfigError(f"{source}: {error}") from error
     if which and not row.several:
         problem = f"{instance}: a site has one {name}"
-        raise ConfigError(f"{where}: {problem}; leave out {which!r}")
+        raise ConfigError(f"{source}: {problem}; leave out {which!r}")
     return row
 
 

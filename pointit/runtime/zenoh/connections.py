@@ -141,8 +141,9 @@ class LinkWatch:
         """Return one sentence while the router is lost."""
         if self._lost_s is None:
             return ""
-        lost = ROUTER_LOST.format(where=self.where, ago_s=self._loop.time() - self._lost_s)
-        return f"{lost}: {self._refusal}" if self._refusal else lost
+        ago_s = self._loop.time() - self._lost_s
+        loss = ROUTER_LOST.format(where=self.where, ago_s=ago_s)
+        return f"{loss}: {self._refusal}" if self._refusal else loss
 
     def close(self) -> None:
         """Stop watching and logging."""

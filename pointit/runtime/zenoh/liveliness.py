@@ -133,7 +133,7 @@ class ZenohWatcher(PresenceWatcher):
         handler: PresenceHandler,
     ) -> None:
         super().__init__(bus, presence, handler)
-        self._here = bus.exchange.present.setdefault(presence.key, {})
+        self._local_names = bus.exchange.present.setdefault(presence.key, {})
         self._withheld: set[str] = set()
         """Names that Zenoh has reported as gone while this process still announces them."""
         self._liveliness = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
@@ -153,7 +153,7 @@ class ZenohWatcher(PresenceWatcher):
                 self._change(name_from_key(self.presence, token), present=present)
 
     def _change(self, name: str, *, present: bool) -> None:
-        if not present and name in self._here:
+        if not present and name in self._local_names:
             self._withheld.add(name)
             return
         self._withheld.discard(name)

@@ -72,7 +72,7 @@ class PermissionProbe:
         self._second = second
         self._is_up = is_up
         self._loop = asyncio.get_running_loop()
-        self._wanted: set[Right] = set()
+        self._rights: set[Right] = set()
         self._untested: set[Right] = set()
         self._testing: set[Right] = set()
         self._tested = asyncio.Event()
@@ -95,15 +95,15 @@ class PermissionProbe:
     def add(self, verb: str, key: str) -> None:
         """Schedule a test of a right, unless it was tested already."""
         right = (verb, key)
-        if right not in self._wanted:
-            self._wanted.add(right)
+        if right not in self._rights:
+            self._rights.add(right)
             self._untested.add(right)
             self._is_due.set()
 
     def retest(self) -> None:
         """Schedule a new test of all rights. A router that is back may have other rules."""
         self._denials = 0
-        self._untested |= self._wanted
+        self._untested |= self._rights
         self._is_due.set()
 
     async def denial_reason(self, verb: str, key: str) -> str:
@@ -118,7 +118,7 @@ class PermissionProbe:
                 await self._tested.wait()
 
         # A denial that was known before may be over, so only a new one is believed
-        if right in self._wanted and not self._is_pending(right):
+        if right in self._rights and not self._is_pending(right):
             if right not in self._denied:
                 return ""
             if was_pending:

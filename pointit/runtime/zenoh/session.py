@@ -279,8 +279,8 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
     async def problem_of(error: zenoh.ZError) -> BusError:
         nonlocal refusal, welcome_s
         if not link.connect:
-            taken = "another PointIt may be running there: join it with --connect, or "
-            hint = taken if is_in_use(error) else ""
+            advice = "another PointIt may be running there: join it with --connect, or "
+            hint = advice if is_in_use(error) else ""
             reason = short_reason(error)
             return ListenError(
                 f"cannot listen on {addresses}: {reason}; {hint}choose another address with --listen"

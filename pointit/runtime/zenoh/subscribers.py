@@ -479,7 +479,7 @@ class RetainedStateFetcher:
         """Watch for keepers. Call this in the loop."""
         self._bus = bus
         self._session = session
-        self._here = KEEPER_ALIVE.at(str(session.zid()))
+        self._own_keeper = KEEPER_ALIVE.at(str(session.zid()))
         self._readers: list[tuple[AnyTopic, str, Mailbox]] = []
         self._pending: dict[str, AnyTopic] = {}
         """Pending queries by key."""
@@ -500,7 +500,7 @@ class RetainedStateFetcher:
 
     def _on_keepers(self, changes: Mapping[str, bool]) -> None:
         present = {keeper for keeper, is_present in changes.items() if is_present}
-        arrived = present - {self._here}
+        arrived = present - {self._own_keeper}
         self._keepers = (self._keepers - changes.keys()) | arrived
         if arrived:
             self._request(self._readers)

@@ -103,16 +103,16 @@ class _LatestWriter:
         self._publisher = declare_publisher(
             session, key, encoding=encoding_of(topic.message), priority=zenoh.Priority.INTERACTIVE_HIGH
         )
-        self._wanted = False  # the listener reports present readers at once
+        self._has_readers = False  # the listener reports present readers at once
         # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
-        # _KeptWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
+        # _RetainedWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
         self._listener = self._publisher.declare_matching_listener(RingChannel(1))
 
     def put(self, message: Message) -> None:
         matching = self._listener.try_recv()
         if matching is not None:
-            self._wanted = matching.matching
-        if self._wanted:
+            self._has_readers = matching.matching
+        if self._has_readers:
             self._publisher.put(encode(message))
 
     def undeclare(self) -> None:

@@ -204,7 +204,7 @@ class Feed(AsyncIterator[T], Generic[T]):
 
 
 class Newest(Mapping[str, M], Generic[M]):
-    """The newest message of each person, tracker, service or lamp that is there, from the first use on.
+    """The newest message of each present person, tracker, service or lamp, from the first use on.
 
     Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured
     site each name is received from its own first use on, since an identity may read only some.

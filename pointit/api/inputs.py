@@ -170,7 +170,7 @@ class Tracker:
             self.checked = bus.spawn(self._check_access(), f"access to {self._key}")
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
-        """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
+        """Publish all objects of this tracker, at least once a second. Those no longer listed have left.
 
         Args:
             objects: with centres at `stamp_ns`, m, in {W} or in the tracker's frame.

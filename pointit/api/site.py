@@ -113,10 +113,10 @@ class Site:
     @classmethod
     @contextlib.asynccontextmanager
     async def on(cls, bus: MemoryBus, clock: Clock) -> AsyncGenerator[Self]:
-        """Yield the site of `bus`, as soon as it is known who is there."""
+        """Yield the site of `bus`, as soon as the present people and services are known."""
         site = cls(bus, clock)
         try:
-            # who is present is listed after the watch began: nobody is missed in between
+            # Listed after the watch has begun, so that no arrival is missed in between
             site._watches += follow_site(site._state, bus, asyncio.get_running_loop().time, ())
             for user in await bus.list_present(topics.USER_ALIVE) - site._state.former_people:
                 site._state.set_person(user, present=True)

@@ -62,7 +62,7 @@ class RobotScore:
     """Counts of one robot."""
 
     people: dict[str, SteeringScore] = field(default_factory=dict[str, SteeringScore])
-    """By the person who steered it last, `""` if nobody is known."""
+    """By the person who steered it last, or `""` if unknown."""
     fences_crossed: int = 0
     """Number of times that its centre crossed a fence."""
 
@@ -270,7 +270,7 @@ class RobotWatcher:
 
     @classmethod
     def of(cls, launches: Sequence[Launch]) -> "RobotWatcher":
-        """Return the watcher of a scenario; simulated people in it tell where they land robots."""
+        """Return the watcher of a scenario; its simulated people state where they land robots."""
         return cls(RobotsScore(spots_of(launches)))
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:

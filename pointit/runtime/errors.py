@@ -50,7 +50,7 @@ class WrongSiteError(ConnectError):
 
 
 class RejectedError(ConnectError):
-    """The router there rejects the credentials, or wants some."""
+    """The router rejects the credentials, or requires some."""
 
 
 class NoMessageError(BusError, KeyError):
@@ -72,7 +72,7 @@ class NoAnswerError(RequestError):
 
 
 class AccessDeniedError(NoAnswerError):
-    """This identity may not read, write or ask that on a secured site; nobody gets to know that it tried."""
+    """This identity may not read, write or request that on a secured site. No other one sees the attempt."""
 
 
 class RefusedError(RequestError):

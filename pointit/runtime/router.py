@@ -49,7 +49,7 @@ REOPEN_TIMEOUT_S = 11.0
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
 PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
-"""Address and port of who is connected by TLS."""
+"""Address and port of a peer that is connected by TLS."""
 
 
 @asynccontextmanager

@@ -74,7 +74,7 @@ class _PendingEvent:
 
 
 class ActResults:
-    """Selection events whose carriers have told the result: what people did, not what they tried."""
+    """Selection events whose carriers have reported the result: acts that were done, not only requested."""
 
     def __init__(self) -> None:
         self._pending: OrderedDict[tuple[str, int], _PendingEvent] = OrderedDict()
@@ -307,7 +307,7 @@ class SiteState:
                 self.forget(OBJECTS, name)
 
     def _show_event(self, topic: Topic[Any], name: str, message: Message) -> None:
-        """Show an event. Selection events are shown when their carriers have told the result."""
+        """Show an event. Selection events are shown when their carriers have reported the result."""
         if not isinstance(message, SelectionEvent):
             self._on_change(Change(topic, name, message))
         if isinstance(message, SelectionEvent | ActOutcome):

@@ -29,7 +29,7 @@ from pointit.services import registry
 from pointit.services.supervisor.config import measures
 
 OnEvent: TypeAlias = Callable[[str, str], object]
-"""Takes an event line and the person whom it is about, `""` for nobody."""
+"""Takes an event line and the person that it concerns, or `""`."""
 
 SHIPPED = resources.files("pointit.launch") / "scenarios"
 LONGEST_NAME = 60
@@ -185,7 +185,7 @@ class Watcher(Protocol):
     """Observes one scenario, from its start to its end."""
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
-        """Subscribe on `bus`, and tell `on_event`. Return the subscriptions."""
+        """Subscribe on `bus`, and call `on_event` with event lines. Return the subscriptions."""
         ...
 
     def on_map(self, environment: Environment) -> None:

@@ -110,7 +110,7 @@ class ScenarioCatalog:
         launches = scenario_launches(scenario, choices, people)
         check_launches(launches, plan.link.addresses)
 
-        # An end that was asked for is that of the whole run
+        # A duration from the command line is that of the whole run
         duration_s = plan.duration_s if plan.is_limited else scenario.duration_s
         name = Path(source).stem
         return dataclasses.replace(

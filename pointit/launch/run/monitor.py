@@ -295,7 +295,7 @@ class Monitor:
         self.profiles = site.all(topics.PROFILE)
         self.lamps = site.all(topics.LAMP_COLOR)
         self.health = site.all(topics.HEALTH)
-        # By the row of the table: what is not here is not subscribed to
+        # By topic. Other topics are not subscribed to.
         self._handlers: dict[AnyTopic, Callable[[Any, str, Any], None]] = {
             topics.MAP: self._on_map,
             topics.OBJECTS: self._on_objects,

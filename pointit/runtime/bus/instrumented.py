@@ -155,7 +155,7 @@ class TopicMeter:
         """
         key = self.topic.key
         shown = fill_key(self.topic.key, user)
-        # Each counter is asked in every report: that is how it sees new ones, and when the last of them came
+        # Each counter is read in every report, since it compares with the last reading
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             sentence = (

@@ -1,4 +1,4 @@
-"""IPv4 addresses of this machine's network interfaces, asked from Linux."""
+"""IPv4 addresses of this machine's network interfaces, as reported by Linux."""
 
 import socket
 import struct

@@ -22,7 +22,7 @@ _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", 
 _TOWARDS_IPV6 = ("2001:db8::1", "fd00::1")
 """The same for IPv6: 2001:db8::1 is of no machine (RFC 3849)."""
 MAX_SERVICES = 256
-"""Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
+"""Maximum number of services of a kind whose addresses are queried. Further ones are ignored."""
 
 
 def lan_addresses() -> list[str]:

@@ -158,7 +158,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     except ValidationError as error:
         raise ConfigError(f"{file}: {describe_validation_error(error, LinkFile)}") from error
 
-    # With a password, there is no certificate of one's own
+    # With a password, the identity has no certificate
     public = [CA, CERTIFICATE]
     secret = KEY
     if link.password:

@@ -1,4 +1,4 @@
-"""Carriers of acts: they carry out the selection events of things that have targets, and tell the results."""
+"""Carriers of acts: they carry out selection events of things that have targets, and report the results."""
 
 import asyncio
 import contextlib
@@ -42,11 +42,11 @@ def _ignore() -> None:
 
 @dataclass(frozen=True)
 class Act:
-    """The change of a thing that a person wants."""
+    """Requested change of a thing."""
 
     event: SelectionEvent
     tell_started: Callable[[], None] = _ignore
-    """To be called by a target when the act runs for long: people are told that it has started."""
+    """Reports that the act has started. A target calls it if the act takes long."""
     check_in_time: Callable[[], None] = _ignore
     """To be called by a target before each try, and when it has waited. Raises ActFailedError if people may
     have been told by now that the act failed. What is taken back is always in time."""
@@ -76,7 +76,7 @@ class Target(Protocol):
 
 
 class Carrier:
-    """Carries out the acts on the things of some targets, within a limit each, and tells the results."""
+    """Carries out the acts on the things of some targets, within a limit each, and reports the results."""
 
     def __init__(self, bus: Bus, clock: Clock, name: str) -> None:
         """Declare it as `name`. It has no things before `use`."""
@@ -90,7 +90,7 @@ class Carrier:
         self._results: dict[str, ActResult] = {}
         """Result of the last act on each thing that has ended."""
         self._failed: dict[str, Sequence[Target]] = {}
-        """Targets of each thing that have told that they did not do its last act."""
+        """Targets of each thing that have reported that they did not do its last act."""
         self._last_states: tuple[ThingState, ...] | None = None
         self._states = bus.publisher(THING_STATES, name)
         self._result_publisher = bus.publisher(ACT_RESULTS, name)
@@ -111,7 +111,7 @@ class Carrier:
         self.tell()
 
     def tell(self) -> None:
-        """Tell the states of all things, if one has changed."""
+        """Publish the states of all things, if one has changed."""
         states: list[ThingState] = []
         for name, targets in self._targets.items():
             state = _merged(name, targets)
@@ -123,7 +123,7 @@ class Carrier:
             self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=things))
 
     async def close(self) -> None:
-        """End all acts, which have failed then, and take leave: its things have no carrier any more."""
+        """End all acts, which have then failed, and leave: its things have no carrier any more."""
         self._subscription.close()
         acts = list(self._running)
         for task in acts:
@@ -181,7 +181,7 @@ class Carrier:
             self._pause_watch.stop()
 
     def _check_in_time(self, event: SelectionEvent, received_s: float) -> None:
-        """Check that nobody has been told yet that the act of `event` failed.
+        """Check that the act of `event` has not been reported as failed.
 
         Raises:
             ActFailedError: If its limit is over, or this process stood still until others took it for dead.
@@ -223,7 +223,7 @@ class Carrier:
         end_s = received_s + limit_s
         results: list[BaseException | None] = []
         try:
-            # nobody waits for what is taken back, which may have to wait for the end of the act before
+            # An undo has no limit: nobody waits for it, and the act before it may still have to end
             async with asyncio.timeout_at(None if act.event.takes_back else end_s):
                 actions = [target.carry_out(act) for target in targets]
                 results = await asyncio.gather(*actions, return_exceptions=True)
@@ -285,7 +285,7 @@ async def check_carrier(bus: MemoryBus, name: str) -> None:
 
 
 def _failure(act: Act, error: BaseException) -> ActFailedError:
-    """Return the failure of one target. Of an unexpected error, the log has the traceback."""
+    """Return the failure of one target. The traceback of an unexpected error is logged."""
     if isinstance(error, ActFailedError):
         return error
     log.error("act on %s failed", act.thing, exc_info=error)

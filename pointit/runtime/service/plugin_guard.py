@@ -332,7 +332,7 @@ class StallWatch:
             time.sleep(STALL_PERIOD_S)
 
     def _report_stall(self, sign: threading.Event, asked_s: float) -> None:
-        # The frame tells what runs now: after the stall, it would be too late to ask
+        # The frame shows what runs now: after the stall, it is gone
         frames = sys._current_frames()  # noqa: SLF001  # documented, for this
         blocking_code = find_blocking_code(frames.get(self._loop_thread), self._packages)
         if blocking_code is None:

@@ -107,7 +107,7 @@ class Service(ABC, Generic[C]):
         """Check that the map of a run has what `config` needs. Called before a bus is opened.
 
         Raises:
-            ConfigError: Names what is missing and the remedy.
+            ConfigError: Names the missing part and the remedy.
         """
 
     @classmethod

@@ -48,7 +48,7 @@ IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 """Numbers by which macOS, Linux and Windows report that an address is in use."""
 OPEN_RETRY_S = 0.5
 REFUSAL = "pointit.runtime.link.refusal:connection_refusal"
-"""Function that tells why a router refuses credentials."""
+"""Function that returns the reason why a router refuses credentials."""
 PASSES_S = 10.0
 """Time after which a repeated `PassingRefusal` counts as permanent, s."""
 CLOSE_TIMEOUT_S = 1.0
@@ -267,7 +267,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         ConfigError: as `configuration`.
         ListenError: If the address to listen on is in use.
         ConnectError: If no router answered within `patience_s`.
-        RejectedError: If it refuses the credentials, or wants some.
+        RejectedError: If it refuses the credentials, or requires some.
     """
     addresses = ", ".join(link.connect or link.listen)
     refusal: str = ""

@@ -187,7 +187,7 @@ class EventRecovery:
                         gap.samples[number] = sample
                 has_sent_all = beyond in answers and beyond > max(gap.wanted)
                 if attempt == MAX_OF_FIRST:
-                    # messages of before the reader were asked for often enough
+                    # samples from before the reader were queried often enough
                     gap.wanted = {number for number in gap.wanted if number > gap.first_counted}
                 if has_sent_all or gap.wanted <= gap.samples.keys():
                     break

@@ -66,7 +66,8 @@ class _Keyed:
         """Return the value of the placeholder in `key`, or `""` if there is none or it is another key."""
         if not self.placeholder:
             return ""
-        head, _, tail = self.key.partition(f"{{{self.placeholder}}}")
+        slot = "{" + self.placeholder + "}"
+        head, _, tail = self.key.partition(slot)
         if not key.startswith(head) or not key.endswith(tail):
             return ""
         return key[len(head) : len(key) - len(tail)]

@@ -5,9 +5,11 @@ explains is not a problem of its own.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
+from typing import Literal
 
 from pointit.diagnosis.missing_services import (
     CHAIN,
@@ -61,29 +63,47 @@ def unreachable(
     `is_refused`: nothing listens at `connect`. `stopped`: processes of this machine that may be the router.
     `rejection`: reason and remedy if the router rejects the observer.
     """
-    where = ", ".join(connect)
-    if not is_refused and (pid := next((each.pid for each in stopped if each.may_route), 0)):
-        sentence = f"the router at {where} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
-        return _unreachable(sentence, CONTINUE.format(pid=pid), "stopped")
+    addresses = ", ".join(connect)
+
+    # The kernel accepts connections for a stopped router, which then does not answer
+    if not is_refused:
+        for process in stopped:
+            if process.may_route:
+                pid = process.pid
+                sentence = (
+                    f"the router at {addresses} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
+                )
+                return _unreachable(sentence, CONTINUE.format(pid=pid), "stopped")
+
     if rejection:
         return _unreachable(rejection, "", "denied")
     if not is_refused:
-        return _unreachable(
-            f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect"
-        )
-    return _unreachable(
-        f"nothing runs at {where}",
-        "start its router with `pointit router`, or give its address by --connect"
-        if is_secured
-        else "start `pointit run`, or `pointit router` if services wait for it, give its address by "
-        "--connect or, on a secured site, your identity by --credentials",
+        sentence = f"the router at {addresses} does not answer"
+        return _unreachable(sentence, f"{AGAIN}; or give another address by --connect")
+
+    # An open site has its router in `pointit run`, a secured one has a router of its own
+    remedy = (
+        "start `pointit run`, or `pointit router` if services wait for it, give its address by "
+        "--connect or, on a secured site, your identity by --credentials"
     )
+    if is_secured:
+        remedy = "start its router with `pointit router`, or give its address by --connect"
+    return _unreachable(f"nothing runs at {addresses}", remedy)
 
 
 def _outage(findings: Sequence[Finding], seen: Observation) -> Outage | None:
-    gone = {each.service for each in findings if each.code in GONE}
-    lost_router = next((each.subject for each in findings if each.problem == ROUTER_LOST), "")
+    gone = {finding.service for finding in _with_code(findings, GONE)}
+    lost_routers = [finding.subject for finding in _with_problem(findings, (ROUTER_LOST,))]
+    lost_router = next(iter(lost_routers), "")
     return find_outage(seen.present | seen.expected.keys() | gone, gone, lost_router)
+
+
+def _with_code(findings: Iterable[Finding], codes: Collection[str]) -> list[Finding]:
+    return [finding for finding in findings if finding.code in codes]
+
+
+def _with_problem(findings: Iterable[Finding], problems: Collection[str]) -> list[Finding]:
+    return [finding for finding in findings if finding.problem in problems]
 
 
 def _unreachable(sentence: str, remedy: str, code: Code = "unreachable") -> Finding:
@@ -92,19 +112,28 @@ def _unreachable(sentence: str, remedy: str, code: Code = "unreachable") -> Find
 
 def find_consequences(services: Collection[str], seen: Observation) -> Callable[[Finding], bool]:
     """Return a test for symptoms of others that follow if `services` do nothing, or do it wrongly."""
-    written = {topic.key for each in services for topic in _topics(each, "writes")}
-    names = {split_instance(each)[0] for each in services}
+    written: set[str] = set()
+    for instance in services:
+        written.update(topic.key for topic in _topics(instance, "writes"))
+    names = {split_instance(instance)[0] for instance in services}
     affected = _readers(services, seen)
 
-    def follows(each: Finding) -> bool:
-        if each.code == "no-cursor":
-            return bool(names & {split_instance(instance)[0] for instance in each.services})
-        if each.service not in affected:
+    def follows(symptom: Finding) -> bool:
+        # A missing cursor names the services that it needs
+        if symptom.code == "no-cursor":
+            needed = {split_instance(instance)[0] for instance in symptom.services}
+            return bool(names & needed)
+
+        # Inputs and latencies of readers depend on the writers, their other warnings only if they say so
+        if symptom.service not in affected:
             return False
-        if each.code in ("stale", "slow"):
+        if symptom.code in ("stale", "slow"):
             return True
-        is_concerned = each.topic in written or each.subject in names or each.problem == LATE
-        return each.code == "warning" and is_concerned
+        if symptom.code != "warning":
+            return False
+        if symptom.topic in written or symptom.subject in names:
+            return True
+        return symptom.problem == LATE
 
     return follows
 
@@ -114,22 +143,30 @@ def _readers(services: Collection[str], seen: Observation) -> set[str]:
     affected = set(services)
     new = set(services)
     while new:
-        written = [(person_of(each), topic) for each in new for topic in _topics(each, "writes")]
-        new = {
-            each
-            for each in seen.present - affected
-            if any(
-                topic in _topics(each, "reads") and (not person or person_of(each) in ("", person))
-                for person, topic in written
-            )
-        }
+        written: list[tuple[str, AnyTopic]] = []
+        for writer in new:
+            written += [(person_of(writer), topic) for topic in _topics(writer, "writes")]
+        unaffected = seen.present - affected
+        new = {instance for instance in unaffected if _reads_any(instance, written)}
         affected |= new
     return affected
 
 
-def _topics(instance: str, way: str) -> tuple[AnyTopic, ...]:
+def _reads_any(instance: str, written: Sequence[tuple[str, AnyTopic]]) -> bool:
+    """Return True if `instance` reads one of the topics that are written, each for a person or for all."""
+    inputs = _topics(instance, "reads")
+    reader_person = person_of(instance)
+    for person, topic in written:
+        if topic not in inputs:
+            continue
+        if not person or reader_person in ("", person):
+            return True
+    return False
+
+
+def _topics(instance: str, direction: Literal["reads", "writes"]) -> tuple[AnyTopic, ...]:
     row = row_of(split_instance(instance)[0])
-    return () if row is None else getattr(row, way)
+    return () if row is None else getattr(row, direction)
 
 
 @dataclass(frozen=True)
@@ -152,34 +189,41 @@ def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
     presence shows is explained, then each person's symptoms by what is left of them.
     """
     findings: list[Finding] = []
-    explained_findings: list[Finding] = []
+    explained: list[Finding] = []
     unexplained = list(symptoms)
-    people = sorted({_claimant(each) for each in symptoms} - {""})
-    for person, explanation in [
-        *(("", each) for each in EXPLANATIONS),
-        *((person, each) for person in people for each in OF_ONE_PERSON),
-    ]:
-        considered = tuple(each for each in unexplained if _claimant(each) == person)
+    people = sorted({_claimant(symptom) for symptom in symptoms} - {""})
+    steps = [("", explanation) for explanation in EXPLANATIONS]
+    for person in people:
+        steps += [(person, explanation) for explanation in OF_ONE_PERSON]
+
+    # Deepest causes first: each explanation sees only what those before it have not explained
+    for person, explanation in steps:
+        considered = tuple(symptom for symptom in unexplained if _claimant(symptom) == person)
         for cause in explanation(considered, seen):
             findings.append(cause.finding)
-            of_person = person or person_of(cause.finding.service)
-            left: list[Finding] = []
-            for each in unexplained:
-                if each in (cause.finding, cause.symptom):
+            affected_person = person or person_of(cause.finding.service)
+            remaining: list[Finding] = []
+            for symptom in unexplained:
+                # The cause itself is a finding, not its own consequence
+                if symptom in (cause.finding, cause.symptom):
                     continue
-                is_other = of_person and of_person not in (
-                    _claimant(each),
-                    person_of(each.service),
-                    each.service,
-                )
-                if is_other or not cause.explains(each):
-                    left.append(each)
+                if _is_of_others(symptom, affected_person) or not cause.explains(symptom):
+                    remaining.append(symptom)
                 elif cause.finding.severity == "note":  # nothing is wrong
-                    explained_findings.append(replace(each, severity="note"))
+                    explained.append(replace(symptom, severity="note"))
                 else:
-                    explained_findings.append(each)
-            unexplained = left
-    return [*findings, *unexplained, *(replace(each, follows=True) for each in explained_findings)]
+                    explained.append(symptom)
+            unexplained = remaining
+
+    consequences = [replace(symptom, follows=True) for symptom in explained]
+    return [*findings, *unexplained, *consequences]
+
+
+def _is_of_others(symptom: Finding, person: str) -> bool:
+    """Return True if a cause that concerns only `person` cannot explain `symptom`. `""`: it concerns all."""
+    if not person:
+        return False
+    return person not in (_claimant(symptom), person_of(symptom.service), symptom.service)
 
 
 def _claimant(finding: Finding) -> str:
@@ -189,9 +233,12 @@ def _claimant(finding: Finding) -> str:
     """
     if finding.code in GONE:
         return ""
-    writers = {person_of(each) for each in finding.services if each != finding.service}
-    is_of_person = finding.code == "stale" and len(writers) == 1
-    return person_of(finding.service) or (writers.pop() if is_of_person else "")
+    claimant = person_of(finding.service)
+    if claimant or finding.code != "stale":
+        return claimant
+    writers = {*finding.services} - {finding.service}
+    people = set(map(person_of, writers))
+    return people.pop() if len(people) == 1 else ""
 
 
 def may_pass(finding: Finding) -> bool:
@@ -204,136 +251,191 @@ def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     outage = _outage(symptoms, seen)
     if outage is None or outage.remedy != AGAIN:
         return
-    is_error = any(each.code in GONE and each.severity == "error" for each in symptoms)
-    severity: Severity = "error" if is_error else "warning"  # what it cannot reach is not expected here
+    severity: Severity = "warning"  # what it cannot reach is not expected here
+    if any(symptom.severity == "error" for symptom in _with_code(symptoms, GONE)):
+        severity = "error"
     finding = replace(_unreachable(outage.sentence, outage.remedy), severity=severity)
-    yield Cause(
-        finding, lambda each: each.code in (*GONE, "stale", "no-cursor") or each.problem == ROUTER_LOST
-    )
+
+    def explains(symptom: Finding) -> bool:
+        return symptom.code in (*GONE, "stale", "no-cursor") or symptom.problem == ROUTER_LOST
+
+    yield Cause(finding, explains)
 
 
 def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    by_host: dict[str, list[Finding]] = defaultdict(list)
-    for each in symptoms:
-        if each.problem in (CLOCK, CLOCK_LIMIT):
-            by_host[each.subject].append(each)
-    hosts = {health.host for name in seen.reports if not person_of(name) and (health := seen.newest(name))}
-    for reporter in {"", *(each.service for group in by_host.values() for each in group)}:
-        health = seen.newest(reporter)
-        if len(by_host) > 1 and by_host.keys() >= hosts - {health.host if health else seen.host}:
-            first, *others = by_host.values()  # the clock that is wrong is the reporter's
-            by_host = {"": [*first, *(each for group in others for each in group)]}
-    for group in by_host.values():
+    for group in _group_by_clock(symptoms, seen):
         is_far = group[0].problem == CLOCK_LIMIT
 
-        def explains(each: Finding, group: Symptoms = group, *, is_far: bool = is_far) -> bool:
-            is_late = each.code in ("stale", "slow", "no-cursor") or each.problem == LATE
-            is_claim = each.problem in (CLOCK, CLOCK_LIMIT) and bool(person_of(each.service))
-            return each in group or is_claim or (is_late and (is_far or each.code == "slow"))
+        def explains(symptom: Finding, group: Symptoms = group, *, is_far: bool = is_far) -> bool:
+            if symptom in group:
+                return True
+            if symptom.problem in (CLOCK, CLOCK_LIMIT) and person_of(symptom.service):
+                return True
+            # A small skew changes measured latencies only, one above the limit also the age of messages
+            if symptom.code == "slow":
+                return True
+            is_late = symptom.code in ("stale", "no-cursor") or symptom.problem == LATE
+            return is_far and is_late
 
         yield replace(_first_of(group, group[0].code), explains=explains)
 
 
+def _group_by_clock(symptoms: Symptoms, seen: Observation) -> list[list[Finding]]:
+    """Return what is reported of clocks, one list for each machine whose clock is wrong."""
+    by_host: dict[str, list[Finding]] = defaultdict(list)
+    for symptom in _with_problem(symptoms, (CLOCK, CLOCK_LIMIT)):
+        by_host[symptom.subject].append(symptom)
+    shared_hosts: set[str] = set()
+    for instance, host in _host_of_reporters(seen).items():
+        if not person_of(instance):
+            shared_hosts.add(host)
+
+    # If the clocks of all other machines seem wrong to a reporter, its own clock is wrong
+    reporters = {""}
+    for group in by_host.values():
+        reporters.update(symptom.service for symptom in group)
+    for reporter in reporters:
+        health = seen.newest(reporter)
+        own_host = health.host if health else seen.host
+        if len(by_host) > 1 and by_host.keys() >= shared_hosts - {own_host}:
+            by_host = {"": list(chain.from_iterable(by_host.values()))}
+    return list(by_host.values())
+
+
+def _host_of_reporters(seen: Observation) -> dict[str, str]:
+    """Return the machine of each instance that has reported."""
+    host_of: dict[str, str] = {}
+    for instance in seen.reports:
+        health = seen.newest(instance)
+        if health is not None:
+            host_of[instance] = health.host
+    return host_of
+
+
 def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_host: dict[str, list[Finding]] = defaultdict(list)
-    host_of = {name: health.host for name in seen.reports if (health := seen.newest(name))}
-    for each in symptoms:
-        if each.problem == UNWRITABLE:
-            by_host[host_of.get(each.service, "")].append(each)
+    host_of = _host_of_reporters(seen)
+    for symptom in _with_problem(symptoms, (UNWRITABLE,)):
+        by_host[host_of.get(symptom.service, "")].append(symptom)
     for host, group in by_host.items():
 
-        def is_same(each: Finding, host: str = host) -> bool:
-            return each.problem == UNWRITABLE and host_of.get(each.service, "") == host
+        def is_same(symptom: Finding, host: str = host) -> bool:
+            return symptom.problem == UNWRITABLE and host_of.get(symptom.service, "") == host
 
         cause = _first_of(group, "disk")
         is_claim = bool(person_of(cause.finding.service))
         severity: Severity = "warning" if is_claim else "error"  # data of the site is lost
-        yield _also(replace(cause, finding=replace(cause.finding, severity=severity)), is_same)
+        finding = replace(cause.finding, severity=severity)
+        yield _also(replace(cause, finding=finding), is_same)
 
 
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_name: dict[tuple[str, bool], list[Finding]] = defaultdict(list)
-    revoked = {each.subject for each in symptoms if each.problem == REVOKED}
-    for each in symptoms:
-        if each.problem in (DENIED, REVOKED):  # a router tells a valid certificate from a revoked one
-            is_valid = each.problem == DENIED and is_router(each.service) and each.subject in revoked
-            by_name[each.subject, is_valid].append(each)
+    revoked = {symptom.subject for symptom in _with_problem(symptoms, (REVOKED,))}
+    for symptom in _with_problem(symptoms, (DENIED, REVOKED)):
+        # A router can tell a valid certificate from a revoked one of the same name
+        is_valid = _is_denied_by_router(symptom) and symptom.subject in revoked
+        by_name[symptom.subject, is_valid].append(symptom)
+
     for (name, _), group in by_name.items():
-        own = sorted(group, key=lambda each: (each.problem == DENIED, is_router(each.service)))
-        services = {each.service for each in group}
+        # The service's own words come before those of a router
+        own = sorted(group, key=lambda symptom: (symptom.problem == DENIED, is_router(symptom.service)))
+        services = {symptom.service for symptom in group}
         cause = _first_of(own, "denied")
         follow = find_consequences(services, seen)
-        if own[0].problem == DENIED and is_router(own[0].service):
-            remedy = (
-                f"start it with its own credentials instead of those of {name}, or end it"
-                if name
-                else "give it credentials by --credentials (`pointit site user add NAME`), or end it"
-            )
+
+        # A router knows the identity, not the process: the remedy is where that was started
+        if _is_denied_by_router(own[0]):
+            remedy = "give it credentials by --credentials (`pointit site user add NAME`), or end it"
+            if name:
+                remedy = f"start it with its own credentials instead of those of {name}, or end it"
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
-        def is_of_service(each: Finding, name: str = name, group: Symptoms = group) -> bool:
-            is_denied = each.problem in (DENIED, REVOKED) and not is_router(each.service)
-            is_same = is_denied and each.subject == name
-            return each in group or is_same or (each.code in GONE and split_instance(each.service)[1] == name)
+        def is_of_service(symptom: Finding, name: str = name, group: Symptoms = group) -> bool:
+            if symptom in group:
+                return True
+            if symptom.code in GONE and split_instance(symptom.service)[1] == name:
+                return True
+            if symptom.problem not in (DENIED, REVOKED) or is_router(symptom.service):
+                return False
+            return symptom.subject == name
 
         yield _also(_also(cause, follow), is_of_service)
+
+
+def _is_denied_by_router(symptom: Finding) -> bool:
+    return symptom.problem == DENIED and is_router(symptom.service)
 
 
 def _processes(
     find: Callable[[Symptoms, Observation], Iterator[Finding]], symptoms: Symptoms, seen: Observation
 ) -> Iterator[Cause]:
-    yield from (_process_cause(finding, seen) for finding in find(symptoms, seen))
+    for finding in find(symptoms, seen):
+        yield _process_cause(finding, seen)
 
 
 def _mass(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    if outage := _outage(symptoms, seen):
+    outage = _outage(symptoms, seen)
+    if outage is not None:
         finding = _unreachable(outage.sentence, outage.remedy)
-        yield Cause(finding, lambda each: each.code in (*GONE, "stale", "slow", "no-cursor"))
+        codes = (*GONE, "stale", "slow", "no-cursor")
+        yield Cause(finding, lambda symptom: symptom.code in codes)
 
 
 def _gone(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    for each in symptoms:
-        if each.code in GONE:
-            yield Cause(each, find_consequences({each.service}, seen))
+    for symptom in _with_code(symptoms, GONE):
+        yield Cause(symptom, find_consequences({symptom.service}, seen))
 
 
 def _unwritten(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain inputs that never come by what their writer says of its device: that is the error, not they."""
-    for each in symptoms:
-        if each.problem in SILENCING and (stale := [of for of in symptoms if _waits_for(of, each.service)]):
-            follow = find_consequences({each.service}, seen)
-            is_idle = each.problem == IDLE_ARM
-            finding = replace(each, severity="note" if is_idle else "error")
-            yield _also(Cause(finding, stale.__contains__, each), follow)
+    for report in _with_problem(symptoms, SILENCING):
+        waiting = [symptom for symptom in symptoms if _waits_for(symptom, report.service)]
+        if not waiting:
+            continue
+        follow = find_consequences({report.service}, seen)
+        is_idle = report.problem == IDLE_ARM
+        finding = replace(report, severity="note" if is_idle else "error")
+        yield _also(Cause(finding, waiting.__contains__, report), follow)
 
 
 def _waits_for(finding: Finding, writer: str) -> bool:
-    return finding.code == "stale" and writer in finding.services and writer != finding.service
+    if finding.code != "stale" or finding.service == writer:
+        return False
+    return writer in finding.services
 
 
 def _no_cursor(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    for each in symptoms:
-        if each.code == "no-cursor":
-            yield Cause(each, find_consequences(set(each.services), seen))
+    for symptom in _with_code(symptoms, ("no-cursor",)):
+        yield Cause(symptom, find_consequences(set(symptom.services), seen))
 
 
 def _process_cause(finding: Finding, seen: Observation) -> Cause:
     services = set(finding.services)
     follow = find_consequences(services, seen)
-    return Cause(finding, lambda each: (each.code in GONE and each.service in services) or follow(each))
+
+    def explains(symptom: Finding) -> bool:
+        if symptom.code in GONE and symptom.service in services:
+            return True
+        return follow(symptom)
+
+    return Cause(finding, explains)
 
 
 def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_remark: dict[str, list[Finding]] = defaultdict(list)
-    for each in symptoms:
-        if each.problem == TWICE:
-            by_remark[each.subject if each.code == "twice" else ""].append(each)
-    if len(by_remark) > 1:  # the services' own words on it
-        first = next(key for key in by_remark if key)
+    for symptom in _with_problem(symptoms, (TWICE,)):
+        remark = symptom.subject if symptom.code == "twice" else ""
+        by_remark[remark].append(symptom)
+
+    # Services' own words name no processes, so they join the first that were seen
+    if len(by_remark) > 1:
+        first = next(filter(None, by_remark))
         by_remark[first] += by_remark.pop("", [])
+
     for group in by_remark.values():
-        group.sort(key=lambda each: each.code != "twice")
-        services = {each.service for each in group}
+        group.sort(key=lambda symptom: symptom.code != "twice")
+        services = {symptom.service for symptom in group}
         cause = _first_of(group, "twice")
         follow = find_consequences(services, seen)
         yield _also(cause, follow)
@@ -342,16 +444,23 @@ def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _invalid(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain messages that several services drop by what writes them."""
     del seen
-    invalid = [each for each in symptoms if each.problem == INVALID]
-    words = {each.topic: each for each in invalid if each.code == "warning"}
+    invalid = _with_problem(symptoms, (INVALID,))
+    warnings = {symptom.topic: symptom for symptom in _with_code(invalid, ("warning",))}
+
+    # A warning names the writer, a counter only its topic
     by_writer: dict[str, list[Finding]] = defaultdict(list)
-    for each in invalid:
-        by_writer[words[each.topic].subject if each.topic in words else each.topic].append(each)
+    for symptom in invalid:
+        warning = warnings.get(symptom.topic)
+        writer = symptom.topic if warning is None else warning.subject
+        by_writer[writer].append(symptom)
+
     for group in by_writer.values():
-        group.sort(key=lambda each: (SEVERITIES.index(each.severity), each.code == "warning"))
+        # The worst first, and of equals the counter: what it says of the writer joins the remedy
+        group.sort(key=lambda symptom: (SEVERITIES.index(symptom.severity), symptom.code == "warning"))
         cause = _first_of(group, group[0].code)
-        if cause.finding.code != "warning" and (told := words.get(cause.finding.topic)):
-            remedy = f"{told.service} {told.sentence}; {cause.finding.remedy}"
+        warning = warnings.get(cause.finding.topic)
+        if cause.finding.code != "warning" and warning is not None:
+            remedy = f"{warning.service} {warning.sentence}; {cause.finding.remedy}"
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
         yield cause
 
@@ -359,57 +468,59 @@ def _invalid(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _failing(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain handlers that fail by the messages on which they do, and name the sender."""
     del seen
-    failures = [each for each in symptoms if each.problem == HANDLER]
-    growing = {each.service for each in failures if each.code == "failing"}
+    failures = _with_problem(symptoms, (HANDLER,))
+    growing = {symptom.service for symptom in _with_code(failures, ("failing",))}
     by_sender: dict[tuple[str, str], list[Finding]] = defaultdict(list)
-    for each in failures:
-        if each.code == "warning":
-            by_sender[each.topic, each.subject].append(each)
+    for symptom in _with_code(failures, ("warning",)):
+        by_sender[symptom.topic, symptom.subject].append(symptom)
     for group in by_sender.values():
-        services = {each.service for each in group}
+        services = {symptom.service for symptom in group}
         cause = _first_of(group, "failing")
         if services & growing:
             cause = replace(cause, finding=replace(cause.finding, severity="error"))
 
-        def is_counter(other: Finding, services: set[str] = services) -> bool:
-            return other.problem == HANDLER and other.code != "warning" and other.service in services
+        def is_counter(symptom: Finding, services: set[str] = services) -> bool:
+            if symptom.problem != HANDLER or symptom.code == "warning":
+                return False
+            return symptom.service in services
 
         yield _also(cause, is_counter)
 
 
 def _late(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain what is late, or does not come, by the first of it on the way from the wrist."""
-    late = [each for each in symptoms if may_pass(each)]
-    late.sort(key=lambda each: (_position(each), latency_s(seen.newest(each.service))))
+    late = list(filter(may_pass, symptoms))
+    late.sort(key=lambda symptom: (_position(symptom), latency_s(seen.newest(symptom.service))))
     while late:
         first = late[0]
         follow = find_consequences(first.instances, seen)
         yield Cause(first, follow)
-        late = [each for each in late[1:] if not follow(each)]
+        late = [symptom for symptom in late[1:] if not follow(symptom)]
 
 
 def _blocked(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain what a process does not do, or does late, by what blocks its event loop."""
-    for each in symptoms:
-        if each.problem == EVENT_LOOP:
-            process = seen.process_of(each.service)
-            services = {each.service, *seen.processes.get(process, ())}
-            sentence = f"process {process.pid} of machine {process.host}: {each.sentence}"
-            finding = replace(each, severity="error", sentence=sentence, services=tuple(sorted(services)))
-            cause = _process_cause(finding, seen)
+    for report in _with_problem(symptoms, (EVENT_LOOP,)):
+        process = seen.process_of(report.service)
+        services = {report.service, *seen.processes.get(process, ())}
+        sentence = f"process {process.pid} of machine {process.host}: {report.sentence}"
+        finding = replace(report, severity="error", sentence=sentence, services=tuple(sorted(services)))
+        cause = _process_cause(finding, seen)
 
-            def is_same(other: Finding, services: set[str] = services) -> bool:
-                return other.service in services and (may_pass(other) or other.problem == EVENT_LOOP)
+        def is_same(symptom: Finding, services: set[str] = services) -> bool:
+            if symptom.service not in services:
+                return False
+            return may_pass(symptom) or symptom.problem == EVENT_LOOP
 
-            yield replace(_also(cause, is_same), symptom=each)
+        yield replace(_also(cause, is_same), symptom=report)
 
 
 def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for finding in starved_machines(filter(may_pass, symptoms), seen):
         follow = find_consequences(set(finding.services), seen)
 
-        def explains(each: Finding, finding: Finding = finding) -> bool:
-            return each.service in finding.services and may_pass(each)
+        def explains(symptom: Finding, finding: Finding = finding) -> bool:
+            return symptom.service in finding.services and may_pass(symptom)
 
         yield _also(Cause(finding=finding, explains=explains), follow)
 
@@ -419,19 +530,22 @@ def _position(finding: Finding) -> int:
     keys = [topic.key for topic in CHAIN]
     if finding.topic in keys:
         return keys.index(finding.topic)
-    row = row_of(split_instance(finding.service)[0])
-    reads = [topic.key for topic in row.reads] if row else []
-    return min((keys.index(key) for key in reads if key in keys), default=len(keys))
+    inputs = {topic.key for topic in _topics(finding.service, "reads")}
+    for position, key in enumerate(keys):
+        if key in inputs:
+            return position
+    return len(keys)
 
 
 def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain what several services of one process say in the same words, such as of their connection."""
     del seen
     by_sentence: dict[str, list[Finding]] = defaultdict(list)
-    for each in symptoms:
-        if each.code == "warning":
-            by_sentence[each.said or each.sentence].append(each)
-    yield from (_first_of(group, "warning") for group in by_sentence.values() if len(group) > 1)
+    for symptom in _with_code(symptoms, ("warning",)):
+        by_sentence[symptom.said or symptom.sentence].append(symptom)
+    for group in by_sentence.values():
+        if len(group) > 1:
+            yield _first_of(group, "warning")
 
 
 EXPLANATIONS: tuple[Explanation, ...] = (
@@ -448,8 +562,8 @@ OF_ONE_PERSON: tuple[Explanation, ...] = (
 
 
 def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:
-    def explains(each: Finding) -> bool:
-        return cause.explains(each) or follows(each)
+    def explains(symptom: Finding) -> bool:
+        return cause.explains(symptom) or follows(symptom)
 
     return replace(cause, explains=explains)
 
@@ -457,8 +571,10 @@ def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:
 def _first_of(group: Symptoms, code: Code) -> Cause:
     """Return the first of `group` as the cause of the others, which it names."""
     first = group[0]
-    services = tuple(dict.fromkeys(each.service for each in group if each.service))
-    others = [each for each in services if each != first.service]
-    also = f" (also {few_of(others)})" if others else ""
-    cause = replace(first, code=code, sentence=f"{first.sentence}{also}", services=services)
-    return Cause(cause, lambda each: each in group, first)
+    services = tuple(filter(None, dict.fromkeys(symptom.service for symptom in group)))
+    others = [instance for instance in services if instance != first.service]
+    sentence = first.sentence
+    if others:
+        sentence += f" (also {few_of(others)})"
+    finding = replace(first, code=code, sentence=sentence, services=services)
+    return Cause(finding, lambda symptom: symptom in group, first)

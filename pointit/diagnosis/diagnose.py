@@ -1,7 +1,7 @@
 """Problems of a running site: symptoms, of which each deepest cause is a finding. Pure."""
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import NamedTuple
 
 from pointit.diagnosis.causes import SEVERITIES, explain
 from pointit.diagnosis.missing_services import (
@@ -33,36 +33,69 @@ PAUSES = (CURSOR, HOVER)
 """Topics with a rate that pause while no person points."""
 
 
+class _StaleInput(NamedTuple):
+    topic: AnyTopic
+    key: KeyHealth
+    writers: list[str]
+    """Present instances that should write it."""
+
+
 def stale_inputs(seen: Observation) -> Iterator[Finding]:
     """Find old inputs with a present writer, reporting the first cause only."""
-    stale: dict[str, list[tuple[AnyTopic, KeyHealth, list[str]]]] = {}
-    for instance, health in ((instance, seen.newest(instance)) for instance in seen.present):
-        for topic, key in _rated(health, "in"):
-            if health is None or not _is_old(key, topic, seen, health.uptime_s):
-                continue
-            if key.age_s is not None and key.age_s < _span_s(seen, instance):
-                continue  # messages came between its last two reports
-            able = present_writers(topic, health.user or ANY, seen.present)
-            new_s = min(GRACE_S, math.inf if key.age_s is None else key.age_s)  # the message is another's
-            old = [each for each in able if not is_bridge(each) and not seen.has_just_begun(each, new_s)]
-            writers = [each for each in old if _is_read(seen, instance, topic, each)]
-            if writers and (topic not in PAUSES or _written(seen, topic, writers)):
-                stale.setdefault(instance, []).append((topic, key, writers))
+    stale: dict[str, list[_StaleInput]] = {}
+    for instance in seen.present:
+        inputs = list(_stale_inputs_of(seen, instance))
+        if inputs:
+            stale[instance] = inputs
+
     for instance, inputs in stale.items():
         for topic, key, writers in inputs:
-            if _written(seen, topic, writers):
+            # A writer that lacks its own input, or does not report, has a finding of its own
+            if _is_written(seen, topic, writers):
                 remedy = f"{writers[0]} does write it: what is between the two? A link, an access rule?"
-            elif any(writer in stale or seen.newest(writer) is None for writer in writers):
-                continue  # the writer's own problem is the cause
+            elif any(_has_own_finding(seen, writer, stale) for writer in writers):
+                continue
             else:
-                remedy = _look_at(seen, writers[0])
+                remedy = _writer_remedy(seen, writers[0])
+
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
             people = set(map(person_of, writers))
-            key_name = fill_key(topic.key, person_of(instance) or (people.pop() if len(people) == 1 else ""))
+            user = person_of(instance)
+            if not user and len(people) == 1:
+                user = people.pop()
+            key_name = fill_key(topic.key, user)
             sentence = f"its input {key_name} {age}, though {all_of(writers)} should write it"
             yield Finding(
                 "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
             )
+
+
+def _stale_inputs_of(seen: Observation, instance: str) -> Iterator[_StaleInput]:
+    health = seen.newest(instance)
+    if health is None:
+        return
+    for topic, key in _rated_topics(health, "in"):
+        if not _is_old(key, topic, seen, health.uptime_s):
+            continue
+        # Messages came between its last two reports
+        if key.age_s is not None and key.age_s < _span_s(seen, instance):
+            continue
+        # A writer that began after the last message has not sent it: it may need more time
+        new_s = GRACE_S if key.age_s is None else min(GRACE_S, key.age_s)
+        writers: list[str] = []
+        for writer in present_writers(topic, health.user or ANY, seen.present):
+            if is_bridge(writer) or seen.has_just_begun(writer, new_s):
+                continue
+            if _is_read(seen, instance, topic, writer):
+                writers.append(writer)
+        if not writers:
+            continue
+        if topic not in PAUSES or _is_written(seen, topic, writers):
+            yield _StaleInput(topic, key, writers)
+
+
+def _has_own_finding(seen: Observation, writer: str, stale: Collection[str]) -> bool:
+    return writer in stale or seen.newest(writer) is None
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
@@ -71,33 +104,44 @@ def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> 
     A shard must hear the person after whom it is called: presence does not tell whom others it serves. The
     default instance must hear the people whom no shard of its service serves.
     """
-    service, which = split_instance(instance)
+    # Where no shard runs, an instance reads all
+    service, shard = split_instance(instance)
     row = row_of(service)
-    is_shared = row is not None and row.shard_serves is not None and topic.placeholder == "user"
-    if not is_shared or not any(each.startswith(f"{service}.") for each in seen.present):
+    if row is None or row.shard_serves is None or topic.placeholder != "user":
         return True
+    if not any(name.startswith(f"{service}.") for name in seen.present):
+        return True
+
     person = person_of(writer)
-    if which or seen.shards is None:
-        return bool(which) and person == which
+    if shard:
+        return person == shard
+    if seen.shards is None:
+        return False
     if person:
         return instance_of(service, person) not in seen.shards
-    source, of = split_instance(writer)  # a shared service writes of whom its own shards do not serve
-    return not of and _served(seen.shards, service) <= _served(seen.shards, source)
+    # A shared service writes of those whom its own shards do not serve
+    source, source_shard = split_instance(writer)
+    return not source_shard and _served(seen.shards, service) <= _served(seen.shards, source)
 
 
 def _served(shards: frozenset[str], service: str) -> set[str]:
-    return {person for name, person in map(split_instance, shards) if name == service}
+    people: set[str] = set()
+    for shard in shards:
+        shard_service, person = split_instance(shard)
+        if shard_service == service:
+            people.add(person)
+    return people
 
 
-def _look_at(seen: Observation, writer: str) -> str:
+def _writer_remedy(seen: Observation, writer: str) -> str:
     health = seen.newest(writer)
     if health is not None and health.warnings:
         return f"look at {writer}, which says: “{one_line(health.warnings[0])}”"
     return f"look at {writer}: has its device, recording or input ended?"
 
 
-def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s: float) -> bool:
-    if key is None or topic.stale_after_s is None:
+def _is_old(key: KeyHealth, topic: AnyTopic, seen: Observation, uptime_s: float) -> bool:
+    if topic.stale_after_s is None:
         return False
     if key.age_s is None:
         return uptime_s > GRACE_S
@@ -107,24 +151,39 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
 def _span_s(seen: Observation, instance: str) -> float:
     """Return the time between the last two reports of `instance`, s, or 0 if there is one only."""
     reports = seen.reports.get(instance, ())
-    return reports[-1].received_s - reports[-2].received_s if len(reports) > 1 else 0.0
+    if len(reports) < 2:
+        return 0.0
+    return reports[-1].received_s - reports[-2].received_s
 
 
-def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
+def _is_written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
     for writer in writers:
         health = seen.newest(writer)
-        for other, key in _rated(health, "out"):
-            if other is topic and key.age_s is not None and not _is_old(key, topic, seen, 0.0):
+        if health is None:
+            continue
+        for output, key in _rated_topics(health, "out"):
+            if output is not topic or key.age_s is None:
+                continue
+            if not _is_old(key, topic, seen, 0.0):
                 return True
     return False
 
 
-def _rated(health: Health | None, direction: str) -> Iterator[tuple[AnyTopic, KeyHealth]]:
+def _rated_topics(health: Health, direction: str) -> Iterator[tuple[AnyTopic, KeyHealth]]:
     """Yield the topics with a nominal rate that a service reads or writes."""
-    for key in health.keys if health is not None else ():
-        topic = next((row for row in TOPICS if row.key == key.key), None)
-        if topic is not None and topic.rate_hz is not None and key.direction == direction:
+    for key in health.keys:
+        if key.direction != direction:
+            continue
+        topic = _topic_of(key.key)
+        if topic is not None and topic.rate_hz is not None:
             yield topic, key
+
+
+def _topic_of(key: str) -> AnyTopic | None:
+    for topic in TOPICS:
+        if topic.key == key:
+            return topic
+    return None
 
 
 def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: True) -> list[Finding]:
@@ -141,15 +200,15 @@ def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: T
         *find_in_reports(seen),
         *stale_inputs(seen),
     )
-    findings = explain([each for each in symptoms if is_sure(each)], seen)
-    return sorted(
-        findings,
-        key=lambda finding: (
-            SEVERITIES.index(finding.severity),
-            bool(person_of(finding.service)),
-            finding.service,
-        ),
-    )
+    findings = explain(list(filter(is_sure, symptoms)), seen)
+    return sorted(findings, key=_rank)
+
+
+def _rank(finding: Finding) -> tuple[int, bool, str]:
+    """Return the key of the order of findings: of equal severity, what all people share comes first."""
+    severity = SEVERITIES.index(finding.severity)
+    is_of_person = bool(person_of(finding.service))
+    return severity, is_of_person, finding.service
 
 
 def is_healthy(findings: Sequence[Finding]) -> bool:
@@ -162,23 +221,37 @@ def find_clock_skew(seen: Observation) -> Iterator[Finding]:
     skew_monitor = ClockSkewMonitor(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
     for instance, reports in seen.reports.items():
         for report in reports:
-            if report.arrived_ns is not None and (host := report.health.host):
-                stamps_ns = report.health.stamp_ns, report.arrived_ns
-                skew_monitor.on_report(host, *stamps_ns, report.received_s, person_of(instance))
+            host = report.health.host
+            if report.arrived_ns is None or not host:
+                continue
+            skew_monitor.on_report(
+                host, report.health.stamp_ns, report.arrived_ns, report.received_s, person_of(instance)
+            )
+
+    # The keeper observes for longer, so its report replaces ours
     keeper = seen.newest("keeper")
-    reported_hosts = {
-        each.subject
-        for each in (keeper.all_problems if keeper else ())
-        if each.code in (CLOCK, CLOCK_CLAIM, CLOCK_LIMIT)
-    }
+    reported_hosts: set[str] = set()
+    for problem in keeper.all_problems if keeper else ():
+        if problem.code in (CLOCK, CLOCK_CLAIM, CLOCK_LIMIT):
+            reported_hosts.add(problem.subject)
+
     for skew in skew_monitor.skews(seen.now_s):
-        if skew.host not in reported_hosts:
-            severity: Severity = "error" if skew.exceeds_limit else "warning"
-            problem = CLOCK_LIMIT if skew.exceeds_limit else CLOCK
-            claimants = (each for each in sorted(seen.reports) if person_of(each) == skew.claimant)
-            service = next(claimants, "") if skew.claimant else ""
-            sentence = skew.sentence(seen.host)
-            yield Finding(severity, "clock", service, sentence, REMEDY, problem=problem, subject=skew.host)
+        if skew.host in reported_hosts:
+            continue
+        severity: Severity = "error" if skew.exceeds_limit else "warning"
+        code = CLOCK_LIMIT if skew.exceeds_limit else CLOCK
+        service = ""
+        if skew.claimant:
+            service = _first_reporter(seen, skew.claimant)
+        sentence = skew.sentence(seen.host)
+        yield Finding(severity, "clock", service, sentence, REMEDY, problem=code, subject=skew.host)
+
+
+def _first_reporter(seen: Observation, person: str) -> str:
+    for instance in sorted(seen.reports):
+        if person_of(instance) == person:
+            return instance
+    return ""
 
 
 def is_about(instance: str, name: str) -> bool:
@@ -193,13 +266,20 @@ def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -
     """
     if seen.denied:
         return list(findings)
-    instances = {*seen.present, *seen.left, *seen.expected, *(name for name in seen.deployments)}
+
+    # A name that nothing has is probably misspelt
+    instances = {*seen.present, *seen.left, *seen.expected, *seen.deployments}
     if not any(is_about(instance, name) for instance in instances):
-        there = sorted({part for instance in instances for part in split_instance(instance) if part})
-        remedy = did_you_mean(name, there) or "start it, or see without --only what does"
+        names: set[str] = set()
+        for instance in instances:
+            names.update(split_instance(instance))
+        remedy = did_you_mean(name, sorted(names - {""})) or "start it, or see without --only what does"
         return [Finding("error", "absent", name, "does not run here", remedy)]
-    return [
-        each
-        for each in findings
-        if each.code == "unreachable" or any(is_about(instance, name) for instance in each.instances)
-    ]
+
+    # A router that cannot be reached concerns everybody
+    selected: list[Finding] = []
+    for finding in findings:
+        is_named = any(is_about(instance, name) for instance in finding.instances)
+        if is_named or finding.code == "unreachable":
+            selected.append(finding)
+    return selected

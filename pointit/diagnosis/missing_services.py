@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import chain
 
 from pointit.diagnosis.observation import (
     CONTINUE,
@@ -45,20 +46,24 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
     for instance, remedy in seen.expected.items():
         if instance not in seen.present and instance not in seen.starting:
             yield Finding("error", "absent", instance, "should run and does not", remedy)
+
+    # Nobody says that these should run: they may have been ended on purpose
     for instance in seen.left - seen.present - seen.expected.keys():
         sentence = "was present and has left: ended, killed, stopped or cut off"
-        yield Finding(
-            "warning", "left", instance, sentence, restart_remedy(instance, seen.options_of(instance))
-        )
+        remedy = restart_remedy(instance, seen.options_of(instance))
+        yield Finding("warning", "left", instance, sentence, remedy)
+
+    # Presence is the network's: a process that is stopped keeps it until its connection ends
     for instance in filter(seen.is_silent, seen.present):
-        health = seen.newest(instance)
+        silence_s = seen.silence_s(instance)
         sentence = (
-            f"is present but has not reported for {seen.silence_s(instance):.0f} s: is it stopped, "
-            "overloaded or cut off?"
+            f"is present but has not reported for {silence_s:.0f} s: is it stopped, overloaded or cut off?"
         )
-        again = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
-        process = seen.process_of(instance).description if health else "its process"
-        remedy = f"look at {process}: {STUCK_REMEDY.format(pid='PID')}; else {again}"
+        process = "its process"
+        if seen.newest(instance) is not None:
+            process = seen.process_of(instance).description
+        restart = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
+        remedy = f"look at {process}: {STUCK_REMEDY.format(pid='PID')}; else {restart}"
         yield Finding("error", "silent", instance, sentence, remedy)
 
 
@@ -66,57 +71,72 @@ def find_empty_site(seen: Observation) -> Iterator[Finding]:
     """Find a site where nothing runs, or that may not be viewed."""
     if seen.denied:
         yield Finding("error", "denied", "", seen.denied, "")
-    elif not seen.present and not seen.expected and seen.other_sites:
+        return
+    if seen.expected:
+        return
+
+    # A router alone, as after the first step of a secured site
+    if seen.present:
+        if all(map(is_router, seen.present)):
+            remedy = (
+                "start what all people share with `pointit run --site-only --credentials FOLDER/identities/"
+                "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
+            )
+            yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)
+        return
+
+    # Nothing at all: often a site of another name runs at the same address
+    if seen.other_sites:
         are = "a site is" if len(seen.other_sites) == 1 else "sites are"
         sentence = f"no service runs on this site, but {are} there: {', '.join(seen.other_sites)}"
-        yield Finding("error", "empty", "", sentence, f"name the right one: --site {seen.other_sites[0]}")
-    elif not seen.present and not seen.expected:
+        remedy = f"name the right one: --site {seen.other_sites[0]}"
+    else:
+        sentence = "the router answers, but no service runs on this site"
         remedy = (
             "start with `pointit run`, or name the right site with --site, or its address with --connect (of "
             "a run with --ros2: tcp/127.0.0.1:7448)"
         )
-        yield Finding("error", "empty", "", "the router answers, but no service runs on this site", remedy)
-    elif not seen.expected and all(map(is_router, seen.present)):
-        remedy = (
-            "start what all people share with `pointit run --site-only --credentials FOLDER/identities/"
-            "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
-        )
-        yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)
+    yield Finding("error", "empty", "", sentence, remedy)
 
 
 def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
     """Find people whose pointing has no effect, since a service that it needs is not present."""
-    people = {
-        person: services
-        for person, services in _services_by_person(seen).items()
-        if _missing_writers(seen, person, services)
-    }
+    missing: set[str] = set()
+    user_services: list[str] = []
+    people: list[str] = []
+    for person, services in _services_by_person(seen).items():
+        missing_of_person = _missing_writers(seen, person, services)
+        if missing_of_person:
+            missing |= missing_of_person
+            user_services += services
+            people.append(person)
     if not people or is_anything_starting(seen):
         return
-    lacking = {each for person in people for each in _missing_writers(seen, person, people[person])}
-    names = sorted(people)
-    without = "cursor" if lacking & {"pui", "pointing"} else "selections"
-    have = f"has no {without}" if len(names) == 1 else f"have no {without}"
-    run = "does not run" if len(lacking) == 1 else "do not run"
-    sentence = f"{few_of(names)} {have}: {few_of(sorted(lacking))} {run} on this site"
+
+    # One finding for all people: what they lack is mostly shared
+    people.sort()
+    effect = "cursor" if missing & {"pui", "pointing"} else "selections"
+    have = "has" if len(people) == 1 else "have"
+    run = "does not run" if len(missing) == 1 else "do not run"
+    sentence = f"{few_of(people)} {have} no {effect}: {few_of(sorted(missing))} {run} on this site"
+
+    # Only `pointing` is a service of the person, all others are shared
     remedy = SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
-    if lacking == {"pointing"}:
-        pointing = f"pointing.{names[0]}"
+    if missing == {"pointing"}:
+        pointing = f"pointing.{people[0]}"
         remedy = restart_remedy(pointing, seen.options_of(pointing))
-    subject = names[0] if len(names) == 1 else ""
-    user_services = sorted(each for services in people.values() for each in services)
-    yield Finding(
-        "error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *user_services)
-    )
+    subject = people[0] if len(people) == 1 else ""
+    services = (*sorted(missing), *sorted(user_services))
+    yield Finding("error", "no-cursor", subject, sentence, remedy, services=services)
 
 
 def find_missing_bridge(seen: Observation) -> Iterator[Finding]:
     """Find things that are entities of a Home Assistant on a site that is not connected to it."""
+    # A retained map may be of a run that is over
+    if not seen.home_things or not present_writers(MAP, "", seen.present):
+        return
     services = {*seen.present, *seen.left, *seen.expected}
-    is_map_in_use = bool(
-        present_writers(MAP, "", seen.present)
-    )  # a retained one may be of a run that is over
-    if seen.home_things and is_map_in_use and HOME_ASSISTANT.name not in services:
+    if HOME_ASSISTANT.name not in services:
         yield Finding("warning", "no-bridge", "", unconnected_sentence(seen.home_things), HOME_REMEDY)
 
 
@@ -132,19 +152,27 @@ def unconnected_sentence(things: Sequence[str]) -> str:
 
 def _missing_writers(seen: Observation, person: str, services: list[str]) -> set[str]:
     """Return the services that are not present and that `person`, who has `services`, needs for pointing."""
-    written = [topic for topic in CHAIN if present_writers(topic, person, seen.present)]
-    own = {topic for each in services for topic in _writes(each)}
-    if not own & {IMU, RAY}:
+    outputs: set[AnyTopic] = set()
+    for instance in services:
+        outputs.update(_writes(instance))
+    if not outputs & {IMU, RAY}:
         return set()
     needed = CHAIN[1:3] if _does_without_selector(seen, person) else CHAIN[1:]
-    return {topic.writers[0] for topic in needed if topic not in written}
+    missing: set[str] = set()
+    for topic in needed:
+        if not present_writers(topic, person, seen.present):
+            missing.add(topic.writers[0])
+    return missing
 
 
 def _does_without_selector(seen: Observation, person: str) -> bool:
     """Return True if nothing is selected on the site: a run has no selector, or the person sends robots."""
+    if f"goal.{person}" in seen.present:
+        return True
     runs = [services for name, services in seen.services_of.items() if name.startswith(RUN)]
-    is_run_without = bool(runs) and not any("selector" in services for services in runs)
-    return is_run_without or f"goal.{person}" in seen.present
+    if not runs:
+        return False
+    return not any("selector" in services for services in runs)
 
 
 def _writes(instance: str) -> tuple[AnyTopic, ...]:
@@ -155,7 +183,8 @@ def _writes(instance: str) -> tuple[AnyTopic, ...]:
 def _services_by_person(seen: Observation) -> dict[str, list[str]]:
     services: dict[str, list[str]] = {}
     for instance in sorted(seen.present):
-        if person := person_of(instance):
+        person = person_of(instance)
+        if person:
             services.setdefault(person, []).append(instance)
     return services
 
@@ -164,12 +193,15 @@ def is_anything_starting(seen: Observation) -> bool:
     """Return True if a service that is missing, or has not reported yet, may be starting."""
     if not seen.is_patient:
         return False
-    are_new = [
-        all(map(seen.has_just_begun, services))
-        for person, services in _services_by_person(seen).items()
-        if _missing_writers(seen, person, services)
-    ]
-    return (bool(are_new) and all(are_new)) or not seen.starting <= seen.present & seen.reports.keys()
+    if not seen.starting <= seen.present & seen.reports.keys():
+        return True
+
+    # People without a cursor: all of them may have begun a moment ago
+    are_new: list[bool] = []
+    for person, services in _services_by_person(seen).items():
+        if _missing_writers(seen, person, services):
+            are_new.append(all(map(seen.has_just_begun, services)))
+    return bool(are_new) and all(are_new)
 
 
 def is_router(instance: str) -> bool:
@@ -179,12 +211,19 @@ def is_router(instance: str) -> bool:
 
 def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
     """Find stopped processes of this machine that explain services that are gone, or missing cursors."""
-    gone = [each.service for each in findings if each.code in GONE]
-    needed = {each for finding in findings if finding.code == "no-cursor" for each in finding.services}
+    gone: list[str] = []
+    needed: set[str] = set()
+    for finding in findings:
+        if finding.code in GONE:
+            gone.append(finding.service)
+        elif finding.code == "no-cursor":
+            needed.update(finding.services)
+
     for process in seen.stopped:
-        services = [each for each in gone if _runs(process, each, seen)]
-        missing = needed - seen.present - {*services}
-        services = sorted([*services, *(each for each in missing if process.may_run(each))])
+        # Of what a cursor needs, some may never have been present: its command line tells
+        services = [instance for instance in gone if _runs(process, instance, seen)]
+        services += filter(process.may_run, needed - seen.present - {*services})
+        services.sort()
         if services:
             do = "does" if len(services) == 1 else "do"
             sentence = (
@@ -196,29 +235,36 @@ def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator
 
 def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator[Finding]:
     """Find machines with processes that get too little processor time, which explains `findings` symptoms."""
-    affected = {each.service for each in findings}
+    affected = {finding.service for finding in findings}
     by_host: dict[tuple[str, str], dict[int, list[str]]] = defaultdict(dict)
-    for process, services in seen.processes.items():
-        if present := [each for each in services if each in seen.present]:
+    for process, instances in seen.processes.items():
+        present = list(filter(seen.present.__contains__, instances))
+        if present:
             by_host[process.host, process.claimant][process.pid] = present
+
     for (host, claimant), processes in by_host.items():
+        # A little delay counts where it explains a symptom
         starved: dict[int, float] = {}
         for pid, own_services in processes.items():
             period_s = min(map(seen.period_s, own_services))
-            # a little delay counts where it explains a symptom
             limit_s = STARVED_S if affected.isdisjoint(own_services) else LATE_S
             if period_s > limit_s:
                 starved[pid] = period_s
         if not starved:
             continue
-        services = sorted(each for pid in starved for each in processes[pid])
-        pid = max(starved, key=lambda each: starved[each])
-        names = f"process {pid}" if len(starved) == 1 else f"{len(starved)} processes"
+
+        # One finding for each machine, with the process that is worst
+        services = sorted(chain.from_iterable(processes[pid] for pid in starved))
+        worst_s = max(starved.values())
+        names = f"{len(starved)} processes"
+        get = "get"
+        if len(starved) == 1:
+            names = f"process {next(iter(starved))}"
+            get = "gets"
         says = f"{claimant} says: " if claimant else ""
-        get = "gets" if len(starved) == 1 else "get"
         sentence = (
             f"{says}{names} of machine {host} ({few_of(services)}) {get} too little processor time: reports "
-            f"come every {starved[pid]:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
+            f"come every {worst_s:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
         )
         remedy = "is the machine overloaded (`top`), or its processor time limited? end other programs there"
         yield Finding("warning", "starved", _subject(services), sentence, remedy, services=tuple(services))
@@ -226,25 +272,35 @@ def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator
 
 def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
     """Find processes all of whose services are gone, if there are several."""
-    gone = {each.service: each for each in findings if each.code in GONE}
+    gone: dict[str, Finding] = {}
+    for finding in findings:
+        if finding.code in GONE:
+            gone[finding.service] = finding
+
     for name, services in _processes(gone.keys(), seen).items():
-        lost = sorted(gone[each].service for each in services if each in gone)
-        silent = [each for each in lost if gone[each].code == "silent"]
-        process = next((seen.process_of(each) for each in lost if seen.newest(each)), ReportedProcess("?", 0))
-        pid = process.pid
-        code: Code = "silent" if silent == lost else "absent"
-        if code == "silent":
+        lost = sorted(services & gone.keys())
+        process = ReportedProcess("?", 0)
+        reporter = next(filter(seen.newest, lost), None)
+        if reporter is not None:
+            process = seen.process_of(reporter)
+        pid = process.pid or "PID"
+
+        # If all are silent, their process is still connected: it may be stopped. Else it has probably ended
+        code: Code = "absent"
+        if all(gone[instance].code == "silent" for instance in lost):
+            code = "silent"
             sentence = (
                 f"{process.description} does not report: {few_of(lost)} are silent; is it stopped, "
                 "overloaded or cut off?"
             )
-            stuck = STUCK_REMEDY.format(pid=pid or "PID")
-            remedy = f"look at it where it runs: {stuck}; else {_again(name, seen)}"
+            stuck = STUCK_REMEDY.format(pid=pid)
+            remedy = f"look at it where it runs: {stuck}; else {_restart_remedy(name, seen)}"
         else:
             sentence = (
                 f"{few_of(lost)} should run and do not: their process has ended, or is stopped or cut off"
             )
-            remedy = f"{_again(name, seen)}; if it is stopped there, continue it: `kill -CONT {pid or 'PID'}`"
+            restart = _restart_remedy(name, seen)
+            remedy = f"{restart}; if it is stopped there, continue it: `kill -CONT {pid}`"
         is_person = name in seen.deployments and not name.startswith(RUN)
         subject = name if is_person else _subject(lost)
         yield Finding("error", code, subject, sentence, remedy, services=tuple(lost))
@@ -253,18 +309,18 @@ def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[F
 def _processes(gone: Collection[str], seen: Observation) -> dict[str, set[str]]:
     """Return processes without a service that runs, with two services and more, by deployment or number."""
     processes: dict[str, set[str]] = {}
-    left = set(gone)
+    remaining = set(gone)
     for name, services in seen.services_of.items():
-        if len(services) > 1 and services <= left:
+        if len(services) > 1 and services <= remaining:
             processes[name] = set(services)
-            left -= services
-    for process, services in seen.processes.items():
-        if len(services) > 1 and left.issuperset(services):
-            processes[f"{process.description} of {process.host}"] = set(services)
+            remaining -= services
+    for process, instances in seen.processes.items():
+        if len(instances) > 1 and remaining.issuperset(instances):
+            processes[f"{process.description} of {process.host}"] = set(instances)
     return processes
 
 
-def _again(name: str, seen: Observation) -> str:
+def _restart_remedy(name: str, seen: Observation) -> str:
     """Return the remedy that starts the deployment or process `name` again."""
     if name not in seen.deployments:
         return f"start {name} again where it ran"
@@ -274,15 +330,21 @@ def _again(name: str, seen: Observation) -> str:
 
 
 def _runs(process: StoppedProcess, instance: str, seen: Observation) -> bool:
+    # What others claim of their process is no evidence
     health = seen.newest(instance)
-    is_claim = bool(seen.process_of(instance).claimant)
-    if health is not None and health.host == seen.host and not is_claim:
+    claimant = seen.process_of(instance).claimant
+    if health is not None and health.host == seen.host and not claimant:
         return health.pid == process.pid
-    names = [name for name, services in seen.services_of.items() if instance in services]
-    return any(process.may_run(instance, name) for name in names or [""])
+
+    deployments = [name for name, services in seen.services_of.items() if instance in services]
+    if not deployments:
+        deployments = [""]
+    return any(process.may_run(instance, name) for name in deployments)
 
 
 def _subject(services: Sequence[str]) -> str:
     """Return the only service, or the person of all, or `""`."""
+    if len(services) == 1:
+        return services[0]
     people = set(map(person_of, services))
-    return services[0] if len(services) == 1 else people.pop() if len(people) == 1 else ""
+    return people.pop() if len(people) == 1 else ""

@@ -88,13 +88,19 @@ def start_command(service: str, which: str = "") -> str:
     a command. `which`: whose it is, or its name among several.
     """
     row = row_of(service)
-    if row is None or ((row.scope == "user") != bool(which) and not row.several):
+    if row is None:
         return ""
-    if which and (not NAME.match(which) or which.startswith(".")):
+    needs_name = row.scope == "user"
+    if needs_name != bool(which) and not row.several:
         return ""
-    option = "--user" if row.scope == "user" else "--name"
-    people = " --people [...]" if which and row.shard_serves is not None else ""
-    return f"pointit service run {service}" + (f" {option} {which}{people}" if which else "")
+    command = f"pointit service run {service}"
+    if not which:
+        return command
+    if not NAME.match(which) or which.startswith("."):
+        return ""
+    option = "--user" if needs_name else "--name"
+    people = "" if row.shard_serves is None else " --people [...]"
+    return f"{command} {option} {which}{people}"
 
 
 def restart_remedy(instance: str, options: str) -> str:
@@ -102,21 +108,33 @@ def restart_remedy(instance: str, options: str) -> str:
     if instance.partition(".")[0].partition("-")[0] == "router":
         return "if it should run: `pointit router --site-folder FOLDER`"
     command = start_command(*split_instance(instance))
-    return f"if it should run: `{command}{options}`" if command else "if it should run, start it where it ran"
+    if not command:
+        return "if it should run, start it where it ran"
+    return f"if it should run: `{command}{options}`"
 
 
 def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     """Return a clause on the writers of `topic` at `name`, whether they run, and the remedy."""
-    there = present_writers(topic, name, present)
-    if there:
-        return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
+    writers = present_writers(topic, name, present)
+    if writers:
+        return f"{', '.join(writers)} can write it and runs; does `pointit doctor` find something wrong?"
     row = row_of(topic.writers[0])  # the first is the usual one
     if row is None:
         return f"it is written by {' or '.join(topic.writers)}"
-    user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
-    command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    near = did_you_mean(user, {other for other in map(person_of, present) if other} - {user})
-    advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
+
+    user = ""
+    if topic.placeholder == "user" and name != ANY:
+        user = name
+    command = f"pointit service run {row.name}"
+    if row.scope == "user":
+        command += f" --user {user or 'NAME'}"
+    advice = f"start it with `{command}`"
+
+    # A misspelt name is more probable than a service that nobody has started
+    people = set(map(person_of, present))
+    suggestion = did_you_mean(user, people - {user, ""})
+    if suggestion:
+        advice = f"{suggestion[:-1]}, or {advice}?"
     return f"no writer is present ({' or '.join(topic.writers)}); {advice}"
 
 
@@ -139,21 +157,24 @@ class StoppedProcess:
         if program == "pointit.services":
             rest = ["service", "run", *rest]
         words = [word for word in rest if not word.startswith("-")]
+        name = "".join(words[2:3])
         if rest[:2] == ["service", "run"]:
             which = self._option("--user") or self._option("--name")
-            return instance == instance_of("".join(words[2:3]), which)
+            return instance == instance_of(name, which)
         if rest[:2] == ["person", "add"]:
-            return (
-                instance.partition(".")[2] == (words[2:] or [""])[0] or deployment == (words[2:] or [""])[0]
-            )
+            return name in (instance.partition(".")[2], deployment)
         if rest[:1] == ["router"]:
             return instance.partition("-")[0] == "router"
-        return rest[:1] == ["run"] and (deployment.startswith("run.") or not deployment)
+        if rest[:1] == ["run"]:
+            return deployment.startswith("run.") or not deployment
+        return False
 
     def is_of(self, site: str, addresses: Sequence[str]) -> bool:
         """Return True unless its command line names another site or address."""
-        named = {self._option(name) for name in ("--connect", "--listen")} - {""}
-        return self._option("--site") in ("", site) and (not named or bool(named & set(addresses)))
+        if self._option("--site") not in ("", site):
+            return False
+        endpoints = {self._option("--connect"), self._option("--listen")} - {""}
+        return not endpoints or not endpoints.isdisjoint(addresses)
 
     def _option(self, name: str) -> str:
         for word, following in zip(self.arguments, (*self.arguments[1:], ""), strict=True):
@@ -169,19 +190,24 @@ def stopped_processes(site: str, addresses: Sequence[str]) -> tuple[StoppedProce
 
     Only Linux tells them, and a container only its own.
     """
-    return tuple(each for each in _stopped(Path("/proc")) if each.is_of(site, addresses))
+    return tuple(process for process in _stopped(Path("/proc")) if process.is_of(site, addresses))
 
 
 def _stopped(proc: Path) -> Iterator[StoppedProcess]:
     for folder in proc.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # it has ended meanwhile, or is another user's
-            state = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+            # The state follows the name in parentheses, which may contain spaces and parentheses
+            stat = (folder / "stat").read_text(errors="replace")
+            state = stat.rpartition(")")[2].split()[0]
             if state not in STOPPED:
                 continue
             words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
-            at = next((i for i, word in enumerate(words[:6]) if PROGRAM.fullmatch(word)), None)
-            if at is not None:
-                yield StoppedProcess(int(folder.name), tuple(words[at:-1]))
+
+            # An interpreter and its options may come first
+            for position, word in enumerate(words[:6]):
+                if PROGRAM.fullmatch(word):
+                    yield StoppedProcess(int(folder.name), tuple(words[position:-1]))
+                    break
 
 
 class ReportedProcess(NamedTuple):
@@ -195,7 +221,8 @@ class ReportedProcess(NamedTuple):
     @property
     def description(self) -> str:
         """Return the process for people."""
-        return f"process {self.pid or '?'}{f' ({self.claimant} says)' if self.claimant else ''}"
+        claim = f" ({self.claimant} says)" if self.claimant else ""
+        return f"process {self.pid or '?'}{claim}"
 
 
 @dataclass(frozen=True)
@@ -230,7 +257,9 @@ class Finding:
     @property
     def instances(self) -> tuple[str, ...]:
         """Return the instances with the problem. None if it is the whole site's."""
-        return self.services or ((self.service,) if self.service else ())
+        if self.services:
+            return self.services
+        return (self.service,) if self.service else ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,17 +319,19 @@ class Observation:
     @cached_property
     def services_of(self) -> dict[str, frozenset[str]]:
         """Return the instances of each deployment, by its name."""
-        return {
-            name: frozenset(expected_services({name: deployment}))
-            for name, deployment in self.deployments.items()
-        }
+        services: dict[str, frozenset[str]] = {}
+        for name, deployment in self.deployments.items():
+            services[name] = frozenset(expected_services({name: deployment}))
+        return services
 
     @cached_property
     def starting(self) -> frozenset[str]:
         """Return the instances of deployments that are starting: they may be missing."""
-        return frozenset[str]().union(
-            *(each for name, each in self.services_of.items() if self.is_starting(name))
-        )
+        instances: set[str] = set()
+        for name, services in self.services_of.items():
+            if self.is_starting(name):
+                instances |= services
+        return frozenset(instances)
 
     def credentials_of(self, name: str) -> str:
         """Return the option by which `name` joins a secured site, or `""` if the site is open."""
@@ -321,11 +352,16 @@ class Observation:
 
     def process_of(self, instance: str) -> ReportedProcess:
         """Return the process in which `instance` says that it runs."""
-        of_runs = (names for name, names in self.services_of.items() if name.startswith(RUN))
-        claimant = "" if any(instance in names for names in of_runs) else person_of(instance)
+        # What a run lists is the operator's, so its report is no person's claim
+        claimant = person_of(instance)
+        for name, services in self.services_of.items():
+            if name.startswith(RUN) and instance in services:
+                claimant = ""
         health = self.newest(instance)
-        host, pid = (health.host, health.pid) if health else ("", 0)
-        return ReportedProcess(one_line(host, LONGEST_HOST) or "?", pid, claimant)
+        if health is None:
+            return ReportedProcess("?", 0, claimant)
+        host = one_line(health.host, LONGEST_HOST) or "?"
+        return ReportedProcess(host, health.pid, claimant)
 
     def newest(self, instance: str) -> Health | None:
         """Return the last report of `instance`, or None."""
@@ -334,16 +370,22 @@ class Observation:
 
     def period_s(self, instance: str) -> float:
         """Return the mean time between reports of `instance`, s. 0 if it reported once, or has just begun."""
-        reports = [each.health for each in self.reports.get(instance, ())]
-        if len(reports) < 2 or reports[0].pid != reports[-1].pid or reports[0].uptime_s < BUSY_START_S:
+        reports = [report.health for report in self.reports.get(instance, ())]
+        if len(reports) < 2:
             return 0.0
-        count = reports[-1].seq - reports[0].seq
-        return (reports[-1].uptime_s - reports[0].uptime_s) / count if count > 0 else 0.0
+        first = reports[0]
+        last = reports[-1]
+        if first.pid != last.pid or first.uptime_s < BUSY_START_S:
+            return 0.0
+        # By its own numbers: reports that the network lost count
+        count = last.seq - first.seq
+        return (last.uptime_s - first.uptime_s) / count if count > 0 else 0.0
 
     def silence_s(self, instance: str) -> float:
         """Return the time since the last report of `instance`, s."""
         reports = self.reports.get(instance)
-        return self.now_s - (reports[-1].received_s if reports else self.began_s)
+        last_s = reports[-1].received_s if reports else self.began_s
+        return self.now_s - last_s
 
     def is_silent(self, instance: str) -> bool:
         """Return True if `instance` has not reported for too long. While it loads, it need not report."""
@@ -362,13 +404,18 @@ class Observation:
         if not self.is_patient:
             return False
         services = self.services_of[deployment]
-        commands = {each.command for each in self.deployments[deployment].services}
-        start_s = LOADING_S if len(commands) > 1 else STARTING_S  # in processes of their own
-        limit_s = FIRST_S if len(commands) > 1 and not services & self.reports.keys() else start_s
-        age_ns = -1 if self.now_ns is None else self.now_ns - self.deployments[deployment].stamp_ns
-        return 0 <= age_ns < limit_s * NS_PER_S or any(
-            self.has_just_begun(each, start_s) for each in services
-        )
+        published = self.deployments[deployment]
+        commands = {service.command for service in published.services}
+
+        # Several commands are processes of their own, and each loads its modules. None of them need have
+        # reported for longer still
+        start_s = LOADING_S if len(commands) > 1 else STARTING_S
+        limit_s = start_s
+        if len(commands) > 1 and services.isdisjoint(self.reports):
+            limit_s = FIRST_S
+        if self.now_ns is not None and 0 <= self.now_ns - published.stamp_ns < limit_s * NS_PER_S:
+            return True
+        return any(self.has_just_begun(instance, start_s) for instance in services)
 
 
 def expected_services(
@@ -382,12 +429,14 @@ def expected_services(
         deployments: by name.
         options_of: see `Observation.options_of`.
     """
-    return {
-        instance: _again(service, name.removeprefix(RUN), options_of(service.instance))
-        for name, deployment in deployments.items()
-        for service in deployment.believed(name).services
-        if NAME.match(instance := service.instance)
-    }
+    remedies: dict[str, str] = {}
+    for name, deployment in deployments.items():
+        started_by = name.removeprefix(RUN)
+        for service in deployment.believed(name).services:
+            instance = service.instance
+            if NAME.match(instance):
+                remedies[instance] = _again(service, started_by, options_of(instance))
+    return remedies
 
 
 def _again(service: ExpectedService, started_by: str, options: str) -> str:
@@ -396,4 +445,6 @@ def _again(service: ExpectedService, started_by: str, options: str) -> str:
         return f"it runs inside the process that started {started_by}: start that again"
     command = start_command(service.service, service.user or service.name)
     settings = f"the log of what started {started_by} has the command with its settings"
-    return f"start it again: `{command}{options}` ({settings})" if command else f"start it again: {settings}"
+    if not command:
+        return f"start it again: {settings}"
+    return f"start it again: `{command}{options}` ({settings})"

@@ -45,10 +45,8 @@ class Authority:
             private = serialization.load_pem_private_key(key, None)
         except (ValueError, TypeError) as error:
             raise ConfigError(f"the authority's certificate or key is damaged ({error})") from error
-        if (
-            not isinstance(private, ec.EllipticCurvePrivateKey)
-            or private.public_key() != self._certificate.public_key()
-        ):
+        public_key = self._certificate.public_key()
+        if not isinstance(private, ec.EllipticCurvePrivateKey) or private.public_key() != public_key:
             raise ConfigError("the authority's key is not that of its certificate")
         self._key = private
 
@@ -73,33 +71,40 @@ class Authority:
                 "choose shorter names for the site or the person"
             )
         key = ec.generate_private_key(ec.SECP256R1())
+
+        # A router is a client, too: it connects to other routers
         purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
         if hosts:
-            purposes.append(ExtendedKeyUsageOID.SERVER_AUTH)  # a router connects to other routers too
+            purposes.append(ExtendedKeyUsageOID.SERVER_AUTH)
+
+        # Negative days end before now, and a certificate must begin before its end
         valid_until = min(now + dt.timedelta(days=days), self.valid_until)
+        valid_from = min(now, valid_until) - BEFORE
+        constraints = x509.BasicConstraints(ca=False, path_length=None)
+        issuer_key = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
         builder = (
-            _builder(common_name, self._certificate.subject, key, min(now, valid_until) - BEFORE, valid_until)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            _builder(common_name, self._certificate.subject, key, valid_from, valid_until)
+            .add_extension(constraints, critical=True)
             .add_extension(_usage(is_authority=False), critical=True)
             .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
-            .add_extension(
-                x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key()), critical=False
-            )
+            .add_extension(issuer_key, critical=False)
         )
         if hosts:
-            others = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
-            builder = builder.add_extension(others, critical=False)
+            alternative_names = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
+            builder = builder.add_extension(alternative_names, critical=False)
         return _issued(builder.sign(self._key, hashes.SHA256()), key)
 
 
 def create_authority(site: str, now: dt.datetime) -> IssuedCertificate:
     """Return the certificate and the key of a new authority for `site`."""
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"PointIt {site}"[:MAX_NAME])])
+    subject = _name(f"PointIt {site}"[:MAX_NAME])
+    valid_until = now + dt.timedelta(days=AUTHORITY_DAYS)
+    constraints = x509.BasicConstraints(ca=True, path_length=0)
     builder = (
-        _builder("", subject, key, now - BEFORE, now + dt.timedelta(days=AUTHORITY_DAYS))
+        _builder("", subject, key, now - BEFORE, valid_until)
         .subject_name(subject)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(constraints, critical=True)
         .add_extension(_usage(is_authority=True), critical=True)
     )
     return _issued(builder.sign(key, hashes.SHA256()), key)
@@ -112,18 +117,23 @@ def _builder(
     valid_from: dt.datetime,
     valid_until: dt.datetime,
 ) -> x509.CertificateBuilder:
+    public_key = key.public_key()
     builder = (
         x509.CertificateBuilder()
         .issuer_name(issuer)
-        .public_key(key.public_key())
+        .public_key(public_key)
         .serial_number(x509.random_serial_number())
         .not_valid_before(valid_from)
         .not_valid_after(valid_until)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public_key), critical=False)
     )
     if common_name:
-        builder = builder.subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)]))
+        builder = builder.subject_name(_name(common_name))
     return builder
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
 def _usage(*, is_authority: bool) -> x509.KeyUsage:
@@ -145,21 +155,25 @@ def _general_name(host: str) -> x509.GeneralName:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
         pass
-    is_name = all(
-        0 < len(part) < 64 and part.isascii() and part.replace("-", "").replace("_", "").isalnum()
-        for part in host.split(".")
-    )
-    if not is_name:
+    if not all(map(_is_label, host.split("."))):
         raise ConfigError(f"{host!r} is not a name or address of a machine")
     return x509.DNSName(host)
 
 
+def _is_label(text: str) -> bool:
+    """Return True if `text` can stand between the dots of a host name. Windows permits `_`, too."""
+    if not 0 < len(text) < 64 or not text.isascii():
+        return False
+    return text.replace("-", "").replace("_", "").isalnum()
+
+
 def _issued(certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> IssuedCertificate:
+    key_pem = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
     return IssuedCertificate(
         certificate=certificate.public_bytes(serialization.Encoding.PEM),
-        key=key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        ),
+        key=key_pem,
         valid_from=certificate.not_valid_before_utc,
         valid_until=certificate.not_valid_after_utc,
         fingerprint=certificate.fingerprint(hashes.SHA256()).hex(),

@@ -61,6 +61,8 @@ def loads_of(
         key = _limited_key(operation.key)
         if key:
             load.by_key[key] += count
+
+    # What was denied or dropped has cost the router as much as what it has permitted
     requests = (counts.requests, counts.denied, counts.too_frequent)
     for operations in requests:
         for operation, count in operations.items():
@@ -75,6 +77,8 @@ def loads_of(
         loads[account_of(common_name, former)].messages += count
     for common_name, number in new_connections.items():
         loads[account_of(common_name, former)].connections += number
+
+    # Nobody can be cut off for what an unknown identity does
     loads.pop("", None)
     return dict(loads)
 
@@ -101,13 +105,16 @@ class ConnectionLimits:
         `loads` and `roles` are by account.
         """
         self._now_s = now_s
+        # A new dictionary, since other threads may read the present one
         self._loads = {account: load for account, load in self._loads.items() if account in roles}
         cut_off: list[str] = []
         for account in {*self._loads, *loads}:
             if roles.get(account) not in LIMITED:
                 continue
             identity_load = self._loads.setdefault(account, IdentityLoad(now_s))
-            if identity_load.step(now_s, loads.get(account, Load())) is Decision.CUT_OFF:
+            # Without load its excess decreases, so it has a step, too
+            decision = identity_load.step(now_s, loads.get(account, Load()))
+            if decision is Decision.CUT_OFF:
                 cut_off.append(account)
         return cut_off
 
@@ -128,14 +135,16 @@ class ConnectionLimits:
 
         `roles` are by account.
         """
-        present = {(connection.session, connection.address): connection for connection in connections}
         # The order of arrival stays, whatever the order in which Zenoh lists them.
-        self._connections = {key: present[key] for key in (*self._connections, *present) if key in present}
+        present = {(connection.session, connection.address): connection for connection in connections}
+        ordered = {**self._connections, **present}
+        self._connections = {key: present[key] for key in ordered if key in present}
         by_account: dict[str, list[LimitedConnection]] = defaultdict(list)
         for connection in self._connections.values():
             if roles.get(connection.account) in LIMITED:
                 by_account[connection.account].append(connection)
 
+        # The connections of an identity that is cut off are held elsewhere: they get a message only
         to_close: list[LimitedConnection] = []
         messages: dict[str, str] = {}
         for account, identity_load in self._loads.items():
@@ -143,6 +152,8 @@ class ConnectionLimits:
                 continue
             own = by_account.pop(account, [])
             messages[_identity(account)] = self._held_message(account, identity_load, own)
+
+        # The newest are closed, so that a newcomer cannot push out the processes that run
         for account, own in by_account.items():
             newest = own[self._max_connections :]
             if newest:
@@ -164,15 +175,15 @@ class ConnectionLimits:
     ) -> str:
         attack = identity_load.attack
         key = "" if attack is None else attack.flooded_key
+        label = _label(account)
         excess = f"has written or asked {BURST:.0f} messages more than {MAX_HZ:.0f} a second"
         if key:
-            excess = (
-                f"has written {key} more than {max_rate_hz(key):.0f} times a second, by several connections"
-            )
+            limit_hz = max_rate_hz(key)
+            excess = f"has written {key} more than {limit_hz:.0f} times a second, by several connections"
         if not all(connection.can_be_cut for connection in connections):
-            return f"{_label(account)} {excess} and {_stays(account)}"
+            return f"{label} {excess} and {_stays(account)}"
         hold_s = identity_load.hold_s
-        return f"{_label(account)} {excess} and is cut off for {hold_s:.0f} s: end the process that does"
+        return f"{label} {excess} and is cut off for {hold_s:.0f} s: end the process that does"
 
     def _too_many_message(self, account: str, count: int, newest: Sequence[LimitedConnection]) -> str:
         label = _label(account)
@@ -193,8 +204,9 @@ def _limited_key(key: str) -> str:
     """Return a key relative to the site if it has a maximum rate, else `""`."""
     plain = plain_key(key)
     topic = topic_of(plain)
-    is_limited = topic is not None and topic not in UNSLOWED and INTERNAL not in key
-    return plain if is_limited else ""
+    if topic is None or topic in UNSLOWED:
+        return ""
+    return "" if INTERNAL in key else plain
 
 
 def _identity(account: str) -> str:

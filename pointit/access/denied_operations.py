@@ -76,7 +76,9 @@ class RecentDenials:
         for name, sentence in sentences.items():
             self._messages.pop((name, kind), None)
             self._messages[name, kind] = (sentence, now_s)
-        self._messages = {key: entry for key, entry in self._messages.items() if now_s - entry[1] <= RECENT_S}
+        for key, (_, true_s) in list(self._messages.items()):
+            if now_s - true_s > RECENT_S:
+                del self._messages[key]
 
     def of(self, site: str) -> tuple[Problem, ...]:
         """Return the problems for `site`, the newest first: those of its identities and of unknown ones."""
@@ -109,10 +111,12 @@ class DeniedOperations:
         self._rejected += counts.rejected
         self.total += counts.rejected.total()
         for operation, count in counts.denied.items():
-            verbs = LATE_VERBS if operation.is_internal and "/@adv" in operation.key else VERBS
-            self._add_attempt(operation, verbs, count)
+            is_late = operation.is_internal and "/@adv" in operation.key
+            self._add_attempt(operation, LATE_VERBS if is_late else VERBS, count)
         for operation, count in counts.too_long.items():
             self._add_attempt(operation, TOO_LONG_VERBS, count)
+
+        # After the denials, which decide how writes count that were too frequent
         for operation, count in counts.writes.items():
             self._add_write(operation, count)
         for operation, count in counts.too_frequent.items():
@@ -127,6 +131,7 @@ class DeniedOperations:
         Returns:
             Messages by identity, `SITE/NAME`, or by an empty name if it is unknown.
         """
+        # Denials, of valid and of former certificates apart: their remedies differ
         clauses: dict[str, list[str]] = defaultdict(list)
         revoked: dict[str, Attempts] = defaultdict(Counter)
         for common_name, attempts in self._attempts.items():
@@ -135,26 +140,32 @@ class DeniedOperations:
                 revoked[identity] += attempts
             else:
                 clauses[identity].append(f"may not {_listed(attempts)}: refused")
-        self.revoked = {
-            identity: REVOCATION.format(
-                identity=identity, attempts=_listed(attempts), name=identity.rpartition("/")[2]
+        self.revoked = {}
+        for identity, attempts in revoked.items():
+            name = identity.rpartition("/")[2]
+            self.revoked[identity] = REVOCATION.format(
+                identity=identity, attempts=_listed(attempts), name=name
             )
-            for identity, attempts in revoked.items()
-        }
+
+        # Floods: of each identity the key that is written most
         for identity, floods in self._floods(elapsed_s).items():
             key, count = floods.most_common(1)[0]
+            rate_hz = count / elapsed_s
             clauses[identity].append(
-                f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
+                f"writes {key} {rate_hz:.0f} times a second, more than anybody needs: end what does"
             )
-        sentences = {
-            identity: f"{identity} {' and '.join(of_identity)}"
-            for identity, of_identity in sorted(clauses.items())
-        }
+
+        # One sentence for each identity, and one for all who were not let in
+        sentences: dict[str, str] = {}
+        for identity, of_identity in sorted(clauses.items()):
+            sentences[identity] = f"{identity} {' and '.join(of_identity)}"
         rejections = rejection_summary(self._rejected)
         if rejections:
             sentences[""] = rejections
-        for collected in (self._attempts, self._written, self._slowed, self._rejected):
-            collected.clear()
+        self._attempts.clear()
+        self._written.clear()
+        self._slowed.clear()
+        self._rejected.clear()
         return sentences
 
     def _add_attempt(self, operation: Operation, verbs: Mapping[str, str], count: int) -> None:
@@ -205,7 +216,9 @@ def plain_key(key: str) -> str:
     if has_namespace:
         plain = plain.split("/", 2)[2]
     shown = "".join(letter if letter.isprintable() else "?" for letter in plain[:MAX_KEY])
-    return shown + ("…" if len(plain) > MAX_KEY else "")
+    if len(plain) > MAX_KEY:
+        shown += "…"
+    return shown
 
 
 def _name(operation: Operation) -> str:
@@ -218,4 +231,5 @@ def _listed(attempts: Attempts) -> str:
     for (verb, key), count in attempts.most_common():
         times = f" ({count} times)" if count > 1 else ""
         keys_by_verb[verb].append(key + times)
-    return ", ".join(f"{verb} {first_of(keys, MAX_KEYS)}" for verb, keys in keys_by_verb.items())
+    clauses = [f"{verb} {first_of(keys, MAX_KEYS)}" for verb, keys in keys_by_verb.items()]
+    return ", ".join(clauses)

@@ -55,13 +55,17 @@ class RejectedConnections:
 
     def take(self, line: str, thread: str) -> bool:
         """Process a line without colours of `thread`. Return True if it reports a rejection."""
-        if attempt := CONNECTION_ATTEMPT.match(line):
+        attempt = CONNECTION_ATTEMPT.match(line)
+        if attempt is not None:
             self._connection_attempts[thread] = attempt[1]
             return False
         reason = self._reason(line, thread)
-        if reason and (reason in self._reasons or len(self._reasons) < MAX_REASONS):
+        if not reason:
+            return False
+        # Unknown peers choose texts in reasons, so their number is limited
+        if reason in self._reasons or len(self._reasons) < MAX_REASONS:
             self._reasons[reason] += 1
-        return bool(reason)
+        return True
 
     def pop(self) -> Counter[str]:
         """Return and reset the number of rejections by reason."""
@@ -70,17 +74,27 @@ class RejectedConnections:
         return reasons
 
     def _reason(self, line: str, thread: str) -> str:
-        if password := PASSWORD.match(line):
+        # By password: Zenoh has reported the address before, in the same thread
+        password = PASSWORD.match(line)
+        if password is not None:
             address = self._connection_attempts.pop(thread, "")
             reason = REASONS.get(password[1], password[1])
             return f"{reason} from {address}" if address else reason
-        if no_zenoh := NO_ZENOH.match(line):
+
+        # By TLS: its clients may speak anything, or nothing
+        no_zenoh = NO_ZENOH.match(line)
+        if no_zenoh is not None:
             return f"came by TLS and spoke no Zenoh from {no_zenoh[1]}"
         if SILENT.match(line):
             return "came by TLS and said nothing"
-        if handshake := HANDSHAKE.match(line):
-            return WITHOUT_TLS if handshake[1].startswith(PLAIN_TCP) else handshake[1]
-        return ""
+
+        # By certificate
+        handshake = HANDSHAKE.match(line)
+        if handshake is None:
+            return ""
+        if handshake[1].startswith(PLAIN_TCP):
+            return WITHOUT_TLS
+        return handshake[1]
 
 
 def rejection_summary(reasons: Counter[str]) -> str:

@@ -5,11 +5,13 @@ its keys and connections, within seconds (`identity_load.py`).
 """
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Literal, get_args
 
 from pointit.schemas.system import RUN, instance_of
+from pointit.schemas.table_types import Presence
 from pointit.schemas.topics import (
     ACCOUNTS,
     ACT_RESULTS,
@@ -48,6 +50,8 @@ from pointit.schemas.topics import (
     topic_of,
 )
 from pointit.services.registry import HOME_ASSISTANT, PROCESSES, RECORDER, Process, add_installed
+
+Row = Topic[Any] | Request[Any, Any]
 
 Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
 """Role of an identity: a person's services; the shared services; one shared service with the identity's name;
@@ -94,7 +98,9 @@ def max_rate_hz(key: str) -> float:
     topic = topic_of(key)
     if topic in (*ACCOUNTS, DEPLOYMENT):
         return MAX_ACCOUNT_HZ
-    return MAX_RATE_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
+    if topic is None or topic.delivery is Delivery.LATEST:
+        return LATEST_HZ
+    return MAX_RATE_HZ
 
 
 def viewer_topics() -> list[Topic[Any]]:
@@ -147,16 +153,22 @@ def _bridge(name: str) -> Rights:
 
     The ROS bridge may be present for any person. Its configuration decides for whom.
     """
-    (row,) = (row for row in PROCESSES if row.name == name)
-    others = OF_PEOPLE if name == "web" else (*OF_PEOPLE, *OF_OPERATORS)
+    (row,) = _named(PROCESSES, name)
+    writes = [*_anywhere([row.writes])]
+    for topic in ACCOUNTS:
+        writes += _numbered(topic.at(name))
+    of_others = OF_PEOPLE if name == "web" else (*OF_PEOPLE, *OF_OPERATORS)
+    requests = [request for request in REQUESTS if request not in of_others]
     return Rights(
-        writes=_sorted(
-            [*_anywhere([row.writes]), *(key for topic in ACCOUNTS for key in _numbered(topic.at(name)))]
-        ),
+        writes=_sorted(writes),
         reads=_anywhere([viewer_topics(), row.reads]),
-        asks=_anywhere([[request for request in REQUESTS if request not in others]]),
-        announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
+        asks=_anywhere([requests]),
+        announces=(*_numbered(SERVICE_ALIVE.at(name)), *_at(row.announces, ANY)),
     )
+
+
+def _named(rows: Iterable[Process], name: str) -> list[Process]:
+    return [row for row in rows if row.name == name]
 
 
 def _instances(key: str, row: Process) -> tuple[str, ...]:
@@ -174,55 +186,61 @@ def _user(name: str) -> Rights:
     mine = _of_scope("user")
     shards = [row for row in PROCESSES if row.shard_serves is not None]
     instances = [instance_of(row.name, name) for row in (*mine, *shards)]
-    reads = [topic.at(name) for row in (*mine, *shards) for topic in row.reads if _is_personal(topic)]
-    serves = [request for row in mine for request in row.serves if _is_personal(request)]
+
+    # A shard is a process of a shared service: only what it writes and reads of the person is theirs
+    writes = _at((BUTTON, STEP, SPEECH, UNDERSTOOD), name)
+    reads = [*_anywhere([viewer_topics()])]
+    serves: list[str] = []
+    for row in mine:
+        writes += _at(row.writes, name)
+        reads += _at(_personal(row.reads), name)
+        serves += _at(_personal(row.serves), name)
+    for row in shards:
+        writes += _at(_personal(row.writes), name)
+        reads += _at(_personal(row.reads), name)
+        serves += _at(row.shard_serves or (), name)
+
+    # The name of a run is no person's: the deployment of that name is the operator's
+    if not name.startswith(RUN):
+        writes.append(DEPLOYMENT.at(name))
+    for instance in instances:
+        writes += _at(ACCOUNTS, instance)
+
+    asks = [*_anywhere([FOR_MEMBERS])]
+    for request in _personal(REQUESTS):
+        if request not in OF_OPERATORS:
+            asks.append(request.at(name))
+    for request in _asked(mine):
+        if not _is_personal(request):
+            asks += _anywhere([[request]])
+
+    announces = [
+        USER_ALIVE.at(name),
+        SERVICE_ALIVE.at(RECORDER),  # nobody records without others seeing it
+    ]
+    announces += [SERVICE_ALIVE.at(instance) for instance in instances]
+    announces += [SHARD_ALIVE.at(instance_of(row.name, name)) for row in shards]
     return Rights(
-        writes=_sorted(
-            [
-                *(topic.at(name) for row in mine for topic in row.writes),
-                *(topic.at(name) for row in shards for topic in row.writes if _is_personal(topic)),
-                *(topic.at(name) for topic in (BUTTON, STEP, SPEECH, UNDERSTOOD)),
-                *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
-                *(topic.at(instance) for topic in ACCOUNTS for instance in instances),
-            ]
-        ),
-        reads=_sorted([*reads, *_anywhere([viewer_topics()])]),
-        serves=_sorted(
-            request.at(name)
-            for request in (*serves, *(each for row in shards for each in row.shard_serves or ()))
-        ),
-        asks=_sorted(
-            [
-                *(row.at(name) for row in REQUESTS if _is_personal(row) and row not in OF_OPERATORS),
-                *_anywhere([FOR_MEMBERS, (row for row in _asked(mine) if not _is_personal(row))]),
-            ]
-        ),
-        announces=_sorted(
-            [
-                USER_ALIVE.at(name),
-                SERVICE_ALIVE.at(RECORDER),  # nobody records without others seeing it
-                *(SERVICE_ALIVE.at(instance) for instance in instances),
-                *(SHARD_ALIVE.at(instance_of(row.name, name)) for row in shards),
-            ]
-        ),
+        writes=_sorted(writes),
+        reads=_sorted(reads),
+        serves=_sorted(serves),
+        asks=_sorted(asks),
+        announces=_sorted(announces),
     )
 
 
 def _service(name: str) -> Rights:
     """Return the rights of the shared service `name`: those of its row, none if it is not installed."""
-    rows = [row for row in shared_services() if row.name == name]
+    rows = _named(shared_services(), name)
+    announces = [*_presences(rows), *_carriers(rows)]
+    for row in rows:
+        announces += _at(row.announces, ANY)
     return Rights(
         writes=_sorted([*_written(rows), *_health_publishers(rows)]),
         reads=_anywhere(row.reads for row in rows),
         serves=_anywhere(row.serves for row in rows),
         asks=_anywhere([FOR_MEMBERS, _asked(rows)]),
-        announces=_sorted(
-            [
-                *_presences(rows),
-                *_carriers(rows),
-                *(presence.at(ANY) for row in rows for presence in row.announces),
-            ]
-        ),
+        announces=_sorted(announces),
     )
 
 
@@ -233,18 +251,31 @@ def shared_services() -> list[Process]:
 
 def _health_publishers(rows: Iterable[Process]) -> list[str]:
     """Return the keys of health and the like of all instances of `rows`."""
-    return [key for topic in ACCOUNTS for row in rows for key in _instances(topic.at(row.name), row)]
+    keys: list[str] = []
+    for row in rows:
+        for topic in ACCOUNTS:
+            keys += _instances(topic.at(row.name), row)
+    return keys
 
 
 def _written(rows: Sequence[Process]) -> list[str]:
     """Return the keys of the topics of `rows`. Those of carriers only under the name of the service."""
-    own = [topic.at(row.name) for row in rows for topic in row.writes if topic in OF_CARRIERS]
-    return [*own, *_anywhere([topic for topic in row.writes if topic not in OF_CARRIERS] for row in rows)]
+    keys: list[str] = []
+    for row in rows:
+        for topic in row.writes:
+            if topic in OF_CARRIERS:
+                keys.append(topic.at(row.name))
+            else:
+                keys.append(_key_of_all(topic))
+    return keys
 
 
 def _presences(rows: Iterable[Process]) -> list[str]:
     """Return the keys of presence of all instances of `rows`."""
-    return [key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row)]
+    keys: list[str] = []
+    for row in rows:
+        keys += _instances(SERVICE_ALIVE.at(row.name), row)
+    return keys
 
 
 def _carriers(rows: Iterable[Process]) -> list[str]:
@@ -253,21 +284,21 @@ def _carriers(rows: Iterable[Process]) -> list[str]:
 
 
 def _services() -> Rights:
+    # A service that has an identity of its own is present and reports, but the others lack its rights
     shared = shared_services()
     common = [row for row in shared if row.name not in WITH_OWN_IDENTITY]
+    site_writes = _anywhere([(CLOCK, DEPLOYMENT)])
+    reads = [*(row.reads for row in common), viewer_topics()]
+    serves = [*(row.serves for row in shared), (RUN_SCENARIO,)]
+    states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
+    announces = [*_presences(shared), *_carriers(common), SHARD_ALIVE.at(ANY), KEEPER_ALIVE.at(ANY)]
     return Rights(
-        writes=_sorted([*_written(common), *_anywhere([(CLOCK, DEPLOYMENT)]), *_health_publishers(shared)]),
-        reads=_anywhere([*(row.reads for row in common), viewer_topics()]),
-        serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
+        writes=_sorted([*_written(common), *site_writes, *_health_publishers(shared)]),
+        reads=_anywhere(reads),
+        serves=_anywhere(serves),
         asks=_anywhere([FOR_MEMBERS, _asked(common)]),
-        keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
-        announces=_sorted(
-            [
-                *_presences(shared),
-                *_carriers(common),
-                *(presence.at(ANY) for presence in (SHARD_ALIVE, KEEPER_ALIVE)),
-            ]
-        ),
+        keeps=_anywhere([states]),
+        announces=_sorted(announces),
     )
 
 
@@ -277,15 +308,32 @@ def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
 
 def _asked(rows: Iterable[Process]) -> list[Request[Any, Any]]:
     """Return the requests that services of other packages send. Ours send none."""
-    return [request for row in rows if row.plugin is not None for request in row.plugin.asks]
+    requests: list[Request[Any, Any]] = []
+    for row in rows:
+        if row.plugin is not None:
+            requests += row.plugin.asks
+    return requests
 
 
-def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:
+def _is_personal(row: Row) -> bool:
     return row.placeholder == "user"
 
 
-def _anywhere(groups: Iterable[Iterable[Topic[Any] | Request[Any, Any]]]) -> tuple[str, ...]:
-    return _sorted(row.at(ANY if row.placeholder else "") for rows in groups for row in rows)
+def _personal(rows: Iterable[Row]) -> Iterator[Row]:
+    return filter(_is_personal, rows)
+
+
+def _at(rows: Iterable[Row | Presence], name: str) -> list[str]:
+    return [row.at(name) for row in rows]
+
+
+def _anywhere(groups: Iterable[Iterable[Row]]) -> tuple[str, ...]:
+    """Return the keys of all rows of `groups`, each for whatever name."""
+    return _sorted(map(_key_of_all, chain.from_iterable(groups)))
+
+
+def _key_of_all(row: Row) -> str:
+    return row.at(ANY if row.placeholder else "")
 
 
 def _sorted(keys: Iterable[str]) -> tuple[str, ...]:

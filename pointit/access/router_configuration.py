@@ -101,34 +101,31 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
     def tests(keys: Iterable[str], verb: str) -> list[str]:
         return [f"{root}/{key}/{ROOM}/{name}/{verb}" for key in keys]
 
+    # A test of a right is a message to itself below a key of that right
     mine = [f"{root}/{ALL}/{ROOM}/{name}/{ALL}"]
     tested = [f"{root}/{ROOM}/{name}/*"]
     for verb in VERBS:
         tested += tests(getattr(rights, verb), verb)
+
+    # Each right takes several kinds of messages, also in the other direction: a reader must get what it reads
     written = [*at(rights.writes), *late(rights.writes)]
     read = [*at(rights.reads), *late(rights.reads)]
+    served = [*at(rights.serves), *at(rights.keeps)]
+    announced = [*at(rights.announces), *late(rights.writes)]
+    asked = [*at(rights.asks), *read]
+    watched = [*at(rights.watches), *late(rights.reads)]
     site_wide = list(all_key_expressions(site)[:2])
     grants: Sequence[tuple[str, Sequence[str], str, list[str]]] = (
         ("write", ("put",), "ingress", [*written, *tested]),
-        (
-            "keep",
-            ("declare_queryable",),
-            "ingress",
-            [*at(rights.serves), *at(rights.keeps), *late(rights.writes)],
-        ),
-        ("reply", ("reply",), "ingress", [*at(rights.serves), *at(rights.keeps), *written]),
-        ("announce", ("liveliness_token",), "ingress", [*at(rights.announces), *late(rights.writes)]),
+        ("keep", ("declare_queryable",), "ingress", [*served, *late(rights.writes)]),
+        ("reply", ("reply",), "ingress", [*served, *written]),
+        ("announce", ("liveliness_token",), "ingress", announced),
         ("read", ("declare_subscriber",), "ingress", [*read, *mine]),
-        ("ask", ("query",), "ingress", [*at(rights.asks), *read]),
-        (
-            "watch",
-            ("liveliness_query", "declare_liveliness_subscriber"),
-            "ingress",
-            [*at(rights.watches), *late(rights.reads)],
-        ),
+        ("ask", ("query",), "ingress", asked),
+        ("watch", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", watched),
         ("hear", ("put",), "egress", [*read, *mine]),
-        ("answered", ("reply",), "egress", [*at(rights.asks), *read]),
-        ("see", ("liveliness_token",), "egress", [*at(rights.watches), *late(rights.reads)]),
+        ("answered", ("reply",), "egress", asked),
+        ("see", ("liveliness_token",), "egress", watched),
         (
             "know",
             ("declare_subscriber", "declare_queryable", "query", "liveliness_query"),
@@ -137,17 +134,18 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
         ),
         ("know-watchers", ("declare_liveliness_subscriber",), "egress", site_wide),
     )
-    return [
-        {
-            "id": f"{prefix}/{what}",
-            "permission": "allow",
-            "messages": list(messages),
-            "flows": [flow],
-            "key_exprs": sorted(set(keys)),
-        }
-        for what, messages, flow, keys in grants
-        if keys
-    ]
+    rules: list[Rule] = []
+    for right, messages, flow, keys in grants:
+        if keys:
+            rule = {
+                "id": f"{prefix}/{right}",
+                "permission": "allow",
+                "messages": list(messages),
+                "flows": [flow],
+                "key_exprs": sorted(set(keys)),
+            }
+            rules.append(rule)
+    return rules
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,75 +192,90 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     slowed: list[dict[str, Any]] = []
     thinned: list[dict[str, Any]] = []
     for router_site in sites:
+        site = router_site.site
         slowed += _slowed(router_site)
         listen += _listeners(router_site, addresses)
         connect += [f"{address}#{_client(router_site)}" for address in router_site.uplinks]
-        who = "usernames" if router_site.password else "cert_common_names"
+
+        # Each identity is a subject with a policy, which grants it its own rules
+        subject_key = "usernames" if router_site.password else "cert_common_names"
         for member in router_site.members:
-            own = rules_of(router_site.site, member.name, rights_of(member.role, member.name))
+            rights = rights_of(member.role, member.name)
+            own = rules_of(site, member.name, rights)
             rules += own
-            subject = f"{router_site.site}/{member.name}"
-            subjects.append({"id": subject, who: [member.common_name]})
-            named = f"{subject}/{member.role}"
-            policies.append({"id": named, "rules": [rule["id"] for rule in own], "subjects": [subject]})
+            subject = f"{site}/{member.name}"
+            subjects.append({"id": subject, subject_key: [member.common_name]})
+            policy = f"{subject}/{member.role}"
+            policies.append({"id": policy, "rules": [rule["id"] for rule in own], "subjects": [subject]})
+
+        # Former certificates are named only so that their denials are logged
         if router_site.former:
-            nothing = f"{router_site.site}/nothing"
-            former = f"{router_site.site}/former ones"
-            rules.append(_nothing(router_site.site, nothing))
-            subjects.append({"id": former, who: list(router_site.former)})
+            nothing = f"{site}/nothing"
+            former = f"{site}/former ones"
+            rules.append(_nothing(site, nothing))
+            subjects.append({"id": former, subject_key: list(router_site.former)})
             policies.append({"rules": [nothing], "subjects": [former]})
         if router_site.dashboard_rate_hz:
             thinned += _thinned(router_site)
-    made: dict[str, Any] = {
+
+    size_limits: list[dict[str, Any]] = []
+    histories: list[dict[str, Any]] = []
+    for router_site in sites:
+        size_limits += _limits(router_site.site)
+        history = f"{namespace(router_site.site)}/{READ_HISTORY.at()}"
+        histories.append({"key_expr": history, "freq": MAX_HISTORY_HZ})
+    retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
+    uplinks = {"endpoints": connect, "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
+    access_control = {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+    router: dict[str, Any] = {
         "mode": "router",
         "listen": {"endpoints": listen},
-        "connect": {
-            "endpoints": connect,
-            "timeout_ms": -1,
-            "exit_on_failure": False,
-            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
-        },
+        "connect": uplinks,
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
         "adminspace": {"enabled": False, "permissions": {"read": False, "write": False}},
-        "transport": {
-            "unicast": {"max_sessions": MAX_SESSIONS},
-            "shared_memory": {"enabled": False},
-            "link": {
-                "protocols": ["tls", "quic"],
-                "rx": {"max_message_size": MAX_TRAVELLING_BYTES},
-                "tx": {"lease": LEASE_MS},
-            },
-        },
-        "access_control": {
-            "enabled": True,
-            "default_permission": "deny",
-            "rules": rules,
-            "subjects": subjects,
-            "policies": policies,
-        },
-        "low_pass_filter": [limit for router_site in sites for limit in _limits(router_site.site)],
+        "transport": _transport(sites),
+        "access_control": access_control,
+        "low_pass_filter": size_limits,
         "qos": {"network": [_never_waits(router_site.site) for router_site in sites]},
+        "downsampling": [],
     }
-    histories = [f"{namespace(router_site.site)}/{READ_HISTORY.at()}" for router_site in sites]
-    asked = [{"key_expr": key, "freq": MAX_HISTORY_HZ} for key in histories]
-    slower: list[dict[str, Any]] = [
+
+    # Zenoh rejects a limit of rates without a rule
+    rate_limits: list[dict[str, Any]] = [
         {"id": "people", "flows": ["ingress"], "rules": slowed},
-        {"id": "history", "flows": ["ingress"], "rules": asked, "messages": ["query"]},
+        {"id": "history", "flows": ["ingress"], "rules": histories, "messages": ["query"]},
         {"id": "dashboards", "flows": ["egress"], "rules": thinned, "link_protocols": ["quic"]},
     ]
-    made["downsampling"] = [{"messages": ["put"], **each} for each in slower if each["rules"]]
+    for limit in rate_limits:
+        if limit["rules"]:
+            router["downsampling"].append({"messages": ["put"], **limit})
+    return router
+
+
+def _transport(sites: Sequence[RouterSite]) -> dict[str, Any]:
+    unicast: dict[str, Any] = {"max_sessions": MAX_SESSIONS}
+    link: dict[str, Any] = {
+        "protocols": ["tls", "quic"],
+        "rx": {"max_message_size": MAX_TRAVELLING_BYTES},
+        "tx": {"lease": LEASE_MS},
+    }
+    transport: dict[str, Any] = {"unicast": unicast, "shared_memory": {"enabled": False}, "link": link}
     if any(router_site.password for router_site in sites):
+        # TLS accepts clients without a certificate, so those that stay silent must not keep others waiting
         (router_site,) = sites
-        made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}
-        made["transport"]["unicast"] |= {
-            "accept_timeout": ACCEPT_MS,
-            "accept_pending": MAX_UNKNOWN_CONNECTIONS,
-        }
+        transport["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}
+        unicast |= {"accept_timeout": ACCEPT_MS, "accept_pending": MAX_UNKNOWN_CONNECTIONS}
     else:
         # Of clients' certificates. Zenoh would warn at each connection of a client without one.
-        made["transport"]["link"]["tls"] = {"close_link_on_expiration": True}
-    return made
+        link["tls"] = {"close_link_on_expiration": True}
+    return transport
 
 
 def to_json5(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> str:  # noqa: S104 - as above
@@ -302,11 +315,16 @@ def _listeners(router_site: RouterSite, addresses: Sequence[str]) -> list[str]:
     server = f"listen_certificate_file={files}cert.pem;listen_private_key_file={files}key.pem"
     if not router_site.password:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
-    links = (("tls", ""), ("quic", ONE_STREAM)) if router_site.dashboard_rate_hz else (("tls", ""),)
-    hosts = [f"[{each}]" if ":" in each and not each.startswith("[") else each for each in addresses]
-    return [
-        f"{kind}/{host}:{router_site.port}{metadata}#{server}" for kind, metadata in links for host in hosts
-    ]
+    protocols = [("tls", "")]
+    if router_site.dashboard_rate_hz:
+        protocols.append(("quic", ONE_STREAM))
+    listeners: list[str] = []
+    for protocol, metadata in protocols:
+        for address in addresses:
+            is_plain_ipv6 = ":" in address and not address.startswith("[")
+            host = f"[{address}]" if is_plain_ipv6 else address
+            listeners.append(f"{protocol}/{host}:{router_site.port}{metadata}#{server}")
+    return listeners
 
 
 def _client(router_site: RouterSite) -> str:
@@ -326,32 +344,36 @@ def _limits(site: str) -> list[dict[str, Any]]:
         key = f"{root}/{row.at(ANY if row.placeholder else '')}"
         by_size.setdefault((message, size), []).append(key)
 
+    # A topic's message also travels in replies to late subscribers and in queries for what was lost
     for topic in TOPICS:
         for message in ("put", "reply", "query"):
             add(topic, message, topic.message.max_bytes)
     for request in REQUESTS:
         add(request, "query", request.query.max_bytes)
         add(request, "reply", request.reply.max_bytes)
+
+    # All other keys of the site
     for message in ("put", "query", "reply"):
         by_size[message, MAX_BYTES] = list(all_key_expressions(site))
-    return [
-        {
+
+    limits: list[dict[str, Any]] = []
+    for (message, size), keys in sorted(by_size.items()):
+        limit = {
             "id": f"{site}/{message}/{size}",
             "messages": [message],
             "flows": ["ingress"],
             "key_exprs": sorted(set(keys)),
             "size_limit": size,
         }
-        for (message, size), keys in sorted(by_size.items())
-    ]
+        limits.append(limit)
+    return limits
 
 
 def _never_waits(site: str) -> dict[str, Any]:
     """Return the rule that drops messages for slow readers, regardless of their publisher's settings.
 
     A router that waits for a stalled reader (5 s, Zenoh's default) delays all clients, as its threads are
-    few. Our own
-    publishers never request that. Lost states and events are fetched again from them.
+    few. Our own publishers never request that. Lost states and events are fetched again from them.
     """
     return {
         "id": f"{site}/never waits",
@@ -380,15 +402,13 @@ def _slowed(router_site: RouterSite) -> list[dict[str, Any]]:
     states and events again from their publisher. Of a burst of others, such as cursors behind a link that
     stalled, they get the first, and then the next that comes.
     """
-    keys = [
-        key
-        for member in router_site.members
-        if member.role == "user"
-        for key in rights_of("user", member.name).writes
-        if topic_of(key) not in UNSLOWED
-    ]
     root = namespace(router_site.site)
-    return [{"key_expr": f"{root}/{key}", "freq": max_rate_hz(key)} for key in keys]
+    rules: list[dict[str, Any]] = []
+    for user in _people(router_site):
+        for key in rights_of("user", user).writes:
+            if topic_of(key) not in UNSLOWED:
+                rules.append({"key_expr": f"{root}/{key}", "freq": max_rate_hz(key)})
+    return rules
 
 
 def _thinned(router_site: RouterSite) -> list[dict[str, Any]]:
@@ -397,7 +417,7 @@ def _thinned(router_site: RouterSite) -> list[dict[str, Any]]:
     Names of trackers are unknown beforehand, so their objects are not limited, nor is health.
     """
     root = namespace(router_site.site)
-    people = [member.name for member in router_site.members if member.role == "user"]
+    people = _people(router_site)
     keys: list[str] = []
     for topic in TOPICS:
         if topic.delivery is not Delivery.LATEST or topic is HEALTH:
@@ -407,6 +427,10 @@ def _thinned(router_site: RouterSite) -> list[dict[str, Any]]:
         elif not topic.placeholder:
             keys.append(topic.at())
     return [{"key_expr": f"{root}/{key}", "freq": router_site.dashboard_rate_hz} for key in keys]
+
+
+def _people(router_site: RouterSite) -> list[str]:
+    return [member.name for member in router_site.members if member.role == "user"]
 
 
 def common_name(site: str, name: str, generation: int) -> str:

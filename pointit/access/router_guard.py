@@ -11,7 +11,7 @@ import importlib.metadata
 import logging
 import re
 from collections import Counter
-from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -113,45 +113,52 @@ class RouterGuard:
     async def run(self) -> None:
         """Guard the open router until cancelled, and reopen it when its files change."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._look_on(), name="floods")
+            group.create_task(self._guard(), name="floods")
             group.create_task(self._router.reload_on_change(), name="router")
 
-    async def _look_on(self) -> None:
+    async def _guard(self) -> None:
         loop = asyncio.get_running_loop()
-        told_s = loop.time()
+        reported_s = loop.time()
         while True:
             await asyncio.sleep(LOOK_S)
             now_s = loop.time()
-            has_cut = self._look(now_s)
-            if has_cut or now_s - told_s >= TELL_S:
-                self._tell(now_s, now_s - told_s)
-                told_s = now_s
+            has_cut = self._limit_loads(now_s)
+            elapsed_s = now_s - reported_s
+            if has_cut or elapsed_s >= TELL_S:
+                self._report(now_s, elapsed_s)
+                reported_s = now_s
 
-    def _look(self, now_s: float) -> bool:
+    def _limit_loads(self, now_s: float) -> bool:
         """Count what was done since the last look. Cut off who exceeds the limit, and return True if any."""
+        # After the router has opened again all clients connect at once, which is no attack
         if self._router.times_opened != self._times_opened:
             self._times_opened = self._router.times_opened
             self._limits.allow_starts()
         counts = self._trace.pop()
         self._denied.add(counts)
-        loads = loads_of(counts, self._router.pop_new_connections(), self._router.former)
-        cut_off = self._limits.step(loads, self._roles(), now_s)
-        if cut_off:
-            own = [connection for connection in self._connections() if connection.account in cut_off]
-            self._router.cut(connection.address for connection in own if connection.can_be_cut)
-        return bool(cut_off)
+        new_connections = self._router.pop_new_connections()
+        loads = loads_of(counts, new_connections, self._router.former)
+        accounts = self._limits.step(loads, self._roles(), now_s)
+        if accounts:
+            own = [connection for connection in self._connections() if connection.account in accounts]
+            self._router.cut(_addresses_to_cut(own))
+        return bool(accounts)
 
-    def _tell(self, now_s: float, elapsed_s: float) -> None:
+    def _report(self, now_s: float, elapsed_s: float) -> None:
         """Report what was denied and who is cut off, in the log and to doctor.
 
         Connections beyond the limit of an identity are closed.
         """
         sentences = self._denied.take_sentences(elapsed_s, self._router.former)
+
+        # The trace forgets ended connections only after their names were used above
         connections = self._connections()
         self._trace.keep({session: name for session, name, _ in self._router.links()})
         excess, exceeding = self._limits.excess(connections, self._roles())
         self._router.cut(connection.address for connection in excess)
         self._hold_connections(connections)
+
+        # Health repeats a message for a while, the log has it once
         messages = {DENIED: sentences, REVOKED: self._denied.revoked, EXCESS: exceeding}
         for kind, of_kind in messages.items():
             self._recent.add(of_kind, now_s, kind)
@@ -175,7 +182,7 @@ class RouterGuard:
     def _hold_connections(self, connections: Iterable[LimitedConnection]) -> None:
         """Hold the connections of identities that are cut off: those that opened after that."""
         held = [connection for connection in connections if self._limits.is_held(connection.account)]
-        self._router.hold(connection.address for connection in held if connection.can_be_cut)
+        self._router.hold(_addresses_to_cut(held))
 
     def _is_held(self, common_name: str) -> bool:
         return self._limits.is_held(account_of(common_name, self._router.former))
@@ -202,7 +209,9 @@ class LoggedOnce:
 
     def new_sentences(self, messages: Mapping[str, Mapping[str, str]], now_s: float) -> list[str]:
         """Return the sentences that were not true lately. `messages` are by kind and identity."""
-        self._logged_s = {key: at_s for key, at_s in self._logged_s.items() if now_s - at_s <= QUIET_S}
+        for key, logged_s in list(self._logged_s.items()):
+            if now_s - logged_s > QUIET_S:
+                del self._logged_s[key]
         new: list[str] = []
         for kind, of_kind in messages.items():
             for identity, sentence in of_kind.items():
@@ -211,3 +220,9 @@ class LoggedOnce:
                     new.append(sentence)
                 self._logged_s[key] = now_s
         return new
+
+
+def _addresses_to_cut(connections: Iterable[LimitedConnection]) -> Iterator[str]:
+    for connection in connections:
+        if connection.can_be_cut:
+            yield connection.address

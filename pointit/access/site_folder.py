@@ -83,11 +83,14 @@ class SiteFolderState(Config):
         Raises:
             ConfigError: If it does not exist, or was removed.
         """
-        known = self.identities.get(name)
-        if known is None or known.state == "removed":
-            names = ", ".join(each for each, one in self.identities.items() if one.state != "removed")
-            raise ConfigError(f"site {self.site} has no {name}; it has {names}")
-        return known
+        identity = self.identities.get(name)
+        if identity is not None and identity.state != "removed":
+            return identity
+        names: list[str] = []
+        for other_name, other in self.identities.items():
+            if other.state != "removed":
+                names.append(other_name)
+        raise ConfigError(f"site {self.site} has no {name}; it has {', '.join(names)}")
 
     def router_hosts(self) -> tuple[str, ...]:
         """Return the names and addresses of the router, including those on its own machine."""
@@ -98,18 +101,15 @@ class SiteFolderState(Config):
 
         `folder`: of the router's own files: `""` (its own folder), or a path with trailing `/`.
         """
+        members: list[Member] = []
+        for name, identity in self.identities.items():
+            if identity.state == "valid":
+                certified_name = common_name(self.site, name, identity.generation)
+                members.append(Member(name=name, role=identity.role, common_name=certified_name))
         return RouterSite(
             site=self.site,
             port=self.port,
-            members=[
-                Member(
-                    name=name,
-                    role=identity.role,
-                    common_name=common_name(self.site, name, identity.generation),
-                )
-                for name, identity in self.identities.items()
-                if identity.state == "valid"
-            ],
+            members=members,
             former=self._former(),
             folder=folder,
             password=self.password,
@@ -120,14 +120,18 @@ class SiteFolderState(Config):
     def link_file(self, name: str) -> LinkFile:
         """Return the link file of the identity `name`, which is not the router."""
         identity = self.identities[name]
-        hosts = [f"[{host}]" if ":" in host else host for host in self.hosts]
-        protocol = "quic" if identity.role == "dashboard" and self.dashboard_rate_hz else "tls"
+        is_thinned = identity.role == "dashboard" and self.dashboard_rate_hz
+        protocol = "quic" if is_thinned else "tls"
+        endpoints: list[str] = []
+        for host in self.hosts:
+            url_host = f"[{host}]" if ":" in host else host
+            endpoints.append(f"{protocol}/{url_host}:{self.port}")
         return LinkFile(
             site=self.site,
             name=name,
             role=identity.role,
             generation=identity.generation,
-            endpoints=tuple(f"{protocol}/{host}:{self.port}" for host in hosts),
+            endpoints=tuple(endpoints),
             password=self.password,
             valid_from=identity.valid_from,
             valid_until=identity.valid_until,
@@ -135,14 +139,15 @@ class SiteFolderState(Config):
 
     def _former(self) -> list[str]:
         """Return the newest common names of invalid certificates."""
-        found: list[str] = []
+        names: list[str] = []
         for name, identity in self.identities.items():
-            newest = identity.generation - (identity.state == "valid")
-            found += [
-                common_name(self.site, name, generation)
-                for generation in range(max(newest - MAX_FORMER, 0) + 1, newest + 1)
-            ]
-        return found
+            newest = identity.generation
+            if identity.state == "valid":
+                newest -= 1
+            oldest = max(newest - MAX_FORMER, 0) + 1
+            for generation in range(oldest, newest + 1):
+                names.append(common_name(self.site, name, generation))
+        return names
 
 
 @contextlib.contextmanager
@@ -156,7 +161,9 @@ def locked(folder: Path) -> Generator[None]:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         lock = acquire_lock(folder / LOCK)
     except (OSError, sqlite3.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        reason: object = error
+        if isinstance(error, OSError) and error.strerror:
+            reason = error.strerror
         raise ConfigError(f"{folder}: cannot be written ({reason})") from error
     if lock is None:
         raise ConfigError(f"{folder}: another process is changing it; try again in a moment")
@@ -208,7 +215,8 @@ class SiteFolder:
             authority = _authority_module().create_authority(state.site, now)
             _save(self.path / "authority" / KEY, authority.key)
             _save(self.path / "authority" / CA, authority.certificate, mode=0o644)
-            return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
+            empty = state.model_copy(update={"identities": {}})
+            return self._issue(empty, {ROUTER: "router", **names}, now)
 
     def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
         """Add identities.
@@ -238,8 +246,10 @@ class SiteFolder:
         with locked(self.path):
             state = self.state()
             if hosts:
-                state = state.model_copy(update={"hosts": tuple(dict.fromkeys((*state.hosts, *hosts)))})
-            return self._issue(state, {name: state.known(name).role for name in names}, now)
+                all_hosts = tuple(dict.fromkeys((*state.hosts, *hosts)))
+                state = state.model_copy(update={"hosts": all_hosts})
+            roles = {name: state.known(name).role for name in names}
+            return self._issue(state, roles, now)
 
     def revoke(self, name: str) -> SiteFolderState:
         """Revoke all rights of an identity.
@@ -274,83 +284,90 @@ class SiteFolder:
         """Return the folder to copy to the machine of `name`."""
         return self.path / ROUTER if name == ROUTER else self.path / "identities" / name
 
-    def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteFolderState:
+    def _end(self, name: str, new_state: Literal["revoked", "removed"]) -> SiteFolderState:
         with locked(self.path):
             state = self.state()
-            known = state.known(name)
-            if known.role == "router":
+            identity = state.known(name)
+            if identity.role == "router":
                 raise ConfigError(
                     "the router cannot be without a certificate; `pointit site renew router "
                     f"--folder {self.path}` makes a new one"
                 )
-            ended = known.model_copy(update={"state": how})
+            ended = identity.model_copy(update={"state": new_state})
             state = state.model_copy(update={"identities": {**state.identities, name: ended}})
+
+            # The password goes first, since the router's list of passwords is made from these files.
+            # The other files of a revoked identity stay: it may be renewed
             folder = self.identity_folder(name)
             password = folder / PASSWORD
             if state.password:
-                password.unlink(missing_ok=True)  # the list of passwords is made from these
+                password.unlink(missing_ok=True)
             self._write(state)
-            if how == "removed":
+            if new_state == "removed":
                 shutil.rmtree(folder, ignore_errors=True)
             return state
 
     def _issue(self, state: SiteFolderState, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
-        authority = _authority_module().Authority(
-            _read(self.path / "authority" / CA), _read(self.path / "authority" / KEY)
-        )
-        made: dict[str, tuple[Identity, IssuedCertificate]] = {}
+        authority_folder = self.path / "authority"
+        authority = _authority_module().Authority(_read(authority_folder / CA), _read(authority_folder / KEY))
+
+        # All certificates before any file: an invalid name among them changes nothing
+        certificates: dict[str, IssuedCertificate] = {}
+        identities: dict[str, Identity] = {}
         for name, role in names.items():
             check_name(name, "identity")
             if (name == ROUTER) != (role == "router"):
                 raise ConfigError(f"{name}: only the router is called {ROUTER}")
-            before = state.identities.get(name)
-            generation = 1 if before is None else before.generation + 1
+            previous = state.identities.get(name)
+            generation = 1 if previous is None else previous.generation + 1
             hosts = state.router_hosts() if role == "router" else ()
-            common = common_name(state.site, name, generation)
-            issued: IssuedCertificate = authority.issue(common, now, state.days, hosts)
-            identity = Identity(
+            certified_name = common_name(state.site, name, generation)
+            certificate: IssuedCertificate = authority.issue(certified_name, now, state.days, hosts)
+            certificates[name] = certificate
+            identities[name] = Identity(
                 role=role,
                 generation=generation,
-                valid_from=issued.valid_from,
-                valid_until=issued.valid_until,
-                fingerprint=issued.fingerprint,
+                valid_from=certificate.valid_from,
+                valid_until=certificate.valid_until,
+                fingerprint=certificate.fingerprint,
             )
-            made[name] = (identity, issued)
-        state = state.model_copy(
-            update={
-                "identities": {**state.identities, **{name: identity for name, (identity, _) in made.items()}}
-            }
-        )
-        for name, (identity, issued) in made.items():
-            self._carry(state, name, identity, issued)
+
+        # Link files have the state with all of them
+        state = state.model_copy(update={"identities": {**state.identities, **identities}})
+        for name, identity in identities.items():
+            self._write_identity(state, name, identity, certificates[name])
         self._write(state)
         return state
 
-    def _carry(
-        self, state: SiteFolderState, name: str, identity: Identity, issued: "IssuedCertificate"
+    def _write_identity(
+        self, state: SiteFolderState, name: str, identity: Identity, certificate: "IssuedCertificate"
     ) -> None:
         folder = self.identity_folder(name)
         _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
-        if identity.role == "router" or not state.password:
-            _save(folder / KEY, issued.key)
-            _save(folder / CERTIFICATE, issued.certificate, mode=0o644)
+        is_router = identity.role == "router"
+        if is_router or not state.password:
+            _save(folder / KEY, certificate.key)
+            _save(folder / CERTIFICATE, certificate.certificate, mode=0o644)
         else:
             _save(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode())
-        if identity.role == "router":
+        if is_router:
             return
-        _save(folder / LINK, (state.link_file(name).model_dump_json(indent=1) + "\n").encode(), mode=0o644)
+        link = state.link_file(name).model_dump_json(indent=1) + "\n"
+        _save(folder / LINK, link.encode(), mode=0o644)
 
     def _write(self, state: SiteFolderState) -> None:
         """Write the state, and the files of a router that has only its own folder."""
+        router_site = state.router_site("")
         if state.password:
-            lines = [
-                f"{member.common_name}:{_read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
-                for member in state.router_site("").members
-                if member.role != "router"
-            ]
+            lines: list[str] = []
+            for member in router_site.members:
+                if member.role != "router":
+                    password = _read(self.identity_folder(member.name) / PASSWORD).decode()
+                    lines.append(f"{member.common_name}:{password}\n")
             _save(self.path / ROUTER / USERS, "".join(lines).encode())
-        _save(self.path / STATE, (state.model_dump_json(indent=1) + "\n").encode(), mode=0o644)
-        configuration = router_configuration.to_json5([state.router_site("")])
+        content = state.model_dump_json(indent=1) + "\n"
+        _save(self.path / STATE, content.encode(), mode=0o644)
+        configuration = router_configuration.to_json5([router_site])
         _save(self.path / ROUTER / CONFIGURATION, configuration.encode())
 
 

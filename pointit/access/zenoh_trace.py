@@ -144,7 +144,7 @@ class ZenohTrace:
         self._writes: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
         self._requests: Counter[tuple[str, bool]] = Counter()
-        """Counts by the begin of the message of the line, and whether its key is internal."""
+        """Counts by the start of the message of the line, and whether its key is internal."""
         self._denied: Counter[tuple[str, bool]] = Counter()
         """The same of denied operations."""
         self._too_long: Counter[tuple[str, bool]] = Counter()
@@ -153,10 +153,14 @@ class ZenohTrace:
         """Counts by the end of the line."""
         self._long_lines: Counter[str] = Counter()
         """By connection."""
+
+        # Names arrive in other lines than operations, and a connection's first operation has its name
         self._names: dict[str, str] = {}
         """Common name by connection."""
         self._new_names: dict[str, str] = {}
         """Those of `_names` since the last `keep`."""
+
+        # Lines of several threads mix, so what a line means depends on the one before it of its thread
         self._decisions_to_skip: dict[str, int] = {}
         """By thread: number of following lines that are not attempts."""
         self._allowed: dict[str, str] = {}
@@ -250,7 +254,9 @@ class ZenohTrace:
 
     def _take_too_frequent(self, line: str, times: int) -> None:
         text = line[line.find(DROP) :]
-        if FROM in text and (text in self._too_frequent or len(self._too_frequent) < MAX_COUNTED):
+        if FROM not in text:
+            return
+        if text in self._too_frequent or len(self._too_frequent) < MAX_COUNTED:
             self._too_frequent[text] += times
 
     def _decide_dropped(self, line: str, thread: str) -> None:
@@ -320,6 +326,8 @@ class ZenohTrace:
         self._pop_decisions(self._requests, counts.requests)
         self._pop_decisions(self._denied, counts.denied)
         self._pop_decisions(self._too_long, counts.too_long)
+
+        # Lines on downsampling have only the start of a connection's name, so decisions complete it
         senders = [_connections_by_key(counts.denied), _connections_by_key(counts.writes)]
         for text, count in self._too_frequent.items():
             downsampled = TOO_FREQUENT.match(text)
@@ -328,7 +336,10 @@ class ZenohTrace:
             message = DOWNSAMPLED_MESSAGES[downsampled[1]]
             key = downsampled[2][:MAX_KEY_LENGTH]
             connection = self._connection_of(downsampled[3], key, senders)
-            counts.too_frequent[Operation(connection, self._name(connection), message, key)] += count
+            operation = Operation(connection, self._name(connection), message, key)
+            counts.too_frequent[operation] += count
+
+        # The counts above hold the present counter of long lines itself
         self._long_lines = Counter()
         for counter in (self._writes, self._requests, self._denied, self._too_long, self._too_frequent):
             counter.clear()
@@ -351,6 +362,7 @@ class ZenohTrace:
         unseen: of what is too frequent some is decided on, with the whole name. `senders` are the connections
         of these decisions by key, those of denied ones first.
         """
+        # A name that several identities' connections begin with is decided by who has used the key
         connection = self._only_connection(self._names, start)
         for by_key in senders:
             if not connection:

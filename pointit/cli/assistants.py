@@ -71,7 +71,8 @@ async def _serve(
             present = token_file.current()
             access.change_tokens(present.operator, present.viewer)
 
-        http = HttpServer(server, access, *listen, follow_tokens)
+        host, port = listen
+        http = HttpServer(server, access, host, port, follow_tokens)
         for note in token_file.notes:
             click.echo(note, err=True)
         click.echo(f"{http.url}: tokens in {site_folder(site, PAGE) / FILE}; Ctrl-C ends it")

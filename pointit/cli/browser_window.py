@@ -82,13 +82,13 @@ class PageOpener:
     def __init__(self, bus: Bus, instance: str, file: Path) -> None:
         self._instance = instance
         self._window = BrowserWindow(file)
-        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+        self._watching = bus.watch(SERVICE_ALIVE, self._on_presence)
 
     def close(self) -> None:
         """Do not open it any more; remove the copy made for the browser."""
         self._watching.close()
         self._window.close()
 
-    def _look(self, name: str, *, present: bool) -> None:
+    def _on_presence(self, name: str, *, present: bool) -> None:
         if name == self._instance and present:
             self._window.open()

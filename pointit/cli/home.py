@@ -75,14 +75,18 @@ def command(
     files.create()
     if edit:
         begin_again(files)
-    named = json.dumps(str(home))  # a text of YAML, whatever its marks
-    arguments = [str(files.map), "--config", str(files.site), "--with", "home-assistant", "--imu", "page"]
-    arguments += ["--pose", FIRST_PERSON, "--log-level", log_level]
-    arguments += ["--set", f"home-assistant.setup={named}", "--set", f"web.home_folder={named}"]
+
+    # A home is a run with these options. JSON quotes the folder as a text of YAML, whatever its marks
+    folder_text = json.dumps(str(home))
+    arguments = [str(files.map), "--config", str(files.site), "--with", "home-assistant"]
+    arguments += ["--imu", "page", "--pose", FIRST_PERSON, "--log-level", log_level]
+    arguments += ["--set", f"home-assistant.setup={folder_text}", "--set", f"web.home_folder={folder_text}"]
     for option, is_wanted in (("--lan", lan), ("--no-view", no_view), ("--no-browser", no_browser)):
-        arguments += [option] if is_wanted else []
+        if is_wanted:
+            arguments.append(option)
     for option, value in (("--site", site), ("--credentials", credentials), ("--web-port", web_port)):
-        arguments += [] if value is None else [option, str(value)]
+        if value is not None:
+            arguments += [option, str(value)]
     code: int = run.main(arguments, prog_name="pointit home", standalone_mode=False) or 0
     return code
 

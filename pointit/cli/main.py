@@ -61,7 +61,13 @@ class RootGroup(LazyGroup):
 
     def entry(self, name: str) -> LazyEntry | None:
         """Return the command of that name, or None; looks at other packages for those that are not ours."""
-        return super().entry(name) or next((entry for entry in self.entries if entry.name == name), None)
+        entry = super().entry(name)
+        if entry is not None:
+            return entry
+        for installed in self.entries:
+            if installed.name == name:
+                return installed
+        return None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -83,7 +89,9 @@ class RootGroup(LazyGroup):
         words = {entry.name: entry.name for entry in self.entries}
         words |= {path[-1]: " ".join(path) for path in reversed(PATHS)}
         near = difflib.get_close_matches(typed, words, n=3, cutoff=0.6)
-        return f"did you mean {' or '.join(words[each] for each in near)}?" if near else super().advice(typed)
+        if not near:
+            return super().advice(typed)
+        return f"did you mean {' or '.join(words[word] for word in near)}?"
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; error messages are wrapped to the terminal's width, if there is one."""
@@ -105,7 +113,8 @@ class RootGroup(LazyGroup):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a line for each command that is not the laboratory's."""
-        shown = {heading: part for heading, part in self.parts.items() if heading != LABORATORY}
+        shown = dict(self.parts)
+        shown.pop(LABORATORY, None)
         LazyGroup(entries=shown).format_commands(ctx, formatter)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -115,8 +124,9 @@ class RootGroup(LazyGroup):
             formatter.write_dl(list(EXAMPLES))
         formatter.write_paragraph()
         formatter.write_text("More on a command: pointit COMMAND --help")
-        if lab := [f"pointit {entry.name}" for entry in self.parts.get(LABORATORY, ())]:
-            formatter.write_text(f"To measure, from the laboratory: {', '.join(lab)}")
+        laboratory = [f"pointit {entry.name}" for entry in self.parts.get(LABORATORY, ())]
+        if laboratory:
+            formatter.write_text(f"To measure, from the laboratory: {', '.join(laboratory)}")
         for sentence in self._installed.refused.values():
             formatter.write_paragraph()
             formatter.write_text(sentence)
@@ -167,6 +177,7 @@ def main() -> NoReturn:
     if len(sys.argv) == 1 and COMPLETE not in os.environ:
         click.echo("`pointit` alone is `pointit run`; `pointit --help` shows all commands", err=True)
         sys.argv.append("run")
+    # Help and completion need no services, so they do without the modules of a process
     words = tuple(word for word in sys.argv[1:] if word not in ("-h", "--help", "--version"))
     if COMPLETE in os.environ or words in GROUPS:
         command.main(prog_name="pointit", complete_var=COMPLETE)

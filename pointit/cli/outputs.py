@@ -6,7 +6,7 @@ import itertools
 import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -49,6 +49,7 @@ from pointit.site.following import follow_site
 from pointit.site.site_state import Change, SiteState
 
 F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C")
 
 WHITE = (255, 255, 255)
 WELL = "no warning any more"
@@ -103,16 +104,25 @@ def read_setup(
     Raises:
         ConfigError: If there is none, or anything is wrong.
     """
-    chosen = read_scenario(scenario)
-    launches = scenario_launches(
-        chosen, Choices(output=output, files=tuple(files), settings=tuple(settings)), 1
-    )
+    choices = Choices(output=output, files=tuple(files), settings=tuple(settings))
+    launches = scenario_launches(read_scenario(scenario), choices, 1)
     configs = [launch.config for launch in launches]
-    room = next((load_map(each.map_to_read, 0) for each in configs if isinstance(each, PuiConfig)), None)
-    driver = next((each for each in configs if isinstance(each, LedDriverConfig)), None)
-    if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
-        raise ConfigError(f"{scenario} has no output: add --output, as in --output ddp:HOST")
+    pui = _first_of(configs, PuiConfig)
+    room = None if pui is None else load_map(pui.map_to_read, 0)
+    driver = _first_of(configs, LedDriverConfig)
+    message = f"{scenario} has no output: add --output, as in --output ddp:HOST"
+    if room is None or driver is None:
+        raise ConfigError(message)
+    if all(config.kind == NONE for config in driver.outputs):
+        raise ConfigError(message)
     return room, driver
+
+
+def _first_of(configs: Iterable[object], kind: type[C]) -> C | None:
+    for config in configs:
+        if isinstance(config, kind):
+            return config
+    return None
 
 
 class PrintedWarnings(NullHealth):
@@ -137,7 +147,7 @@ class PrintedWarnings(NullHealth):
 
     def tell(self) -> None:
         """Print the warnings, or that all is well."""
-        warnings = [sentence for sentence in self._warnings.values() if sentence]
+        warnings = list(filter(None, self._warnings.values()))
         if self._as_json:
             click.echo(to_json({"warnings": warnings}))
         else:
@@ -163,8 +173,10 @@ async def add(site: SiteAddress, output: str, *, strips: tuple[str, ...], as_jso
     Example: pointit output add ddp:wled-kitchen.local --strip shelf
     """
     config = _config(output, strips)
-    frames = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
-    health = PrintedWarnings(f"{output} shows {frames}", as_json=as_json)
+    shown = "all strips"
+    if strips:
+        shown = ", ".join(f"strip {strip}" for strip in strips)
+    health = PrintedWarnings(f"{output} shows {shown}", as_json=as_json)
     async with site.join() as bus:
         await _show_added(bus, config, health)
     return 0
@@ -173,8 +185,9 @@ async def add(site: SiteAddress, output: str, *, strips: tuple[str, ...], as_jso
 def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
     try:
         kind, parameters = OUTPUTS.choose(output)
-        segments = [{"strip": strip} for strip in strips]
-        values = {"kind": kind, **parameters, **({"segments": segments} if segments else {})}
+        values: dict[str, Any] = {"kind": kind, **parameters}
+        if strips:
+            values["segments"] = [{"strip": strip} for strip in strips]
         config: Any = OUTPUTS.validate(kind, values)
     except (ConfigError, ValueError) as error:
         raise ConfigError(f"{output}: {error}") from error
@@ -220,10 +233,12 @@ class SiteFrames:
 def _dark(message: Message | None) -> Message | None:
     """Return the frame or lamp without light."""
     now_ns = time.time_ns()
+    if isinstance(message, LampColor):
+        return LampColor(stamp_ns=now_ns, color=(0, 0, 0))
     if isinstance(message, StripsFrame):
-        dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in message.strips)
-        return StripsFrame(stamp_ns=now_ns, strips=dark)
-    return LampColor(stamp_ns=now_ns, color=(0, 0, 0)) if isinstance(message, LampColor) else None
+        strips = [StripFrame(id=strip.id, rgb=bytes(len(strip.rgb))) for strip in message.strips]
+        return StripsFrame(stamp_ns=now_ns, strips=tuple(strips))
+    return None
 
 
 @click.command("calibrate")
@@ -257,14 +272,16 @@ def calibrate(
     """
     setup_logging("error")
     room, driver = read_setup(scenario, output, files, settings)
-    config = next((each for each in driver.outputs if isinstance(each, SpotlightConfig)), None)
+    config = _first_of(driver.outputs, SpotlightConfig)
     if config is None:
         raise ConfigError(f"{scenario} has no moving head: add --output, as in --output spotlight:ADDRESS")
     if not config.host:
         raise ConfigError("host: is missing; `--output spotlight:ADDRESS` sets it")
-    targets = {f"({x:g}, {y:g}, {z:g}) m": (x, y, z) for x, y, z in places} or {
-        f"lamp {lamp.id}": lamp.position_m for lamp in room.lamps
-    }
+
+    # Places of the command line replace the lamps: they may be measured more exactly
+    targets = {_place(place): place for place in places}
+    if not targets:
+        targets = {f"lamp {lamp.id}": lamp.position_m for lamp in room.lamps}
     if len(targets) < MIN_PLACES:
         raise ConfigError(f"{len(targets)} known places, {MIN_PLACES} needed: add --at X Y Z")
     if not has_keyboard():
@@ -287,20 +304,21 @@ async def pointed(
     """Return the angles at which a person has pointed the beam at each of `targets` by keys."""
     head = DmxHead(config, health)
     aim = ManualAim(config.limits)
-    found: list[Angles] = []
+    angles: list[Angles] = []
     sending = asyncio.create_task(head.run())
     try:
         say(KEYS, err=True)
         for number, target in enumerate(targets, 1):
             say(f"{number} of {len(targets)}: point the beam at {target}", err=True)
-            while len(found) < number:
+            while len(angles) < number:
                 head.send(BeamState(aim.angles, WHITE))
                 if aim.press(await pressed.get()):
-                    found.append(aim.angles)
+                    angles.append(aim.angles)
     finally:
+        # The task makes the beam dark at its end, so it must have ended
         sending.cancel()
         await asyncio.wait({sending})
-    return found
+    return angles
 
 
 def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
@@ -321,16 +339,17 @@ def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
             "another pose fits these places as well: calibrate again with one more, not on a line with "
             "others (--at X Y Z)"
         )
+
+    # A comment of YAML and fields of the output, to paste into the file of `--config`
     x, y, z = pose.position_m
-    lines = [
-        f"# the beam meets the places to {error_deg:.2f}° on average",
-        f"position_m: [{x:.3f}, {y:.3f}, {z:.3f}]",
-        f"yaw_deg: {pose.yaw_deg:.2f}",
-        f"pitch_deg: {pose.pitch_deg:.2f}",
-        f"roll_deg: {pose.roll_deg:.2f}",
-    ]
+    lines = [f"# the beam meets the places to {error_deg:.2f}° on average"]
+    lines.append(f"position_m: [{x:.3f}, {y:.3f}, {z:.3f}]")
+    lines.append(f"yaw_deg: {pose.yaw_deg:.2f}")
+    lines.append(f"pitch_deg: {pose.pitch_deg:.2f}")
+    lines.append(f"roll_deg: {pose.roll_deg:.2f}")
     if pose.is_mirrored:
-        lines.append(f"invert_pan: {'false' if config.invert_pan else 'true'}")
+        invert_pan = "false" if config.invert_pan else "true"
+        lines.append(f"invert_pan: {invert_pan}")
     return lines
 
 
@@ -348,36 +367,41 @@ class TestStep:
 
 def steps_of(strip: Strip) -> list[TestStep]:
     """Return the steps that test `strip`."""
-    first_m, last_m = strip.line_m[:: len(strip.line_m) - 1][:: strip.direction]
+    # Both ends, where they are in the map
+    ends_m = (strip.line_m[0], strip.line_m[-1])
+    first_m, last_m = ends_m[:: strip.direction]
     ends = {0: COLORS["green"], strip.pixels - 1: COLORS["red"]}
+    text = (
+        f"first of {strip.pixels} pixels green, at {_place(first_m)} in the map; last red, at "
+        f"{_place(last_m)}"
+    )
+    steps = [TestStep(text, (_picture(strip, ends),), ENDS_S)]
+
+    # A pixel that runs: of a long strip not every one, since each picture takes a frame
     count = min(strip.pixels, RUN_PICTURES)
-    run = [number * (strip.pixels - 1) // max(1, count - 1) for number in range(count)]
-    begin = range(min(COLORED_PIXELS, strip.pixels))
-    return [
-        TestStep(
-            f"first of {strip.pixels} pixels green, at {_place(first_m)} in the map; last red, at "
-            f"{_place(last_m)}",
-            (_picture(strip, ends),),
-            ENDS_S,
-        ),
-        TestStep(
-            "a white pixel runs from the green to the red end",
-            tuple(_picture(strip, {pixel: (255, 255, 255)}) for pixel in run),
-            RUN_S / count,
-        ),
-        *(
-            TestStep(f"the first pixels are {name}", (_picture(strip, dict.fromkeys(begin, color)),), COLOR_S)
-            for name, color in COLORS.items()
-        ),
-    ]
+    last = strip.pixels - 1
+    run: list[bytes] = []
+    for number in range(count):
+        pixel = number * last // max(1, count - 1)
+        run.append(_picture(strip, {pixel: WHITE}))
+    steps.append(TestStep("a white pixel runs from the green to the red end", tuple(run), RUN_S / count))
+
+    # The order of colours
+    colored_pixels = range(min(COLORED_PIXELS, strip.pixels))
+    for name, color in COLORS.items():
+        picture = _picture(strip, dict.fromkeys(colored_pixels, color))
+        steps.append(TestStep(f"the first pixels are {name}", (picture,), COLOR_S))
+    return steps
 
 
 def _picture(strip: Strip, lit: dict[int, Rgb]) -> bytes:
-    return b"".join(bytes(lit.get(pixel, DARK)) for pixel in range(strip.pixels))
+    pixels = [lit.get(pixel, DARK) for pixel in range(strip.pixels)]
+    return b"".join(map(bytes, pixels))
 
 
 def _place(position_m: ConfiguredVec3) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in position_m) + ") m"
+    coordinates = ", ".join(f"{value:g}" for value in position_m)
+    return f"({coordinates}) m"
 
 
 @click.command("test")
@@ -405,10 +429,15 @@ def command(
     """
     setup_logging("error")
     room, driver = read_setup(scenario, output, files, settings)
-    known = [strip.id for strip in room.strips]
-    if missing := [name for name in names if name not in known]:
-        raise ConfigError(f"--strip {missing[0]}: the map has no such strip; it has {', '.join(known)}")
-    tested = [strip for strip in room.strips if not names or strip.id in names]
+    strips = {strip.id: strip for strip in room.strips}
+    for name in names:
+        if name not in strips:
+            raise ConfigError(f"--strip {name}: the map has no such strip; it has {', '.join(strips)}")
+    tested: Sequence[Strip] = room.strips
+    if names:
+        tested = [strip for strip in room.strips if strip.id in names]
+
+    # The outputs keep nothing: their folder ends with the test
     with tempfile.TemporaryDirectory() as folder, interruptible():
         health = PrintedWarnings(WELL, as_json=False)
         surroundings = Surroundings(clock=WallClock(), health=health, folder=Path(folder))
@@ -423,17 +452,18 @@ def command(
 async def _show_steps(outputs: Sequence[GuardedOutput], room: Environment, strips: Sequence[Strip]) -> None:
     """Show the steps of each strip on all outputs, which are dark afterwards."""
     running = [asyncio.create_task(output.run()) for output in outputs]
-    numbers = itertools.count(1)
+    numbers = itertools.count(1)  # of frames, as one writer numbers them
     pressed = asyncio.Event()
     try:
         for output in outputs:
             output.set_map(room)
         await asyncio.sleep(CONNECT_S)
         with keys(pressed.set) if has_keyboard() else contextlib.nullcontext():
-            for strip, step in [(each, step) for each in strips for step in steps_of(each)]:
-                pressed.clear()
-                click.echo(f"strip {strip.id}: {step.text}")
-                await _show_step(outputs, strip, step, numbers, pressed)
+            for strip in strips:
+                for step in steps_of(strip):
+                    pressed.clear()
+                    click.echo(f"strip {strip.id}: {step.text}")
+                    await _show_step(outputs, strip, step, numbers, pressed)
     finally:
         for task in running:
             task.cancel()

@@ -111,13 +111,17 @@ class RunPage(Beside):
 
     def needs_own_process(self, link: Link) -> bool:
         """Return True if others may open it, as on a secured site, or every service has a process."""
-        return self.page.is_open_to_others or link.credentials is not None or self._has_processes
+        if self.page.is_open_to_others or self._has_processes:
+            return True
+        return link.credentials is not None
 
     def launch(self) -> Launch:
         """Return its launch. Slow, unless it has a process of its own: imports the server."""
         config = self.page.config.model_copy(update={"devices_at": self._site_address})
         page = dataclasses.replace(self.page, config=config)
-        return page.process_launch() if self._has_own_process else page.launch_in_run()
+        if self._has_own_process:
+            return page.process_launch()
+        return page.launch_in_run()
 
     def checked(self) -> Sequence[Launch]:
         """Return it if parameters were set by hand."""
@@ -133,19 +137,22 @@ class RunPage(Beside):
         with contextlib.ExitStack() as stack:
             links = (self.page.scan_url, self.page.url, self.page.lan_url)
             self._link = stack.enter_context(page_link_file(bus.site, *filter(None, links)))
-            if self._link is not None and self._opens_browser and is_wanted():
+            opens_browser = self._opens_browser and is_wanted()
+            if self._link is not None and opens_browser:
                 stack.callback(PageOpener(bus, self.instance, self._link).close)
             yield
 
     def greeting(self, *, is_drawn: bool) -> Sequence[str]:
         """Return where it is, unless the view shows it, and where in the local network."""
-        here = [] if is_drawn else [f"page: {where(self.page.url, self._link)}"]
+        lines: list[str] = []
+        if not is_drawn:
+            lines.append(f"page: {where(self.page.url, self._link)}")
         if self.page.scan_url:
-            here += _scan_lines(self.page.scan_url, where(self.page.scan_url, self._link))
-        if not self.page.lan_url:
-            return here
-        address = where(self.page.lan_url, self._link)
-        return [*here, f"--lan: the page is open to the local network, at {address}"]
+            lines += _scan_lines(self.page.scan_url, where(self.page.scan_url, self._link))
+        if self.page.lan_url:
+            address = where(self.page.lan_url, self._link)
+            lines.append(f"--lan: the page is open to the local network, at {address}")
+        return lines
 
     @property
     def address(self) -> str:
@@ -174,42 +181,60 @@ def _options(function: Any) -> Any:
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the page of a run, if it has one. Raises ConfigError, or ListenError if its port is in use."""
     port: int | None = options["web_port"]
-    asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
+    announce = options.get("announce")
+
+    # Without a page, options of it are errors rather than without effect
+    page_options = {
+        "--web-port": port is not None,
+        "--lan": options["lan"],
+        "--new-link": options["new_link"],
+    }
     if options["no_web"]:
-        asked[f"--announce {options.get('announce')}"] = options.get("announce") in SPEAKING
-        for option, is_given in asked.items():
-            if is_given:
-                raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
+        page_options[f"--announce {announce}"] = announce in SPEAKING
+        for option in _given(page_options):
+            raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
         return RunAddition()
     if not is_available():
-        asked["--set web."] = is_asked_of_page(choices.settings)
-        for option, is_given in asked.items():
-            if is_given:
-                raise page_unavailable_error(option)
+        page_options["--set web."] = is_asked_of_page(choices.settings)
+        for option in _given(page_options):
+            raise page_unavailable_error(option)
         return RunAddition(
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
             closing_note=f"There was no page: {REMEDY}.",
         )
-    page_options: dict[str, Any] = {"port": port} if port is not None else {}
-    if (announce := options.get("announce")) in SPEAKING:
-        page_options |= {"announce": announce, "language": options.get("language") or ""}
+
+    # What the options set wins over the scenario, and loses to --set
+    settings: dict[str, Any] = {}
+    if port is not None:
+        settings["port"] = port
+    if announce in SPEAKING:
+        settings |= {"announce": announce, "language": options.get("language") or ""}
+    if options["lan"]:
+        settings["lan"] = True
     tokens, notes = stored_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,
         below=scenario.site.get(PAGE, {}),
-        asked=page_options | ({"lan": True} if options["lan"] else {}),
+        asked=settings,
         places=places(scenario, choices),
         tokens=tokens,
     )
     if options["new_link"] and page.config.operator_token != tokens.operator:
         notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
-    config = page.config.model_copy(update={"run_output": page.config.run_output or choices.output})
+
+    # The page shows how to restart the run with the same output
+    run_output = page.config.run_output or choices.output
+    config = page.config.model_copy(update={"run_output": run_output})
     beside = RunPage(
         dataclasses.replace(page, config=config),
         opens_browser=not options["no_browser"],
         has_processes=bool(options.get("processes")),
     )
     return RunAddition(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
+
+
+def _given(options: Mapping[str, bool]) -> list[str]:
+    return [option for option, is_given in options.items() if is_given]
 
 
 PAGE_PART = RunPart(heading="Page", names=tuple(OPTIONS), options=_options, add=_add)
@@ -262,7 +287,8 @@ async def _serve(recording: "Recording", title: str, page: Page, *, is_open: boo
         click.echo(f"page: {where(page.url, file, sys.stdout)}")
         if recording.problem:
             click.echo(f"note: {recording.problem}", err=True)
-        if file is not None and is_open and is_wanted():
+        opens_browser = is_open and is_wanted()
+        if file is not None and opens_browser:
             window = BrowserWindow(file)
             stack.callback(window.close)
             window.open()
@@ -274,19 +300,30 @@ def _write(recording: "Recording", file: Path, output: Path, *, overwrite: bool)
     from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
     from pointit.bridges.web.playback.page_file import page_file  # noqa: PLC0415
 
-    if output.is_symlink() or (output.exists() and (not output.is_file() or output.samefile(file))):
+    if not _is_replaceable(output, file):
         raise ConfigError(f"{output}: is the recording, or no plain file; give another file")
     if output.exists() and not overwrite:
         raise ConfigError(f"{output}: exists already; give another file, or --overwrite to replace it")
     if recording.problem:
         click.echo(f"note: {recording.problem}", err=True)
     past = FilePast(recording, file.stem)
-    with interruptible(), progress(round((past.ended_ns - past.began_ns) / NS_PER_S)) as tell:
+    duration_s = (past.ended_ns - past.began_ns) / NS_PER_S
+    with interruptible(), progress(round(duration_s)) as tell:
         asyncio.run(past.read())
         html = page_file(past, lambda at_s: tell("seconds", round(at_s))).encode()
     write_atomically(output, html, mode=0o644)
-    click.echo(f"{output}: {len(html) / 1e6:.1f} MB, {past.timeline().length_s:.0f} s")
+    size_mb = len(html) / 1e6
+    click.echo(f"{output}: {size_mb:.1f} MB, {past.timeline().length_s:.0f} s")
     return 0
+
+
+def _is_replaceable(output: Path, recording: Path) -> bool:
+    """Return True if `output` is free, or a plain file other than the recording."""
+    if output.is_symlink():
+        return False
+    if not output.exists():
+        return True
+    return output.is_file() and not output.samefile(recording)
 
 
 @click.command(
@@ -328,15 +365,16 @@ def dashboard(
     setup_logging("warning" if log_level == "info" else log_level)
     if not is_available():
         raise page_unavailable_error("pointit dashboard")
-    asked = _port_settings(port, host, is_lan=lan)
+    settings = _port_settings(port, host, is_lan=lan)
     tokens, notes = stored_tokens(site, renew=new_link)
     for note in notes:
         click.echo(note, err=True)
-    page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
+
+    # Errors of its parameters are found before it waits for the site
+    page = page_of(Settings(), asked=settings, tokens=tokens, option="--port")
     check_launches([page.launch()])
-    return run_until_shutdown(
-        _serve_dashboard(page, link_of(site, connect), is_open=not no_browser, view_only=view_only)
-    )
+    link = link_of(site, connect)
+    return run_until_shutdown(_serve_dashboard(page, link, is_open=not no_browser, view_only=view_only))
 
 
 def _port_settings(port: int | None, address: str, *, is_lan: bool) -> dict[str, Any]:
@@ -344,23 +382,28 @@ def _port_settings(port: int | None, address: str, *, is_lan: bool) -> dict[str,
         host, own_port = parse_address(address) if address else ("", None)
     except ValueError as error:
         raise ConfigError(f"--host: {error}") from error
-    asked: dict[str, Any] = {} if port is None else {"port": port}
+
+    # The port of an address in the network is that of HTTPS
+    settings: dict[str, Any] = {}
+    if port is not None:
+        settings["port"] = port
     if own_port is not None:
-        name = "lan_port" if is_lan and not is_loopback(host) else "port"
-        if asked.setdefault(name, own_port) != own_port:
+        is_of_lan = is_lan and not is_loopback(host)
+        name = "lan_port" if is_of_lan else "port"
+        if settings.setdefault(name, own_port) != own_port:
             raise ConfigError(f"--host {address} and --port {port} differ: remove one of the ports")
     if is_lan:
-        asked["lan"] = True
+        settings["lan"] = True
     if host and not is_loopback(host):
         if not is_lan:
             raise ConfigError(
                 f"--host {address}: a page on a network needs HTTPS, or its token could be intercepted; "
                 "use --lan, which enables it"
             )
-        asked["lan_address"] = "" if host in EVERYWHERE else host
+        settings["lan_address"] = "" if host in EVERYWHERE else host
     elif host:
-        asked["host"] = host
-    return asked
+        settings["host"] = host
+    return settings
 
 
 async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
@@ -369,9 +412,15 @@ async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: 
     try:
         clock = SiteClock(bus)
         await clock.wait_for_tick(CLOCK_TIMEOUT_S)
-        there = await list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S)
-        launches = (page.launch(number) for number in range(1, len(there) + 2))
-        launch = next(launch for launch in launches if launch.instance not in there)
+        present = await list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S)
+
+        # A site may have several pages: the first number that is free
+        number = 1
+        launch = page.launch(number)
+        while launch.instance in present:
+            number += 1
+            launch = page.launch(number)
+
         url = page.viewer_url if view_only else page.url
         lan_url = page.viewer_lan_url if view_only else page.lan_url
         with contextlib.ExitStack() as stack:
@@ -379,7 +428,8 @@ async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: 
             click.echo(f"page: {where(url, file, sys.stdout)}")
             if lan_url:
                 click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
-            if file is not None and is_open and is_wanted():
+            opens_browser = is_open and is_wanted()
+            if file is not None and opens_browser:
                 stack.callback(PageOpener(bus, launch.instance, file).close)
             await run_service(launch, bus, clock)
     finally:

@@ -43,41 +43,49 @@ def robot_lines(monitor: Monitor, width: int) -> RenderableType | None:
     columns = [("robot", 6), ("steered by", 10), ("phase", 10), ("target", 14)]
     if is_roomy:
         columns += [("at", 18), ("battery", 7)]
-    table = Table(box=None, padding=(0, 2 if is_roomy else 1, 0, 0), header_style="dim")
+    gap = 2 if is_roomy else 1
+    table = Table(box=None, padding=(0, gap, 0, 0), header_style="dim")
     for column, least in columns:
         table.add_column(column, no_wrap=True, min_width=least)
     for name, state in robots:
-        x_m, y_m, z_m = state.position_m
-        cells = [
-            Text(name, style="bold"),
-            Text(state.user or "-", style=color_of(monitor, state.user) if state.user else ""),
-            Text(state.phase.replace("_", " "), style="yellow" if state.phase in ("stopped", "lost") else ""),
-            Text("-" if state.target_m is None else "{:.1f}, {:.1f} m".format(*state.target_m[:2])),
-            Text(f"{x_m:.1f}, {y_m:.1f}, {z_m:.1f} m"),
-            Text("-" if state.battery is None else f"{state.battery:.0%}"),
-        ]
+        cells = [Text(name, style="bold"), *_state_cells(monitor, state)]
         table.add_row(*cells[: len(columns)])
     return table
 
 
+def _state_cells(monitor: Monitor, state: RobotState) -> list[Text]:
+    user = Text("-")
+    if state.user:
+        user = Text(state.user, style=color_of(monitor, state.user))
+    has_problem = state.phase in ("stopped", "lost")
+    phase = Text(state.phase.replace("_", " "), style="yellow" if has_problem else "")
+    target = "-"
+    if state.target_m is not None:
+        target_x_m, target_y_m = state.target_m[:2]
+        target = f"{target_x_m:.1f}, {target_y_m:.1f} m"
+    x_m, y_m, z_m = state.position_m
+    battery = "-" if state.battery is None else f"{state.battery:.0%}"
+    return [user, phase, Text(target), Text(f"{x_m:.1f}, {y_m:.1f}, {z_m:.1f} m"), Text(battery)]
+
+
 def reason_lines(monitor: Monitor) -> list[Text]:
     """Return a line with the reason of each robot that does not move as asked."""
-    return [
-        Text.assemble((f"{name}: ", "bold"), (state.reason, "yellow"))
-        for name, state in _robots(monitor)
-        if state.reason
-    ]
+    lines: list[Text] = []
+    for name, state in _robots(monitor):
+        if state.reason:
+            lines.append(Text.assemble((f"{name}: ", "bold"), (state.reason, "yellow")))
+    return lines
 
 
 def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
     """Return the robots; in the view of one person, theirs and those that nobody steers."""
-    return [
-        (name, state)
-        for watcher in monitor.watchers
-        if isinstance(watcher, RobotWatcher)
-        for name, state in sorted(watcher.states.items())
-        if not monitor.person or state.user in ("", monitor.person)
-    ]
+    robots: list[tuple[str, RobotState]] = []
+    for watcher in monitor.watchers:
+        if isinstance(watcher, RobotWatcher):
+            robots += sorted(watcher.states.items())
+    if not monitor.person:
+        return robots
+    return [(name, state) for name, state in robots if state.user in ("", monitor.person)]
 
 
 def _summary(summary: Mapping[str, Any]) -> list[str]:
@@ -101,16 +109,23 @@ async def find_robots(bus: Bus) -> dict[str, Found]:
     def on_plan(_plan: RobotPlan, robot: str) -> None:
         planned.add(robot)
 
-    listening = (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(ROBOT_PLAN, on_plan))
+    # States arrive while presence is asked for
+    subscriptions = (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(ROBOT_PLAN, on_plan))
     try:
         present = await list_present(bus, SERVICE_ALIVE, LOOK_S)
     finally:
-        for each in listening:
-            each.close()
-    instances = (split_instance(instance) for instance in present)
-    names = {name or service for service, name in instances if service == STOP_ROBOT.server}
-    found: dict[str, Found] = {name: "lost" if name not in names else "silent" for name in names | planned}
-    return dict(sorted((found | states).items()))
+        for subscription in subscriptions:
+            subscription.close()
+    names: set[str] = set()
+    for service, name in map(split_instance, present):
+        if service == STOP_ROBOT.server:
+            names.add(name or service)
+
+    # A robot with a state needs no reason for having none
+    robots: dict[str, Found] = dict.fromkeys(planned, "lost")
+    robots |= dict.fromkeys(names, "silent")
+    robots |= states
+    return dict(sorted(robots.items()))
 
 
 async def stop_robots(bus: Bus, names: Collection[str], reason: str = "") -> dict[str, str]:
@@ -135,18 +150,29 @@ def rows(robots: Mapping[str, Found]) -> tuple[Row, ...]:
 
 
 def _row(name: str, found: Found) -> Row:
-    state = found if isinstance(found, RobotState) else None
-    x_m, y_m, z_m = (None, None, None) if state is None else state.position_m
+    if isinstance(found, str):
+        return {
+            "robot": name,
+            "kind": "",
+            "phase": found,
+            "user": "",
+            "x_m": None,
+            "y_m": None,
+            "z_m": None,
+            "battery": None,
+            "reason": WITHOUT_STATE[found],
+        }
+    x_m, y_m, z_m = found.position_m
     return {
         "robot": name,
-        "kind": "" if state is None else state.kind,
-        "phase": found if isinstance(found, str) else found.phase,
-        "user": "" if state is None else state.user,
+        "kind": found.kind,
+        "phase": found.phase,
+        "user": found.user,
         "x_m": x_m,
         "y_m": y_m,
         "z_m": z_m,
-        "battery": None if state is None else state.battery,
-        "reason": WITHOUT_STATE[found] if isinstance(found, str) else found.reason,
+        "battery": found.battery,
+        "reason": found.reason,
     }
 
 
@@ -160,16 +186,18 @@ async def list_robots(site: SiteAddress, *, as_json: bool) -> int:
     Example: pointit robot list --json
     """
     async with site.join() as bus:
-        found = rows(await find_robots(bus))
-    if not found and not as_json:
+        robot_rows = rows(await find_robots(bus))
+    if not robot_rows and not as_json:
         say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
     else:
-        about = "stop one with `pointit robot stop NAME`"
-        show(
-            [OutputSection(name="robots", about=about, rows=found, roomy=frozenset({"battery"}))],
-            as_json=as_json,
+        section = OutputSection(
+            name="robots",
+            about="stop one with `pointit robot stop NAME`",
+            rows=robot_rows,
+            roomy=frozenset({"battery"}),
         )
-    return 0 if found else EXIT_FAILED
+        show([section], as_json=as_json)
+    return 0 if robot_rows else EXIT_FAILED
 
 
 @site_command("stop")
@@ -200,14 +228,21 @@ async def stop(
     for name in names:
         check_name(name, "robot")
     async with site.join() as bus:
-        chosen = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
+        # A robot that is named is asked in any case: its service may be slow to report
+        chosen = list(names)
+        if not chosen:
+            robots = await find_robots(bus)
+            chosen = [name for name, state in robots.items() if state != "lost"]
         problems = await stop_robots(bus, chosen, reason[:200])
+
     if as_json:
-        print_json({"stopped": [name for name in chosen if name not in problems], "problems": problems})
+        stopped = [name for name in chosen if name not in problems]
+        print_json({"stopped": stopped, "problems": problems})
     else:
         for name in chosen:
             is_failed = name in problems
             say(f"{name}: {problems.get(name) or 'is told to stop; nobody steers it'}", err=is_failed)
         if not chosen:
             say("no robot is here", err=True)
-    return EXIT_FAILED if problems or not chosen else 0
+    has_failed = bool(problems) or not chosen
+    return EXIT_FAILED if has_failed else 0

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import click
@@ -81,7 +82,10 @@ def command(
     Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
     """
     setup_logging(log_level)
-    is_given = click.get_current_context().get_parameter_source("listen") is not ParameterSource.DEFAULT
+
+    # --listen has a default, which another option replaces
+    source = click.get_current_context().get_parameter_source("listen")
+    is_given = source is not ParameterSource.DEFAULT
     if sum((bool(folders), file is not None, is_given)) > 1:
         raise ConfigError(
             "--listen, --site-folder and --config exclude each other: each sets where to listen"
@@ -90,6 +94,8 @@ def command(
         raise ConfigError(
             "--uplink needs --site-folder: the router authenticates with the site's certificate"
         )
+
+    # A guard needs rules: an open router admits all
     raise_file_limit()
     if folders:
         return run_until_shutdown(_guard(_of_sites(folders, uplinks), max_connections))
@@ -106,7 +112,8 @@ def _of_file(path: Path) -> Router:
             reason = getattr(error, "strerror", None) or "it is not text"
             raise ConfigError(f"{path}: cannot be read ({reason})") from error
 
-    return Router(make, path.parent, [path, *(path.parent / name for name in BESIDE)])
+    beside = [path.parent / name for name in BESIDE]
+    return Router(make, path.parent, [path, *beside])
 
 
 def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
@@ -115,7 +122,8 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     def make() -> str:
         return json.dumps(configuration([site.router_site(uplinks=uplinks) for site in sites]))
 
-    return Router(make, Path(), [file for site in sites for file in site.router_files()])
+    files = chain.from_iterable(site.router_files() for site in sites)
+    return Router(make, Path(), list(files))
 
 
 async def _guard(router: Router, max_connections: int) -> int:

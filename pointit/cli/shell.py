@@ -58,6 +58,8 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool, is_remov
         raise ConfigError(f"SHELL: {name or 'none'} is not supported; name one of {', '.join(SHELLS)}")
     if is_printed and is_removed:
         raise click.UsageError("--print and --remove exclude each other")
+
+    # The script of the completion is click's
     script = SHELLS[name](ctx.find_root().command, {}, "pointit", COMPLETE).source()
     if name == "zsh":
         script = ZSH_SETUP + script
@@ -65,6 +67,7 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool, is_remov
         click.echo(script)
         return
 
+    # Its files, and the shell's own file that loads it
     try:
         files = _files(name)
     except RuntimeError as error:

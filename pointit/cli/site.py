@@ -46,24 +46,29 @@ folder_option = click.option(
 
 def rows_of(state: SiteFolderState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
     """Return a row for each of `names`; identities with a password do not expire."""
-    return [
-        {"name": name, **_about(one, _end(state, one), one.state, now)}
-        for name in sorted(names)
-        for one in [state.identities[name]]
-    ]
+    rows: list[dict[str, Any]] = []
+    for name in sorted(names):
+        identity = state.identities[name]
+        columns = _columns_of(identity, _end(state, identity), identity.state, now)
+        rows.append({"name": name, **columns})
+    return rows
 
 
-def _about(
-    one: Identity | LinkFile, until: dt.datetime | None, state: str, now: dt.datetime
+def _columns_of(
+    identity: Identity | LinkFile, until: dt.datetime | None, state: str, now: dt.datetime
 ) -> dict[str, Any]:
     standing = _standing(state, until, now)
     day = until and until.date().isoformat()
-    return {"role": one.role, "generation": one.generation, "state": standing, "until": day}
+    return {"role": identity.role, "generation": identity.generation, "state": standing, "until": day}
 
 
 def present(state: SiteFolderState) -> list[str]:
     """Return the names that were not removed."""
-    return [name for name, one in state.identities.items() if one.state != "removed"]
+    names: list[str] = []
+    for name, identity in state.identities.items():
+        if identity.state != "removed":
+            names.append(name)
+    return names
 
 
 def expiring(rows: Iterable[Row]) -> list[str]:
@@ -84,16 +89,21 @@ def visible_rows(
     Raises:
         ConfigError: If `folder` is not a site's folder.
     """
-    own = credentials.link.name if credentials is not None else ""
+    # The folder has all identities of the site
     state = SiteFolder(folder).state() if folder is not None else _around(credentials)
     if state is not None:
-        own = own if credentials is not None and credentials.link.site == state.site else ""
-        return [{**row, "own": row["name"] == own} for row in rows_of(state, present(state), now)]
+        own = ""
+        if credentials is not None and credentials.link.site == state.site:
+            own = credentials.link.name
+        rows = rows_of(state, present(state), now)
+        return [{**row, "own": row["name"] == own} for row in rows]
+
+    # Without it, a machine knows only its own identity
     if credentials is None:
         return []
     link = credentials.link
     until = None if link.password else link.valid_until
-    return [{"name": link.name, **_about(link, until, "valid", now), "own": True}]
+    return [{"name": link.name, **_columns_of(link, until, "valid", now), "own": True}]
 
 
 def section(rows: Iterable[Row]) -> OutputSection:
@@ -101,18 +111,21 @@ def section(rows: Iterable[Row]) -> OutputSection:
     return OutputSection(
         name="identities",
         about="identities that may join, and the end of each",
-        rows=tuple(
-            {
-                "name": f"{row['name']} (this one)" if row.get("own") else row["name"],
-                "role": row["role"],
-                "state": Text(row["state"], style=STYLES.get(row["state"], "green")),
-                "until": row["until"] or "by password",
-                "generation": row["generation"],
-            }
-            for row in rows
-        ),
+        rows=tuple(map(_shown_row, rows)),
         roomy=frozenset({"generation"}),
     )
+
+
+def _shown_row(row: Row) -> dict[str, Any]:
+    name = f"{row['name']} (this one)" if row.get("own") else row["name"]
+    state = row["state"]
+    return {
+        "name": name,
+        "role": row["role"],
+        "state": Text(state, style=STYLES.get(state, "green")),
+        "until": row["until"] or "by password",
+        "generation": row["generation"],
+    }
 
 
 def _around(credentials: Credentials | None) -> SiteFolderState | None:
@@ -128,17 +141,18 @@ def _around(credentials: Credentials | None) -> SiteFolderState | None:
     return None
 
 
-def _end(state: SiteFolderState, one: Identity) -> dt.datetime | None:
-    return None if state.password and one.role != "router" else one.valid_until
+def _end(state: SiteFolderState, identity: Identity) -> dt.datetime | None:
+    has_password = state.password and identity.role != "router"
+    return None if has_password else identity.valid_until
 
 
 def _standing(state: str, until: dt.datetime | None, now: dt.datetime) -> str:
     if state != "valid" or until is None:
         return state
-    left = until - now
-    if left < dt.timedelta():
+    remaining = until - now
+    if remaining < dt.timedelta():
         return "expired"
-    return "ends soon" if left < SOON else "valid"
+    return "ends soon" if remaining < SOON else "valid"
 
 
 def check_person(name: str) -> None:
@@ -151,7 +165,8 @@ def check_person(name: str) -> None:
     if credentials is None:
         return
     link = credentials.link
-    if {ALL, USER_ALIVE.at(name)}.isdisjoint(rights_of(cast("Role", link.role), link.name).announces):
+    rights = rights_of(cast("Role", link.role), link.name)
+    if {ALL, USER_ALIVE.at(name)}.isdisjoint(rights.announces):
         raise ConfigError(
             f"--credentials {credentials.folder}: these are of {link.name} (role {link.role}), who may not "
             f"take part as {name}; use those of {name}, made with `pointit site user add {name}`"
@@ -219,12 +234,15 @@ def init(
     Example: pointit site init lab --host 192.168.1.5 --users anna,ben --guests 4
     """
     check_name(name, "site")
-    people = [f"user{number}" for number in range(1, _count(users) + 1)] if users.isdigit() else _names(users)
+
+    # Identities, of which every site has those of its services
+    people = _numbered("user", _count(users)) if users.isdigit() else _names(users)
     roles: dict[str, Role] = {role: role for role in STANDING}
-    for person in (*people, *(f"guest{number}" for number in range(1, guests + 1))):
+    for person in (*people, *_numbered("guest", guests)):
         _refuse_taken(person, roles)
         roles[person] = "user"
-    roles |= {f"dashboard{number}": "dashboard" for number in range(1, dashboards + 1)}
+    roles |= dict.fromkeys(_numbered("dashboard", dashboards), "dashboard")
+
     path = folder if folder != Path() else Path(name)
     site = SiteFolder(path)
     state = SiteFolderState(
@@ -236,9 +254,11 @@ def init(
         dashboard_rate_hz=dashboard_rate,
         identities={},
     )
-    made = site.create(state, roles, _now())
+    created = site.create(state, roles, _now())
+
+    # What to do next, since the folder is of no use before its parts are on their machines
     if as_json:
-        print_json({"site": name, "folder": str(path), "identities": sorted(made.identities)})
+        print_json({"site": name, "folder": str(path), "identities": sorted(created.identities)})
         return
     click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
     click.echo(f"1. run its router: pointit site router --site-folder {path}")
@@ -316,7 +336,7 @@ def list_people(folder: Path, *, as_json: bool) -> None:
     Example: pointit site user list --folder lab
     """
     state = SiteFolder(folder).state()
-    people = [name for name, one in state.identities.items() if one.role == "user"]
+    people = [name for name, identity in state.identities.items() if identity.role == "user"]
     _print_identities(people, state, as_json=as_json)
 
 
@@ -344,7 +364,8 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
         return
     site.renew(names, now, hosts)
     for name in names:
-        proof = "password" if state.password and name != ROUTER else "certificate"
+        has_password = state.password and name != ROUTER
+        proof = "password" if has_password else "certificate"
         click.echo(f"{name} has a new {proof}: copy {site.identity_folder(name)} to its machine")
 
 
@@ -415,8 +436,13 @@ def _count(text: str) -> int:
     return count
 
 
+def _numbered(word: str, count: int) -> list[str]:
+    return [f"{word}{number}" for number in range(1, count + 1)]
+
+
 def _names(text: str) -> list[str]:
-    return [check_user(name.strip()) for name in text.split(",") if name.strip()]
+    names = (part.strip() for part in text.split(","))
+    return [check_user(name) for name in filter(None, names)]
 
 
 def _now() -> dt.datetime:

@@ -70,7 +70,8 @@ def check(*, path: Path, as_json: bool) -> int:
         show([OutputSection(name="findings", about="missing or wrong", rows=rows)], as_json=as_json)
     else:
         say(f"{path}: nothing is missing or wrong")
-    return EXIT_FAILED if any(finding.severity == "error" for finding in findings) else 0
+    has_error = any(finding.severity == "error" for finding in findings)
+    return EXIT_FAILED if has_error else 0
 
 
 @click.command("power")
@@ -125,39 +126,41 @@ def power(
     if (file is None) == (pilot is None):
         raise ConfigError("give either the FILE of a study or --pilot FOLDER")
     with interruptible(), progress() as on_progress:
+        # Participants: those of the pilot, or simulated ones
         if pilot is not None:
             study = study_report.trials(pilot)
         else:
             with tempfile.TemporaryDirectory() as folder:
                 _simulate_power(file or Path(), Path(folder), on_progress)
                 study = study_report.trials(folder)
-        named = levels or study.levels(factor)[:2]
-        if len(named) < 2:
+        compared = levels or study.levels(factor)[:2]
+        if len(compared) < 2:
             raise ConfigError(f"--factor {factor}: has one level only; give a factor with two")
-        people = power.spread(study, factor, named[0], named[1], measure)
+
+        # Drawn studies of each number of participants
+        level_a, level_b = compared
+        people = power.spread(study, factor, level_a, level_b, measure)
         size = people.difference if effect is None else _size(effect, people.mean)
-        table = power.power(
-            people,
-            size,
-            range(4, most + 1),
-            runs=runs,
-            seed=seed,
-            tell=lambda count: on_progress(f"{count} participants"),
-        )
-    about = (
-        f"{people.test}, {measure}: {named[1]} - {named[0]} = {size:+.4g}, {runs} studies each, seed {seed}"
-    )
+
+        def tell(count: int) -> None:
+            on_progress(f"{count} participants")
+
+        counts = range(4, most + 1)
+        table = power.power(people, size, counts, runs=runs, seed=seed, tell=tell)
+
+    about = f"{people.test}, {measure}: {level_b} - {level_a} = {size:+.4g}, {runs} studies each, seed {seed}"
     show([OutputSection(name="power", about=about, rows=tuple(table))], as_json=as_json)
     if as_json:
         return
     group = "" if people.is_within else " in each group"
     for goal in power.GOALS:
         needed, low, high = power.needed(table, goal)
+        share = f"{goal:.0%} of studies"
         if needed is None:
-            click.echo(f"{goal:.0%} of studies: not with {most} participants{group}; try --most")
+            click.echo(f"{share}: not with {most} participants{group}; try --most")
         else:
-            between = f"{low} to {high if high is not None else f'more than {most}'}"
-            click.echo(f"{goal:.0%} of studies: {needed} participants{group} ({between})")
+            maximum = f"more than {most}" if high is None else str(high)
+            click.echo(f"{share}: {needed} participants{group} ({low} to {maximum})")
 
 
 def _simulate_power(file: Path, folder: Path, on_progress: ProgressCallback) -> None:
@@ -170,8 +173,9 @@ def _simulate_power(file: Path, folder: Path, on_progress: ProgressCallback) -> 
 
 def _size(text: str, mean: float) -> float:
     number = text.removesuffix("%")
+    unit = mean / 100 if number != text else 1
     try:
-        size = float(number) * (mean / 100 if number != text else 1)
+        size = float(number) * unit
     except ValueError:
         raise ConfigError(f"--effect {text}: not a number or a share such as -10%") from None
     if not abs(size) < float("inf"):
@@ -204,6 +208,8 @@ def report(*, folder: Path, to: Path | None) -> None:
 
     study = study_report.trials(folder)
     target = to or folder
+
+    # Each file replaces an earlier one whole, so that Ctrl-C leaves a report that can be read
     try:
         target.mkdir(parents=True, exist_ok=True)
         with interruptible(), progress() as tell:
@@ -214,6 +220,8 @@ def report(*, folder: Path, to: Path | None) -> None:
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
+
+    # Paths on standard output are for programs
     for note in page.notes_of(study):
         click.echo(f"note: {note}", err=True)
     for path in (target / "report.html", target / "report.ipynb", *tables):
@@ -248,11 +256,16 @@ class TerminalView:
 
     async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Show `steps` until Enter, of pictures their names; `agree` wants an answer."""
-        lines = [line for step in steps for line in (step.text, step.image and f"[picture {step.image}]")]
+        lines: list[str] = []
+        for step in steps:
+            lines.append(step.text)
+            if step.image:
+                lines.append(f"[picture {step.image}]")
         text = "\n".join(filter(None, lines))
-        asks = "agree? y or n, then Enter: " if go == "agree" else f"Enter to {go} "
+        question = "agree? y or n, then Enter: " if go == "agree" else f"Enter to {go} "
         while True:
-            answer = (await self._read(f"{text}\n{asks}")).strip().lower()
+            typed = await self._read(f"{text}\n{question}")
+            answer = typed.strip().lower()
             if go != "agree" or answer in ("y", "yes"):
                 return True
             if answer in ("n", "no"):
@@ -263,12 +276,17 @@ class TerminalView:
         if block:
             click.echo(f"Questions on {block}:")
         low, high = scale.points
+        low_end, high_end = scale.ends
+        values = {str(value): value for value in range(low, high + 1, scale.step)}
+        steps = f" in steps of {scale.step}" if scale.step != 1 else ""
         answers: list[int] = []
         for item in scale.items:
-            asks = f"{item}\n{low} = {scale.ends[0]}, {high} = {scale.ends[1]}: "
-            values = {str(value): value for value in range(low, high + 1, scale.step)}
-            while (answer := (await self._read(asks)).strip()) not in values:
-                steps = f" in steps of {scale.step}" if scale.step != 1 else ""
+            question = f"{item}\n{low} = {low_end}, {high} = {high_end}: "
+            while True:
+                typed = await self._read(question)
+                answer = typed.strip()
+                if answer in values:
+                    break
                 click.echo(f"write a whole number from {low} to {high}{steps}")
             answers.append(values[answer])
         return answers
@@ -278,11 +296,9 @@ class TerminalView:
         self._is_paused = status.state == "paused"
         if self._typed is not None:
             return
-        target = f" at {status.target}" if status.target else ""
-        line = (
-            f"{status.participant}  trial {status.trial}, {status.left} left  {status.condition}  "
-            f"{status.state}{target}  [{HELP}]"
-        )
+        trial = f"trial {status.trial}, {status.left} left"
+        state = f"{status.state} at {status.target}" if status.target else status.state
+        line = f"{status.participant}  {trial}  {status.condition}  {state}  [{HELP}]"
         if line != self._shown:
             self._shown = line
             self._write(f"\r\x1b[K{line}")
@@ -292,6 +308,7 @@ class TerminalView:
         return self._commands.popleft() if self._commands else None
 
     def _on_key(self, key: str) -> None:
+        # Commands, while nothing is asked
         if self._typed is None:
             if key == "s":
                 if not self._is_paused:  # the trial does not go on while the reason is typed
@@ -301,7 +318,10 @@ class TerminalView:
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif key in KEYS:
                 self._commands.append(KEYS[key])
-        elif key in "\r\n":
+            return
+
+        # Text, which the terminal does not echo
+        if key in "\r\n":
             self._write("\n")
             if self._asks_reason:
                 self._commands.append(StudyCommand("skip", self._typed.strip()))
@@ -390,19 +410,24 @@ def command(
     if simulated is not None:
         given = {"--participant": participant, "--imu": imu, "--output": output, "--localize": localize}
         given |= {"--listen": listen, "--page": in_page, "--lan": lan, "--lsl": lsl}
-        _check_simulated(study, simulated, [name for name, value in given.items() if value])
+        _check_simulated(study, simulated, list(filter(given.get, given)))
     pictures = check_ready(study)
+
+    # Who has not finished
     source = file.read_text(encoding="utf-8-sig")
-    folder = StudyFolder(to or Path(f"{study.name}-data"), study, source, lambda text: say(text, err=True))
+    data = to or Path(f"{study.name}-data")
+    folder = StudyFolder(data, study, source, partial(say, err=True))
     people = study.people[:simulated]
-    left = [name for name in people if not folder.about(name).get("ended")]
-    if not participant and not left:
+    unfinished = [name for name in people if not folder.about(name).get("ended")]
+    if not participant and not unfinished:
         raise ConfigError(
             f"{people[0]} to {people[-1]} have finished, with data in {folder.path}; give --to another "
             "folder to begin again"
         )
     if simulated is not None:
-        return _simulate(study, folder, left, bool(record))
+        return _simulate(study, folder, unfinished, bool(record))
+
+    # All that a trial needs is checked before the participant begins
     if lan and not in_page:
         raise ConfigError("--lan opens pages; give --page, too")
     if in_page and not has_extra("web"):
@@ -411,11 +436,13 @@ def command(
         check_lsl()
     if not in_page:
         check_keyboard("--page or --simulated")
-    records = importlib.util.find_spec("mcap") is not None if record is None else record
-    if record is None and not records:
-        say(f"no recording: it needs {remedy('record')}; the tables are written", err=True)
-    options = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records, lsl=lsl)
-    name = participant or left[0]
+    if record is None:
+        record = importlib.util.find_spec("mcap") is not None
+        if not record:
+            say(f"no recording: it needs {remedy('record')}; the tables are written", err=True)
+
+    options = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=record, lsl=lsl)
+    name = participant or unfinished[0]
     view = PageView(study.name, name, pictures) if in_page else TerminalView()
     session = Session(study, folder, name, view, options)
     return run_until_shutdown(_run(session, folder.path / name, view, lan=lan))
@@ -424,7 +451,8 @@ def command(
 def _check_simulated(study: Study, simulated: int, given: list[str]) -> None:
     if given:
         raise ConfigError(f"--simulated {simulated}: {given[0]} is for people; leave one of the two out")
-    if simulated > (most := len(study.people)):
+    most = len(study.people)
+    if simulated > most:
         raise ConfigError(
             f"--simulated {simulated}: {study.name} has {most} participants; give at most {most}"
         )

@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import replaced_file
 from pointit.runtime.link.link import SILENT_S, find_outage
 from pointit.runtime.service.plain_console import say
+from pointit.schemas import Health
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 from pointit.services.led_driver.outputs import FRAME_RATE
 
@@ -64,34 +65,45 @@ def check_writable(summary: Path) -> None:
 
 def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
     """Return the found poses with their sigma and, of simulated people, the error."""
-    launches = [launch for launch in plan.launches if launch.service.NAME == "user-sim"]
-    simulated = {launch.user: launch.config.model_dump() for launch in launches}
+    simulated: dict[str, dict[str, Any]] = {}
+    for launch in plan.launches:
+        if launch.service.NAME == "user-sim":
+            simulated[launch.user] = launch.config.model_dump()
+
     people: dict[str, dict[str, Any]] = {}
     for user, pose in sorted(monitor.found.items()):
         x_m, y_m, _ = pose.position_m
-        off_m = off_deg = None
-        if (config := simulated.get(user)) is not None:
-            off_m = round(math.dist((x_m, y_m), config["position_m"][:2]), 3)
-            if (yaw_deg := true_yaw_deg(config)) is not None:
-                off_deg = round(abs(math.remainder(math.degrees(pose.yaw_rad) - yaw_deg, 360.0)), 2)
+        position_error_m: float | None = None
+        yaw_error_deg: float | None = None
+        config = simulated.get(user)
+        if config is not None:
+            true_position_m = config["position_m"][:2]
+            position_error_m = round(math.dist((x_m, y_m), true_position_m), 3)
+            yaw_deg = true_yaw_deg(config)
+            if yaw_deg is not None:
+                difference_deg = math.remainder(math.degrees(pose.yaw_rad) - yaw_deg, 360.0)
+                yaw_error_deg = round(abs(difference_deg), 2)
+        position_sigma_m = floor_sigma.position_sigma_m(pose.covariance)
+        yaw_sigma_rad = floor_sigma.yaw_sigma_rad(pose.covariance)
         people[user] = {
             "method": pose.method,
             "position_m": [round(x_m, 3), round(y_m, 3)],
-            "position_sigma_m": round(floor_sigma.position_sigma_m(pose.covariance), 3),
-            "yaw_sigma_deg": round(math.degrees(floor_sigma.yaw_sigma_rad(pose.covariance)), 2),
+            "position_sigma_m": round(position_sigma_m, 3),
+            "yaw_sigma_deg": round(math.degrees(yaw_sigma_rad), 2),
             "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
-            "position_error_m": off_m,
-            "yaw_error_deg": off_deg,
+            "position_error_m": position_error_m,
+            "yaw_error_deg": yaw_error_deg,
         }
     return people
 
 
 def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
-    sought = {
-        launch.user
-        for launch in plan.launches
-        if launch.service.NAME == "localizer" and launch.config.model_dump()["method"] != "fixed"
-    }
+    sought: set[str] = set()
+    for launch in plan.launches:
+        if launch.service.NAME != "localizer":
+            continue
+        if launch.config.model_dump()["method"] != "fixed":
+            sought.add(launch.user)
     return sorted(sought - monitor.found.keys())
 
 
@@ -99,42 +111,18 @@ def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
     """Return the configured yaw of a simulated person's IMU, or None if it is random or drifts."""
     wristband = simulated["wristband"]
     drift_degpmin = wristband["yaw_drift_degpmin"]
-    is_steady = wristband["yaw_rate_bias_sd_degps"] == 0.0 if drift_degpmin is None else drift_degpmin == 0.0
+    if drift_degpmin is None:  # it is drawn from a distribution
+        drift_degpmin = wristband["yaw_rate_bias_sd_degps"]
     yaw_deg: float | None = simulated["yaw_deg"]
-    return yaw_deg if is_steady else None
+    return yaw_deg if drift_degpmin == 0.0 else None
 
 
 def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequence[DisplayPart] = ()) -> None:
     """Print the summary of a run of `duration_s`, and write it to the file of the plan, if any."""
-    if not (plan.scored or plan.summary is not None or plan.as_json):
+    is_wanted = plan.scored or plan.as_json
+    if not is_wanted and plan.summary is None:
         return
-    summary: dict[str, Any] = {
-        "scenario": plan.name,
-        "site": plan.link.site,
-        "seed": plan.seed,
-        "duration_s": round(duration_s, 3),
-        "speed": plan.speed,
-        "target_kinds": list(plan.target_kinds),
-        **monitor.score.counts(),
-        "refused": monitor.score.refused,
-        "last_refusal": monitor.score.refusal,
-        "acts": {**monitor.acts, "failures": list(monitor.failures)} if monitor.acts else None,
-        "dispatched": monitor.score.dispatched(),
-        **{name: value for watcher in monitor.watchers for name, value in watcher.summary().items()},
-        "latency_ms": monitor.latency.quantiles_ms(),
-        "cursors": monitor.cursor_count,
-        "frames": monitor.frame_count,
-        "light_hz": {port: round(rate_hz, 2) for port, rate_hz in sorted(monitor.light_rates().items())},
-        "lamps_missed_by_deg": {
-            lamp: round(math.degrees(miss_rad), 2)
-            for lamp, miss_rad in sorted(monitor.lamp_misses_rad.items())
-        },
-        "first_cursor_unix_s": monitor.first_cursor_unix_s,
-        "first_frame_unix_s": monitor.first_frame_unix_s,
-        "people": _people(plan, monitor),
-        "not_found": _not_found(plan, monitor),
-        "services": plan.instances,
-    }
+    summary = _summary(plan, monitor, duration_s)
     if plan.as_json:
         click.echo(json.dumps(summary, indent=2))
     else:
@@ -147,87 +135,182 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequen
             part.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
+def _summary(plan: Plan, monitor: Monitor, duration_s: float) -> dict[str, Any]:
+    summary: dict[str, Any] = {
+        "scenario": plan.name,
+        "site": plan.link.site,
+        "seed": plan.seed,
+        "duration_s": round(duration_s, 3),
+        "speed": plan.speed,
+        "target_kinds": list(plan.target_kinds),
+    }
+
+    # What was selected, and what selections have caused
+    score = monitor.score
+    summary |= score.counts()
+    summary["refused"] = score.refused
+    summary["last_refusal"] = score.refusal
+    summary["acts"] = None
+    if monitor.acts:
+        summary["acts"] = {**monitor.acts, "failures": list(monitor.failures)}
+    summary["dispatched"] = score.dispatched()
+    for watcher in monitor.watchers:
+        summary |= watcher.summary()
+
+    # What came on the way from the wrist to the light
+    summary["latency_ms"] = monitor.latency.quantiles_ms()
+    summary["cursors"] = monitor.cursor_count
+    summary["frames"] = monitor.frame_count
+    light_hz = sorted(monitor.light_rates().items())
+    summary["light_hz"] = {port: round(rate_hz, 2) for port, rate_hz in light_hz}
+    misses_rad = sorted(monitor.lamp_misses_rad.items())
+    summary["lamps_missed_by_deg"] = {lamp: round(math.degrees(miss_rad), 2) for lamp, miss_rad in misses_rad}
+    summary["first_cursor_unix_s"] = monitor.first_cursor_unix_s
+    summary["first_frame_unix_s"] = monitor.first_frame_unix_s
+
+    summary["people"] = _people(plan, monitor)
+    summary["not_found"] = _not_found(plan, monitor)
+    summary["services"] = plan.instances
+    return summary
+
+
 def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ()) -> list[str]:
     """Return the summary as lines of text, with those of `parts`."""
-    latency = summary["latency_ms"]
-    shown = (
-        "not measured"
-        if latency["p50"] is None
-        else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
-    )
-    speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
-    services = f"{len(summary['services'])} services"
-    lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
+    speed = ""
+    if summary["speed"] != 1.0:
+        speed = f" at {summary['speed']:g} times the speed"
+    duration = f"{summary['duration_s']:.0f} s{speed}"
+    lines = [f"{summary['scenario']} ran {duration} with {len(summary['services'])} services."]
+
+    # Selections, and what they have caused
     if summary["target_kinds"]:
-        total = summary["selected"] + summary["missed"] + summary["pending"]
+        selected = summary["selected"]
+        missed = summary["missed"]
+        pending = summary["pending"]
+        kinds = "/".join(summary["target_kinds"])
         lines.append(
-            f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
-            f"missed {summary['missed']}, still to do {summary['pending']}, "
+            f"Selected {selected} of {selected + missed + pending} {kinds} objects, "
+            f"missed {missed}, still to do {pending}, "
             f"wrong {summary['wrong']} (corrected {summary['corrected']})."
         )
-    if summary.get("refused"):
-        times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"
-        lines.append(f"Refused {times}: {summary['last_refusal'] or 'no reason given'}.")
-    acts = summary.get("acts")
-    if acts and (acts.get("failed") or acts.get("started") or not summary["target_kinds"]):
-        words = {"failed": "failed", "started": "not ended"}
-        others = "".join(f", {acts[name]} {word}" for name, word in words.items() if acts.get(name))
-        lines.append(f"Acts: {acts.get('done', 0)} done{others}.")
-        lines += [f"{each}." for each in dict.fromkeys(acts["failures"])]
-    for bay, kinds in summary.get("dispatched", {}).items():
-        came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        lines.append(f"Bay {bay}: {came}.")
+    refused = summary.get("refused")
+    if refused:
+        times = "once" if refused == 1 else f"{refused} times, at last"
+        reason = summary["last_refusal"] or "no reason given"
+        lines.append(f"Refused {times}: {reason}.")
+    lines += _act_lines(summary)
+    for bay, counts in summary.get("dispatched", {}).items():
+        dispatched = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        lines.append(f"Bay {bay}: {dispatched}.")
     for part in parts:
         lines += part.summary(summary)
-    if met := summary.get("lamps_missed_by_deg"):
-        lines.append(f"Nearest to lamps: {', '.join(f'{lamp} {deg:.1f}°' for lamp, deg in met.items())}.")
-    for user, found in summary.get("people", {}).items():
-        x_m, y_m = found["position_m"]
-        off_m = found["position_error_m"]
-        off_deg = found.get("yaw_error_deg")
-        truly = "" if off_m is None else f", {off_m:.2f} m from the true place"
-        truly += "" if off_deg is None else f", yaw {off_deg:.1f}° off"
-        lines.append(
-            f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
-            f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
-        )
-    if missing := summary.get("not_found"):
+
+    # People
+    misses_deg = summary.get("lamps_missed_by_deg")
+    if misses_deg:
+        misses = ", ".join(f"{lamp} {miss_deg:.1f}°" for lamp, miss_deg in misses_deg.items())
+        lines.append(f"Nearest to lamps: {misses}.")
+    for user, pose in summary.get("people", {}).items():
+        lines.append(_pose_line(user, pose))
+    missing = summary.get("not_found")
+    if missing:
         were = "was" if len(missing) == 1 else "were"
         lines.append(f"{', '.join(missing)} {were} not found in that time; --duration gives more.")
+
+    # The way to the light
+    latency = _latency_text(summary["latency_ms"]) or "not measured"
     lines.append(
-        f"Wrist to light: {shown}; {summary['cursors']} cursors on surfaces, {summary['frames']} frames."
+        f"Wrist to light: {latency}; {summary['cursors']} cursors on surfaces, {summary['frames']} frames."
     )
     for port, rate_hz in summary.get("light_hz", {}).items():
         lines.append(f"{port} carries {rate_hz:.1f} frames a second.")
     return lines
 
 
+def _latency_text(latency_ms: Mapping[str, float | None]) -> str:
+    """Return the median and the 99th percentile of a latency, `""` if it was not measured."""
+    if latency_ms["p50"] is None:
+        return ""
+    return f"p50 {latency_ms['p50']:.1f} ms, p99 {latency_ms['p99']:.1f} ms"
+
+
+def _rates(reports: Iterable[Health]) -> list[str]:
+    """Return the rates of the pipeline, each summed over all who write."""
+    rates_hz: dict[str, float] = {}
+    for health in reports:
+        for key in health.keys:
+            if key.direction == "out" and key.rate_hz > 0:
+                rates_hz[key.key] = rates_hz.get(key.key, 0.0) + key.rate_hz
+    parts: list[str] = []
+    for name, topic in SHOWN_RATES.items():
+        if topic.key in rates_hz:
+            parts.append(f"{name} {rates_hz[topic.key]:.0f} Hz")
+    return parts
+
+
+def _light_rates(reports: Iterable[Health]) -> list[str]:
+    parts: list[str] = []
+    for health in reports:
+        for metric in health.figures:
+            if metric.name.startswith(FRAME_RATE):
+                port = metric.name.removeprefix(FRAME_RATE).strip()
+                parts.append(f"{port} up to {metric.value:.0f} Hz")
+    return parts
+
+
+def _act_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return sentences on the acts of things, if any failed or nothing else was to be selected."""
+    acts = summary.get("acts")
+    if not acts:
+        return []
+    has_problem = acts.get("failed") or acts.get("started")
+    if not has_problem and summary["target_kinds"]:
+        return []
+    counts = f"{acts.get('done', 0)} done"
+    for name, word in (("failed", "failed"), ("started", "not ended")):
+        if acts.get(name):
+            counts += f", {acts[name]} {word}"
+    return [f"Acts: {counts}.", *(f"{failure}." for failure in dict.fromkeys(acts["failures"]))]
+
+
+def _pose_line(user: str, pose: Mapping[str, Any]) -> str:
+    x_m, y_m = pose["position_m"]
+    position = f"{x_m:.2f}, {y_m:.2f} m ±{pose['position_sigma_m']:.2f} m"
+    error = ""
+    error_m = pose["position_error_m"]
+    if error_m is not None:
+        error += f", {error_m:.2f} m from the true place"
+    error_deg = pose.get("yaw_error_deg")
+    if error_deg is not None:
+        error += f", yaw {error_deg:.1f}° off"
+    return f"{user} was found at {position}, yaw ±{pose['yaw_sigma_deg']:.1f}°{error}."
+
+
 def figures(monitor: Monitor) -> Text:
     """Return latency, rates, selection counts and services with warnings, in one line."""
     parts: list[str] = []
-    latency = monitor.latency.quantiles_ms()
-    if latency["p50"] is not None:
-        parts.append(f"wrist to light p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms")
-    rates: dict[str, float] = {}
-    for health in list(monitor.health.values()):
-        for key in health.keys:
-            if key.direction == "out" and key.rate_hz > 0:
-                rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
-    parts += [f"{name} {rates[row.key]:.0f} Hz" for name, row in SHOWN_RATES.items() if row.key in rates]
-    lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
-    parts += [
-        f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"
-        for figure in lights
-        if figure.name.startswith(FRAME_RATE)
-    ]
+    latency = _latency_text(monitor.latency.quantiles_ms())
+    if latency:
+        parts.append(f"wrist to light {latency}")
+
+    # A copy, since reports come in another thread than that which draws
+    reports = dict(monitor.health)
+    parts += _rates(reports.values())
+    parts += _light_rates(reports.values())
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()
         parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
     text = Text(" · ".join(parts))
+
+    # A site that is out of reach explains all warnings
     lost = monitor.lost(SILENT_S)
-    ill = lost.union(name for name, health in list(monitor.health.items()) if health.warnings)
-    if outage := find_outage({*monitor.health, *lost}, lost, monitor.lost_router):
+    impaired = set(lost)
+    for name, health in reports.items():
+        if health.warnings:
+            impaired.add(name)
+    outage = find_outage({*monitor.health, *lost}, lost, monitor.lost_router)
+    if outage is not None:
         text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
-    elif ill:
-        text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
+    elif impaired:
+        text.append(f"  look at: {', '.join(sorted(impaired))} (pointit doctor)", style="yellow")
     return text

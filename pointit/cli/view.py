@@ -4,7 +4,7 @@ import contextlib
 import functools
 import math
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TypeAlias
@@ -79,7 +79,9 @@ def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
     for user in monitor.people():
         pose = monitor.poses.get(user)
         name = Text(user, style=color_of(monitor, user))
-        cells = [Text("-")] * 5 if pose is None else _pose(pose, monitor.clock.now_ns())
+        cells = [Text("-")] * 5
+        if pose is not None:
+            cells = _pose(pose, monitor.clock.now_ns())
         table.add_row(name, *cells[: len(columns) - 1])
     return table
 
@@ -91,112 +93,149 @@ def wrist_lines(monitor: Monitor) -> list[Text]:
         health = monitor.health.get(f"imu-bridge.{user}")
         if health is None:
             continue
-        charge, rate_hz, gaps, dbm = (figure(health, name) for name in (BATTERY, RATE, GAPS, SIGNAL))
-        if charge is None and dbm is None and not gaps:
+        charge = figure(health, BATTERY)
+        signal_dbm = figure(health, SIGNAL)
+        gaps = figure(health, GAPS) or 0.0
+        rate_hz = figure(health, RATE) or 0.0
+
+        # A recording or a simulated wrist has nothing of these
+        is_device = charge is not None or signal_dbm is not None
+        if not is_device and not gaps:
             continue
-        parts = [
-            Text(f"{rate_hz or 0.0:.0f} Hz"),
-            Text(f"{gaps or 0.0:.0f} gaps/min", "yellow" if gaps else ""),
-        ]
+        parts: list[Text] = []
         if charge is not None:
-            parts.insert(0, Text(f"battery {charge:.0f} %", "yellow" if charge < 100.0 * LOW_BATTERY else ""))
-        if dbm is not None:
-            parts.append(Text(f"signal {dbm:.0f} dBm"))
-        lines.append(Text.assemble((f"{user}'s wrist: ", color_of(monitor, user)), Text(" · ").join(parts)))
+            is_low = charge < 100.0 * LOW_BATTERY
+            parts.append(Text(f"battery {charge:.0f} %", "yellow" if is_low else ""))
+        parts.append(Text(f"{rate_hz:.0f} Hz"))
+        parts.append(Text(f"{gaps:.0f} gaps/min", "yellow" if gaps else ""))
+        if signal_dbm is not None:
+            parts.append(Text(f"signal {signal_dbm:.0f} dBm"))
+        name = (f"{user}'s wrist: ", color_of(monitor, user))
+        lines.append(Text.assemble(name, Text(" · ").join(parts)))
     return lines
 
 
 def instruction_lines(monitor: Monitor) -> list[Text]:
     """Return the next step of each person, as one line if it is the same for all."""
-    words_of_user = {user: _words(monitor, user) for user in monitor.people()}
-    if (
-        len(words_of_user) > 1
-        and len({tuple(line.plain for line in lines) for lines in words_of_user.values()}) == 1
-    ):
-        return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(words_of_user.values()))]
-    return [
-        Text.assemble((f"{user}: ", color_of(monitor, user)), line)
-        for user, lines in words_of_user.items()
-        for line in lines
-    ]
+    lines_of_user = {user: _words(monitor, user) for user in monitor.people()}
+    distinct = {_plain(lines) for lines in lines_of_user.values()}
+    if len(lines_of_user) > 1 and len(distinct) == 1:
+        common = next(iter(lines_of_user.values()))
+        return [Text.assemble(("everybody: ", "bold"), line) for line in common]
+    named: list[Text] = []
+    for user, lines in lines_of_user.items():
+        style = color_of(monitor, user)
+        named += [Text.assemble((f"{user}: ", style), line) for line in lines]
+    return named
+
+
+def _plain(lines: Iterable[Text]) -> tuple[str, ...]:
+    return tuple(line.plain for line in lines)
 
 
 def color_of(monitor: Monitor, user: str) -> str:
     """Return the style of a person's own colour; white is the terminal's text colour."""
     profile = monitor.profiles.get(user)
     color = WHITE if profile is None else profile.cursor_color
-    return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
+    return "bold" if color == WHITE else f"bold {_style(color)}"
+
+
+def _style(color: tuple[int, int, int]) -> str:
+    red, green, blue = color
+    return f"rgb({red},{green},{blue})"
 
 
 def _table(width: int, roomy_width: int) -> Table:
-    return Table(box=None, padding=(0, 1 if width < roomy_width else 2, 0, 0), header_style="dim")
+    gap = 1 if width < roomy_width else 2
+    return Table(box=None, padding=(0, gap, 0, 0), header_style="dim")
 
 
 def activity_lines(monitor: Monitor, width: int) -> RenderableType:
     """Return the activity of each person, in columns of constant width."""
-    narrow = width < ROOMY_WIDTH
-    bar = 4 if narrow else 10
+    is_narrow = width < ROOMY_WIDTH
+    bar = 4 if is_narrow else 10
+    cursor_width = 6 if is_narrow else 18
     table = _table(width, ROOMY_WIDTH)
-    for column, least in (("person", 6), ("state", 10), ("cursor", 6 if narrow else 18), ("object", 6)):
+    columns = (("person", 6), ("state", 10), ("cursor", cursor_width), ("object", 6))
+    for column, least in columns:
         table.add_column(column, no_wrap=True, min_width=least)
     table.add_column("held", no_wrap=True, min_width=bar)
+
     for user in monitor.people():
-        interaction = monitor.interactions.get(user)
+        # Where the cursor is, or what it is behind
         cursor = monitor.cursors.get(user)
-        hover = monitor.hovers.get(user)
-        where = "-"
+        place = "-"
         if cursor is not None and cursor.surface != "none":
-            place = "" if narrow else f"{cursor.surface} {cursor.surface_id} at "
-            where = f"{place}{cursor.position_m:.2f} m"
+            surface = "" if is_narrow else f"{cursor.surface} {cursor.surface_id} at "
+            place = f"{surface}{cursor.position_m:.2f} m"
         elif cursor is not None and cursor.solid:
-            where = cursor.solid if narrow else f"{cursor.solid} {cursor.surface_id}"
+            place = cursor.solid if is_narrow else f"{cursor.solid} {cursor.surface_id}"
+
+        # The object that is hovered, and how far its selection is
+        hover = monitor.hovers.get(user)
         kind = "-"
         filled = 0
         if hover is not None and hover.object_id:
             kind = monitor.score.kinds.get(hover.object_id) or "?"
             filled = round(bar * hover.progress)
-        state = interaction.state if interaction is not None else "-"
-        table.add_row(
-            Text(user, style=color_of(monitor, user)), state, where, kind, "█" * filled + "░" * (bar - filled)
-        )
+        gauge = "█" * filled + "░" * (bar - filled)
+
+        interaction = monitor.interactions.get(user)
+        state = "-" if interaction is None else interaction.state
+        name = Text(user, style=color_of(monitor, user))
+        table.add_row(name, state, place, kind, gauge)
     return table
 
 
 def _pose(pose: UserPose, now_ns: int) -> list[Text]:
+    # An assumed pose has no uncertainty to show
+    x_m, y_m, _ = pose.position_m
     sigma_m = position_sigma_m(pose.covariance)
-    sigma_deg = yaw_sigma_deg(pose)
-    place = Text(f"{pose.position_m[0]:.2f}, {pose.position_m[1]:.2f}")
-    yaw = Text(f"{math.degrees(math.remainder(pose.yaw_rad, math.tau)):.1f}°")
+    position = Text(f"{x_m:.2f}, {y_m:.2f}")
     if sigma_m > 0.0:
-        place.append(f" ±{sigma_m:.2f}", style="yellow" if sigma_m > UNSURE_M else "")
+        is_unsure = sigma_m > UNSURE_M
+        position.append(f" ±{sigma_m:.2f}", style="yellow" if is_unsure else "")
+    position.append(" m")
+
+    yaw_rad = math.remainder(pose.yaw_rad, math.tau)
+    sigma_deg = yaw_sigma_deg(pose)
+    yaw = Text(f"{math.degrees(yaw_rad):.1f}°")
     if sigma_deg > 0.0:
-        yaw.append(f" ±{sigma_deg:.1f}°", style="yellow" if sigma_deg > UNSURE_DEG else "")
+        is_unsure = sigma_deg > UNSURE_DEG
+        yaw.append(f" ±{sigma_deg:.1f}°", style="yellow" if is_unsure else "")
+
     drift = "-"
     if pose.yaw_rate_sigma_radps is not None:
         drift = f"{math.degrees(pose.yaw_rate_radps) * 60:+.1f}°/min"
-    anchor = "-" if pose.anchored_ns == 0 else duration_text((now_ns - pose.anchored_ns) / NS_PER_S)
-    return [place.append(" m"), yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor)]
+    anchor_age = "-"
+    if pose.anchored_ns != 0:
+        anchor_age = duration_text((now_ns - pose.anchored_ns) / NS_PER_S)
+    return [position, yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor_age)]
 
 
 def _words(monitor: Monitor, user: str) -> list[Text]:
     lines: list[Text] = []
     refusal = monitor.refusal(user)
-    interaction = monitor.interactions.get(user)
     if refusal:
         lines.append(Text(f"refused: {refusal}", style="bold red"))
+
+    # What they point past comes before the next step: they can see it
     cursor = monitor.cursors.get(user)
-    if cursor is not None and cursor.passed is not None and cursor.passed.text:
-        lines.append(Text(cursor.passed.text, style="yellow"))
+    cue = None if cursor is None else cursor.passed
+    interaction = monitor.interactions.get(user)
+    if cue is not None and cue.text:
+        lines.append(Text(cue.text, style="yellow"))
     elif interaction is not None:
-        reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
+        reason = ""
+        if interaction.state == "idle" and interaction.reason != refusal:
+            reason = interaction.reason
         lines.append(Text(f"{reason} {interaction.next_step}".strip()))
+
+    # Who waits for a target has no progress yet
     localization = monitor.localizations.get(user)
-    if (
-        localization is not None
-        and localization.phase == "sampling"
-        and (localization.samples or localization.target_id)
-    ):  # not who waits
-        lines.append(Text.assemble(*_progress(localization)))
+    if localization is not None and localization.phase == "sampling":
+        if localization.samples or localization.target_id:
+            lines.append(Text.assemble(*_progress(localization)))
     return lines
 
 
@@ -210,18 +249,16 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
         parts.append(f"±{localization.position_sigma_m:.2f} m")
     if localization.yaw_sigma_rad is not None:
         parts.append(f"±{math.degrees(localization.yaw_sigma_rad):.1f}°")
+
+    # Several robots may be meant by one movement
     if len(localization.candidates) > 1:
-        named = ", ".join(
-            f"{candidate.object_id} {candidate.probability:.0%}"
-            for candidate in localization.candidates[:CANDIDATES]
-        )
-        parts.append(f"meant: {named}")
+        candidates = localization.candidates[:CANDIDATES]
+        named = [f"{candidate.object_id} {candidate.probability:.0%}" for candidate in candidates]
+        parts.append(f"meant: {', '.join(named)}")
+
     purpose = "setting the pose right, " if localization.purpose == "anchor" else ""
-    target: tuple[str, str] = (
-        f"● {localization.target_id} " if localization.target_id else "",
-        "bold yellow",
-    )
-    return [purpose, target, " · ".join(parts)]
+    target = f"● {localization.target_id} " if localization.target_id else ""
+    return [purpose, (target, "bold yellow"), " · ".join(parts)]
 
 
 @dataclass(frozen=True)
@@ -244,110 +281,138 @@ class ConsoleView:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(1, options.max_width - BORDER_WIDTH)
         inner = options.update(width=width, height=None)
-        blocks = [
-            TextBlock(console.render_lines(part, inner), worth)
-            for worth, part in self._parts(width, options.max_width)
-        ]
+        blocks: list[TextBlock] = []
+        for priority, part in self._parts(width, options.max_width):
+            blocks.append(TextBlock(console.render_lines(part, inner), priority))
         segments = drop_to_height(blocks, options.size.height - BORDER_HEIGHT)
+        title = self.title
+        if self.monitor.is_recorded:
+            title += " ● recording"
         yield Panel(
             SegmentLines(segments, new_lines=True),
-            title=f"{self.title} ● recording" if self.monitor.is_recorded else self.title,
+            title=title,
             subtitle=self._subtitle(options.max_width),
             border_style="cyan",
         )
 
     def _subtitle(self, whole_width: int) -> str:
         is_roomy = whole_width >= ROOMY_WIDTH
-        left_s = self.remaining_s()
-        if self.is_looked_on:
-            if left_s <= 0:
-                is_open = "a page is open"
-                return f"{is_open}: goes on until Ctrl-C or it closes" if is_roomy else f"{is_open}, {END}"
-            if not is_roomy:
-                return f"{left_s:.0f} s left + page, {END}"
-        hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
+        remaining_s = self.remaining_s()
+
+        # A page that is open keeps the run from its end
+        if self.is_looked_on and remaining_s <= 0:
+            is_open = "a page is open"
+            return f"{is_open}: goes on until Ctrl-C or it closes" if is_roomy else f"{is_open}, {END}"
+        if self.is_looked_on and not is_roomy:
+            return f"{remaining_s:.0f} s left + page, {END}"
+        hints: list[str] = []
+        if remaining_s > 0:
+            hints.append(f"{remaining_s:.0f} s left")
         if self.is_looked_on:
             hints.append("a page is open: goes on after that")
-        button = f"Space is {self.button_of}'s button"
-        if self.button_of and is_roomy and len(", ".join([*hints, button, END])) <= whole_width - MARGINS:
-            hints.append(button)
+
+        # The button is named where the border has room for it
+        if self.button_of and is_roomy:
+            button = f"Space is {self.button_of}'s button"
+            subtitle = ", ".join([*hints, button, END])
+            if len(subtitle) <= whole_width - MARGINS:
+                return subtitle
         return ", ".join([*hints, END])
 
     def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
         """Return the parts to show, each with its priority on a low terminal."""
         monitor = self.monitor
-        environment = monitor.environment
         parts: list[tuple[Worth, RenderableType]] = []
         if self.page:
             parts.append((None, Text(f"page: {self.page}", style="bold", overflow="fold")))
+
+        # Light first: of the strips the last line is left out first
+        environment = monitor.environment
         if environment is None:
             parts.append((None, Text("waiting for the map …", style="dim")))
         else:
-            if len(environment.strips) > MAX_STRIPS:
-                light = _side_by_side(monitor, environment.strips, width)
-            else:
-                light = [
-                    line
-                    for strip in environment.strips
-                    for line in _strip(monitor, strip, width, _name_width(environment.strips, width))
-                ]
+            light = _light_lines(monitor, environment.strips, width)
             parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
             if monitor.lamps:
                 parts.append((None, _lamps(monitor)))
+
+        # People, and what optional rooms show of robots and things
         parts.append((None, activity_lines(monitor, whole_width)))
-        for each in self.parts:
-            if (rows := each.rows(monitor, whole_width)) is not None:
+        for display in self.parts:
+            rows = display.rows(monitor, whole_width)
+            if rows is not None:
+                lines = display.lines(monitor)
                 parts.append((None, rows))
-                parts += [((WORDS, -row), line) for row, line in enumerate(each.lines(monitor))]
-        if (where := pose_lines(monitor, whole_width)) is not None:
-            parts.append(((PLACES, 0), where))
-        parts += [((PLACES, -1 - row), line) for row, line in enumerate(wrist_lines(monitor))]
-        parts += [((WORDS, -row), line) for row, line in enumerate(instruction_lines(monitor))]
+                parts += [((WORDS, -row), line) for row, line in enumerate(lines)]
+        poses = pose_lines(monitor, whole_width)
+        if poses is not None:
+            parts.append(((PLACES, 0), poses))
+        wrists = wrist_lines(monitor)
+        parts += [((PLACES, -1 - row), line) for row, line in enumerate(wrists)]
+        instructions = instruction_lines(monitor)
+        parts += [((WORDS, -row), line) for row, line in enumerate(instructions)]
         parts.append((None, figures(monitor)))
+
+        # Events last: the oldest is left out first, the newest only after the poses
         events = list(monitor.events)
         for row, line in enumerate(events, 1):
-            worth = (EVENTS if row == len(events) else OLD_EVENTS, row)
-            parts.append((worth, Text(line, style="dim", no_wrap=True, overflow="ellipsis")))
+            priority = (EVENTS if row == len(events) else OLD_EVENTS, row)
+            parts.append((priority, Text(line, style="dim", no_wrap=True, overflow="ellipsis")))
         return parts
 
 
+def _light_lines(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:
+    if len(strips) > MAX_STRIPS:
+        return _side_by_side(monitor, strips, width)
+    lines: list[Text] = []
+    for strip in strips:
+        lines += _strip(monitor, strip, width, _name_width(strips, width))
+    return lines
+
+
 def _name_width(strips: Sequence[Strip], width: int) -> int:
-    return max(NAME_WIDTH, min(max(len(strip.id) for strip in strips) + 1, int(0.3 * width)))
+    longest = max(len(strip.id) for strip in strips)
+    return max(NAME_WIDTH, min(longest + 1, int(0.3 * width)))
 
 
 def _name(strip: Strip, width: int) -> str:
-    return f"{strip.id} " if len(strip.id) < width else f"{strip.id[: width - 2]}… "
+    if len(strip.id) < width:
+        return f"{strip.id} "
+    return f"{strip.id[: width - 2]}… "
 
 
 def _strip(monitor: Monitor, strip: Strip, width: int, name_width: int) -> list[Text]:
     """Return a strip's pixels as coloured half blocks, two pixels per cell, and the cursors below."""
     pixels = pixels_along(monitor.frame, strip)
-    cells = max(1, min(width - name_width, (len(pixels) + 1) // 2))
-    line = Text(f"{_name(strip, name_width):<{name_width}}", style="bold", no_wrap=True)
+    pairs = (len(pixels) + 1) // 2
+    cells = max(1, min(width - name_width, pairs))
+    name = _name(strip, name_width)
+    line = Text(f"{name:<{name_width}}", style="bold", no_wrap=True)
     _light(line, pixels, cells)
+
     marks = Text(" " * (name_width + cells), no_wrap=True)
-    length = Polyline(strip.line_m).length_m
+    length_m = Polyline(strip.line_m).length_m
     cursors = sorted(monitor.cursors.items())
     for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
-            cell = min(cells - 1, int(cursor.position_m / length * cells))
-            mark = Text("▲" if len(cursors) == 1 else user[-1], style=color_of(monitor, user))
-            at = name_width + cell
-            marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
+            cell = min(cells - 1, int(cursor.position_m / length_m * cells))
+            symbol = "▲" if len(cursors) == 1 else user[-1]
+            mark = Text(symbol, style=color_of(monitor, user))
+            column = name_width + cell
+            marks = Text.assemble(marks[:column], mark, marks[column + 1 :], no_wrap=True)
     return [line, marks]
 
 
 def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
     columns = 2 * cells
-    pairs = (
-        (
-            pixels[(2 * cell) * len(pixels) // columns],
-            pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)],
-        )
-        for cell in range(cells)
-    )
-    for (left, right), run in groupby(pairs):  # fewer escape sequences: one per change of colour
-        style = f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})"
+    last = len(pixels) - 1
+    pairs: list[tuple[tuple[int, int, int], tuple[int, int, int]]] = []
+    for cell in range(cells):
+        left = (2 * cell) * len(pixels) // columns
+        right = (2 * cell + 1) * len(pixels) // columns
+        pairs.append((pixels[left], pixels[min(right, last)]))
+    for (left_color, right_color), run in groupby(pairs):  # fewer escape sequences: one per change of colour
+        style = f"{_style(left_color)} on {_style(right_color)}"
         line.append("▌" * len(list(run)), style=style)
 
 
@@ -360,11 +425,13 @@ def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list
     for strip, length_m in zip(strips, lengths_m, strict=True):
         name = _name(strip, name_width)
         cells = max(1, int(length_m * scale))
-        if rows[-1].cell_len and rows[-1].cell_len + GAP_WIDTH + len(name) + cells > width:
+        needed = GAP_WIDTH + len(name) + cells
+        if rows[-1].cell_len and rows[-1].cell_len + needed > width:
             rows.append(Text(no_wrap=True))
-        rows[-1].append(" " * GAP_WIDTH if rows[-1].cell_len else "")
-        rows[-1].append(name, style="bold")
-        _light(rows[-1], pixels_along(monitor.frame, strip), cells)
+        row = rows[-1]
+        row.append(" " * GAP_WIDTH if row.cell_len else "")
+        row.append(name, style="bold")
+        _light(row, pixels_along(monitor.frame, strip), cells)
     return rows
 
 
@@ -372,19 +439,29 @@ def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int
     """Return a strip's pixels from the start of its line to the end, in either wiring direction."""
     rgb = b""
     if frame is not None:
-        rgb = next((shown.rgb for shown in frame.strips if shown.id == strip.id), b"")
+        rgb = _rgb_of(frame, strip.id)
     if len(rgb) < 3:
         return [(0, 0, 0)] * strip.pixels
-    pixels = [(rgb[i], rgb[i + 1], rgb[i + 2]) for i in range(0, len(rgb) - 2, 3)]
+    pixels: list[tuple[int, int, int]] = []
+    for start in range(0, len(rgb) - 2, 3):
+        red, green, blue = rgb[start : start + 3]
+        pixels.append((red, green, blue))
     return pixels if strip.direction == 1 else pixels[::-1]
+
+
+def _rgb_of(frame: StripsFrame, strip_id: str) -> bytes:
+    for shown in frame.strips:
+        if shown.id == strip_id:
+            return shown.rgb
+    return b""
 
 
 def _lamps(monitor: Monitor) -> Text:
     text = Text(f"{'lamps':<{NAME_WIDTH}}", style="bold")
     for name, lamp in sorted(monitor.lamps.items()):
-        on = any(lamp.color)
-        colour = f"rgb({lamp.color[0]},{lamp.color[1]},{lamp.color[2]})" if on else "dim"
-        text.append(f"{'●' if on else '○'} {name}  ", style=colour)
+        is_on = any(lamp.color)
+        symbol = "●" if is_on else "○"
+        text.append(f"{symbol} {name}  ", style=_style(lamp.color) if is_on else "dim")
     return text
 
 
@@ -400,14 +477,19 @@ def drop_to_height(blocks: Sequence[TextBlock], room: int) -> list[list[Segment]
     """Return at most `room` lines of `blocks` in their order, without those of lowest priority."""
     height = sum(len(block.lines) for block in blocks)
     remaining = dict(enumerate(blocks))
-    dispensable = sorted(
-        (block.priority, at) for at, block in remaining.items() if block.priority is not None
-    )
-    for _, at in dispensable:
+    dispensable: list[tuple[tuple[int, int], int]] = []
+    for position, block in remaining.items():
+        if block.priority is not None:
+            dispensable.append((block.priority, position))
+    dispensable.sort()
+    for _, position in dispensable:
         if height <= room:
             break
-        height -= len(remaining.pop(at).lines)
-    return [list(line) for block in remaining.values() for line in block.lines]
+        height -= len(remaining.pop(position).lines)
+    lines: list[list[Segment]] = []
+    for block in remaining.values():
+        lines += map(list, block.lines)
+    return lines
 
 
 @contextlib.contextmanager
@@ -434,21 +516,24 @@ def on_screen(
         if person:
             button(person).put(ButtonEvent(stamp_ns=scenario.clock.now_ns(), source="keyboard"))
 
-    def left_s() -> float:
+    def remaining_s() -> float:
         over_s = end_s()
         return 0.0 if over_s is None else max(0.0, over_s - time.monotonic())
 
     def drawn() -> RenderableType:
+        button_of = _first_person(scenario) if has_keyboard() else ""
+        is_looked_on = end_s() is not None and looks_on()
         return ConsoleView(
             scenario.monitor,
             f"PointIt {scenario.plan.name}",
-            left_s,
-            _first_person(scenario) if has_keyboard() else "",
+            remaining_s,
+            button_of,
             page=scenario.address,
             parts=parts,
-            is_looked_on=end_s() is not None and looks_on(),
+            is_looked_on=is_looked_on,
         )
 
+    # The view is left before the keyboard, so that no key is echoed into it
     live = Live(get_renderable=drawn, console=console, refresh_per_second=REFRESH_HZ, transient=True)
     with contextlib.ExitStack() as stack:
         if has_keyboard():

@@ -25,10 +25,10 @@ def maps(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Co
 
 
 def _stems(package: str, folder: str, incomplete: str) -> list[CompletionItem]:
-    names = sorted(
-        entry.name.removesuffix(".yaml")
-        for entry in files(package).joinpath(folder).iterdir()
-        if entry.name.endswith(".yaml")
-    )
-    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return [CompletionItem(incomplete, type="file"), *found]  # bash forgets what comes before a file
+    names: list[str] = []
+    for entry in files(package).joinpath(folder).iterdir():
+        if entry.name.endswith(".yaml"):
+            names.append(entry.name.removesuffix(".yaml"))
+    matching = [name for name in sorted(names) if name.startswith(incomplete)]
+    # bash forgets what comes before a file
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, matching)]

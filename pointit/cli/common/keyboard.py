@@ -46,6 +46,7 @@ def key_bytes(on_bytes: Callable[[bytes], None]) -> Generator[None]:
     loop = asyncio.get_running_loop()
     before = termios.tcgetattr(terminal)
 
+    # The loop reads what is pressed, so that no thread waits for a key after the end
     def read() -> None:
         data = os.read(terminal, 64)
         if not data:  # the terminal is gone

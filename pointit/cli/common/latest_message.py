@@ -31,7 +31,9 @@ class LatestMessage(Generic[M]):
                 while self.value is None or not fits(self.value):
                     self._changed.clear()
                     await self._changed.wait()
-        return self.value if self.value is not None and fits(self.value) else None
+        if self.value is None or not fits(self.value):
+            return None
+        return self.value
 
     async def wait_for_next(self) -> M:
         """Return the next message that arrives."""

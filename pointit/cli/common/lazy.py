@@ -8,9 +8,10 @@ import contextlib
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -67,8 +68,10 @@ class LazyGroup(click.Group):
         A mapping has the headings of its parts in the help; the heading of a sequence is the `kind`.
         """
         super().__init__(**attributes)
-        self._parts = entries if isinstance(entries, Mapping) else {f"{kind.capitalize()}s": entries}
-        self._entries = {entry.name: entry for part in self._parts.values() for entry in part}
+        if not isinstance(entries, Mapping):
+            entries = {f"{kind.capitalize()}s": entries}
+        self._parts = entries
+        self._entries = {entry.name: entry for entry in chain.from_iterable(entries.values())}
         self._kind = kind
 
     @property
@@ -79,7 +82,7 @@ class LazyGroup(click.Group):
     @property
     def entries(self) -> Sequence[LazyEntry]:
         """Return the commands that are shown, in the order of the table."""
-        return [entry for part in self.parts.values() for entry in part]
+        return list(chain.from_iterable(self.parts.values()))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""
@@ -93,8 +96,10 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command, or None if there is no such name, or a completion cannot load it."""
         entry = self.entry(cmd_name) or self.entry(cmd_name.replace("_", "-"))
-        if entry is None or entry.actions or not ctx.resilient_parsing:
-            return None if entry is None else entry.load()
+        if entry is None:
+            return None
+        if entry.actions or not ctx.resilient_parsing:
+            return entry.load()
         from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - takes longer than the help
 
         with contextlib.suppress(ConfigError):  # reported when it is called
@@ -196,29 +201,37 @@ class Installed:
 
     def __init__(self, table: Mapping[str, Sequence[LazyEntry]]) -> None:
         """Look for packages with commands. None may have a name of `table`."""
-        found = list(declared())
-        pairs = {(each.name, each.package) for each in found}
-        ours = {entry.name: entry.package for part in table.values() for entry in part}
+        commands = list(declared())
+        ours = {entry.name: entry.package for entry in chain.from_iterable(table.values())}
         added: dict[str, LazyEntry] = {}
         self.refused: dict[DeclaredCommand, str] = {}
         """A sentence for each command that is not added."""
-        for each in found:
-            if ours.get(each.name) == each.package:
+        for declaration in commands:
+            name = declaration.name
+            package = declaration.package
+            if ours.get(name) == package:
                 continue
-            if each.name in ours:
-                self.refused[each] = (
-                    f"{each.package} adds no command {each.name!r}, which is a name of PointIt's own: "
+            if name in ours:
+                self.refused[declaration] = (
+                    f"{package} adds no command {name!r}, which is a name of PointIt's own: "
                     "rename its entry point."
                 )
             else:
-                added[each.name] = of_package(each.package, each.name, f"{each.summary} ({each.package})")
-        shown = {
-            heading: [entry for entry in part if not entry.package or (entry.name, entry.package) in pairs]
-            for heading, part in table.items()
-        }
-        self.parts = {heading: part for heading, part in shown.items() if part}
+                added[name] = of_package(package, name, f"{declaration.summary} ({package})")
+
+        # Commands of the table that other packages bring are shown only where these are installed
+        installed = {(declaration.name, declaration.package) for declaration in commands}
+        self.parts: dict[str, list[LazyEntry]] = {}
+        for heading, part in table.items():
+            shown = [entry for entry in part if _is_present(entry, installed)]
+            if shown:
+                self.parts[heading] = shown
         if added:
             self.parts[HEADING] = list(added.values())
+
+
+def _is_present(entry: LazyEntry, installed: Collection[tuple[str, str]]) -> bool:
+    return not entry.package or (entry.name, entry.package) in installed
 
 
 def of_package(package: str, name: str, about: str) -> LazyEntry:
@@ -237,10 +250,12 @@ def load(package: str, name: str) -> click.Command:
     from pointit.runtime.host.extras import remedy  # noqa: PLC0415 - as above
 
     group = InstalledGroup(GROUP, click.Command, "command", has_ours=False)
-    if package == LAB and (name not in group.names or group.package(name) != LAB):
-        raise ConfigError(
-            f"`pointit {name}` is a command of {LAB}, which is not installed; run {remedy('lab')}"
-        )
+    if package == LAB:
+        is_installed = name in group.names and group.package(name) == LAB
+        if not is_installed:
+            raise ConfigError(
+                f"`pointit {name}` is a command of {LAB}, which is not installed; run {remedy('lab')}"
+            )
     return group.get(name)
 
 
@@ -250,14 +265,21 @@ def declared() -> Iterator[DeclaredCommand]:
     for folder in dict.fromkeys(sys.path):
         for name in _packages(folder or "."):
             with contextlib.suppress(OSError, ValueError):  # `load` says more if it is called
-                text = _content(f"{folder or '.'}/{name}/entry_points.txt")
-                section = "\n".join(["", text.partition(f"[{GROUP}]\n")[2]]).partition("\n[")[0]
+                package_folder = f"{folder or '.'}/{name}"
+
+                # The lines of our section of an INI file, up to the next heading
+                text = _content(f"{package_folder}/entry_points.txt")
+                _, _, after_heading = text.partition(f"[{GROUP}]\n")
+                section = f"\n{after_heading}".partition("\n[")[0]
                 distribution = name.partition("-")[0].lower()
                 if not section or distribution in seen:
                     continue
                 seen.add(distribution)
-                head = _content(f"{folder or '.'}/{name}/METADATA").partition("\n\n")[0]
-                package, summary = _field("Name", head), _field("Summary", head)
+
+                # Its metadata, of which the description follows an empty line
+                head = _content(f"{package_folder}/METADATA").partition("\n\n")[0]
+                package = _field("Name", head)
+                summary = _field("Summary", head)
                 for command in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
                     yield DeclaredCommand(name=command, package=package, summary=summary)
 
@@ -275,5 +297,5 @@ def _content(path: str) -> str:
 
 
 def _field(name: str, head: str) -> str:
-    found = re.search(rf"^{name}: *(.*)$", head, re.MULTILINE)
-    return found[1] if found else ""
+    field = re.search(rf"^{name}: *(.*)$", head, re.MULTILINE)
+    return field[1] if field else ""

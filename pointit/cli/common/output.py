@@ -81,24 +81,20 @@ def print_table(rich_console: Console, section: OutputSection) -> None:
     columns = list(section.rows[0]) if section.rows else []
     if rich_console.width < ROOMY_WIDTH:
         columns = [column for column in columns if column not in section.roomy]
-    table = Table(
-        box=box.SIMPLE_HEAD,
-        title=f"{section.name.capitalize()}: {section.about}",
-        title_justify="left",
-        title_style="bold",
-        pad_edge=False,
-    )
+    title = f"{section.name.capitalize()}: {section.about}"
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for column in columns:
-        numeric = all(isinstance(row[column], int | float | None) for row in section.rows)
+        is_numeric = all(isinstance(row[column], int | float | None) for row in section.rows)
         table.add_column(
             column.replace("_", " "),
-            justify="right" if numeric else "left",
+            justify="right" if is_numeric else "left",
             overflow="fold",
             min_width=4,
             no_wrap=column in section.whole,
         )
     for row in section.rows:
-        table.add_row(*(_harmless(cell(row[column])) for column in columns))
+        cells = [cell(row[column]) for column in columns]
+        table.add_row(*map(_harmless, cells))
     rich_console.print(table)
 
 
@@ -124,8 +120,9 @@ def _harmless(text: Text) -> Text:
 
 def console() -> Console:
     """Return a console on standard output, as wide as the terminal, before a pager too, or as the rows."""
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
-    if sys.stderr.isatty() and not sys.stdout.isatty():  # `pointit list | less`
+    is_terminal = sys.stdout.isatty()
+    width = None if is_terminal or "COLUMNS" in os.environ else PIPE_WIDTH
+    if not is_terminal and sys.stderr.isatty():  # `pointit list | less`
         with contextlib.suppress(OSError):
             width = os.get_terminal_size(sys.stderr.fileno()).columns or width
     return Console(markup=False, emoji=False, width=width)
@@ -149,9 +146,11 @@ def to_json(value: Any, *, indent: int | None = None) -> str:
 def to_line(value: Any) -> str:
     """Return `value` on one line in YAML's flow style: numbers with six digits, bytes as their count."""
     if isinstance(value, Mapping):
-        pairs = cast("Mapping[str, Any]", value).items()
-        shown = (f"{_key(key)}: {to_line(inner)}" for key, inner in pairs if inner is not None)
-        return "{" + ", ".join(shown) + "}"
+        fields: list[str] = []
+        for key, inner in cast("Mapping[str, Any]", value).items():
+            if inner is not None:
+                fields.append(f"{_key(key)}: {to_line(inner)}")
+        return "{" + ", ".join(fields) + "}"
     if isinstance(value, (list, tuple)):
         items = cast("Sequence[Any]", value)
         return "[" + ", ".join(to_line(item) for item in items) + "]"
@@ -163,24 +162,33 @@ def to_line(value: Any) -> str:
 
 
 def _key(key: str) -> str:
-    return key if key.isprintable() else _escaped(json.dumps(key, ensure_ascii=False))
+    if key.isprintable():
+        return key
+    return _escaped(json.dumps(key, ensure_ascii=False))
 
 
 def _escaped(text: str) -> str:
-    return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _UNMINDED.sub(_escape, text)
+
+
+def _escape(character: re.Match[str]) -> str:
+    return f"\\u{ord(character[0]):04x}"
 
 
 def duration_text(seconds: float) -> str:
     """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
     if seconds < 100:
         return f"{max(seconds, 0):.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.0f} h"
+    if seconds < 100 * 60:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.0f} h"
 
 
 def print_file(content: str | bytes) -> None:
     """Print what a file would have. A pipe gets it in UTF-8, as files are, whatever its encoding."""
-    is_text = isinstance(content, str) and sys.stdout.isatty()
-    click.echo(content if is_text or isinstance(content, bytes) else content.encode(), nl=False)
+    if isinstance(content, str) and not sys.stdout.isatty():
+        content = content.encode()
+    click.echo(content, nl=False)
 
 
 def write_line(line: str) -> bool:
@@ -196,19 +204,21 @@ def write_line(line: str) -> bool:
 
 
 def _number(value: float) -> str:
-    text = f"{value:.6g}"
-    if "e" in text:
-        digits, _, exponent = text.partition("e")
-        return f"{digits if '.' in digits else digits + '.0'}e{exponent}"  # YAML requires the point
-    return text if "." in text else text + ".0"
+    digits, exponent_sign, exponent = f"{value:.6g}".partition("e")
+    if "." not in digits:  # YAML requires the point
+        digits += ".0"
+    return f"{digits}{exponent_sign}{exponent}"
 
 
 def _without_nan(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _without_nan(each) for key, each in cast("Mapping[str, Any]", value).items()}
+        fields = cast("Mapping[str, Any]", value)
+        return {key: _without_nan(inner) for key, inner in fields.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(each) for each in cast("Sequence[Any]", value)]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [_without_nan(item) for item in cast("Sequence[Any]", value)]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def _plain(value: Any) -> Any:
@@ -262,8 +272,11 @@ class LineProgress:
         if now_s - self._wrote_s < LINE_EVERY_S:
             return
         self._wrote_s = now_s
-        count = "" if done is None or self._total is None else f": {done} of {self._total}"
-        self._write(f"{activity}{count}, for {now_s - self._began_s:.0f} s")
+        elapsed_s = now_s - self._began_s
+        count = ""
+        if done is not None and self._total is not None:
+            count = f": {done} of {self._total}"
+        self._write(f"{activity}{count}, for {elapsed_s:.0f} s")
 
 
 def _interrupt(_number: int, _frame: object) -> None:
@@ -276,12 +289,10 @@ def interruptible() -> Generator[None]:
 
     While `asyncio` runs a task inside, they cancel it first.
     """
-    before: dict[int, Any] = {
-        signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler),
-        signal.SIGTERM: signal.signal(signal.SIGTERM, _interrupt),
-    }
+    previous_sigint = signal.signal(signal.SIGINT, signal.default_int_handler)
+    previous_sigterm = signal.signal(signal.SIGTERM, _interrupt)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        signal.signal(signal.SIGINT, previous_sigint)
+        signal.signal(signal.SIGTERM, previous_sigterm)

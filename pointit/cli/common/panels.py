@@ -4,7 +4,7 @@ import copy
 import inspect
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import click
@@ -62,25 +62,45 @@ class PanelCommand(click.Command):
         shown = copy.copy(self)
         if self.usual and ALL_OPTIONS not in ctx.meta:
             first, *others = inspect.cleandoc(self.help or "").split("\n\n")
-            examples = (each for each in others if each.removeprefix("\b\n").startswith("Example"))
-            shown.help = "\n\n".join((first, *examples))
+            shown.help = "\n\n".join((first, *filter(_is_example, others)))
             shown.epilog = None
         super(PanelCommand, shown).format_help(ctx, formatter)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the usual options, or all in their panels."""
-        rows = {
-            parameter.name: row
-            for parameter in self.get_params(ctx)
-            if isinstance(parameter, click.Option) and (row := parameter.get_help_record(ctx)) is not None
-        }
+        rows: dict[str | None, tuple[str, str]] = {}
+        for parameter in self.get_params(ctx):
+            if isinstance(parameter, click.Option):
+                row = parameter.get_help_record(ctx)
+                if row is not None:
+                    rows[parameter.name] = row
+
+        # Usual options, each by the first clause of its help, without its default
         if self.usual and ALL_OPTIONS not in ctx.meta:
-            shown = [rows[name] for name in (*self.usual, "help_all", "help") if name in rows]
             with formatter.section("Usual options"):
-                formatter.write_dl([(name, re.split(r"[.;] |  \[", text)[0]) for name, text in shown])
+                usual: list[tuple[str, str]] = []
+                for names, text in _pop_rows(rows, (*self.usual, "help_all", "help")):
+                    clause = re.split(r"[.;] |  \[", text)[0]
+                    usual.append((names, clause))
+                formatter.write_dl(usual)
             return
-        for heading, names in self.panels.items():
+
+        # All options, those of no panel last
+        for heading, panel in self.panels.items():
             with formatter.section(heading):
-                formatter.write_dl([rows.pop(name) for name in names if name in rows])
+                formatter.write_dl(_pop_rows(rows, panel))
         with formatter.section("Other options" if self.panels else "Options"):
             formatter.write_dl(list(rows.values()))
+
+
+def _is_example(paragraph: str) -> bool:
+    return paragraph.removeprefix("\b\n").startswith("Example")
+
+
+def _pop_rows(rows: dict[str | None, tuple[str, str]], names: Iterable[str]) -> list[tuple[str, str]]:
+    """Remove and return the rows of `names` that exist, in the order of `names`."""
+    popped: list[tuple[str, str]] = []
+    for name in names:
+        if name in rows:
+            popped.append(rows.pop(name))
+    return popped

@@ -116,22 +116,29 @@ async def _open(link: Link, timeout_s: float) -> ZenohBus:
     except ConnectError:
         spent_s = loop.time() - began_s
         is_final = spent_s < REFUSED_TIMEOUT_S or spent_s >= timeout_s
-        if is_final or await in_daemon_thread(
-            lambda: all(listens(each) is False for each in link.connect), "probe"
-        ):
+        # A listener that has not answered yet may be a router on a busy machine
+        if is_final or await in_daemon_thread(lambda: _are_refused(link.connect), "probe"):
             raise
     return await ZenohBus.open(link, patience_s=timeout_s - spent_s)
 
 
+def _are_refused(endpoints: Sequence[str]) -> bool:
+    return all(listens(endpoint) is False for endpoint in endpoints)
+
+
 def listens(endpoint: str) -> bool | None:
     """Return True if a TCP port is open, False if it refuses, None if unknown. Blocks for up to `PROBE_S`."""
-    found = ENDPOINT.fullmatch(endpoint)
-    if not found or found[1] not in ("tcp", "tls", "ws"):
+    parts = ENDPOINT.fullmatch(endpoint)
+    if not parts or parts[1] not in ("tcp", "tls", "ws"):
         return None
+    host = parts[2].strip("[]")
+    port = int(parts["port"])
     try:
-        socket.create_connection((found[2].strip("[]"), int(found["port"])), timeout=PROBE_S).close()
-    except OSError as error:
-        return False if isinstance(error, ConnectionRefusedError) else None
+        socket.create_connection((host, port), timeout=PROBE_S).close()
+    except ConnectionRefusedError:
+        return False
+    except OSError:
+        return None
     return True
 
 

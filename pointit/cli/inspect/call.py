@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import Any
 
 import click
@@ -56,6 +57,8 @@ async def command(
     if key is None:
         show([requests()], as_json=as_json)
         return 0
+
+    # Errors of what was typed are found before the site is looked for
     request, name = resolve(key)
     query = build_query(request, key, values)
     async with site.join() as bus:
@@ -79,7 +82,8 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     """
     for request in REQUESTS:
         name = request.name_in(typed)
-        if typed != request.key and not (name and "/" not in name):
+        is_name = bool(name) and "/" not in name
+        if typed != request.key and not is_name:
             continue
         if request.placeholder:
             try:
@@ -87,6 +91,8 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
             except ValueError as error:
                 raise UnknownNameError(f"key {typed!r}: {error}") from error
         return request, name
+
+    # The commands for topics and requests are easily confused
     topic = topic_of(typed)
     if topic is not None:
         raise UnknownNameError(
@@ -94,7 +100,9 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
         )
     known = [filled(request.key, typed.split("/")) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
-    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit service call` lists all requests"
+    advice = "`pointit service call` lists all requests"
+    if near:
+        advice = f"did you mean {' or '.join(near)}?"
     raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
@@ -106,7 +114,11 @@ def build_query(request: AnyRequest, key: str, values: Iterable[str]) -> Query:
     """
     layers = Layers()
     known: Sequence[str] = list(request.query.model_fields)
-    lists = {one.path[-1] for one in iter_parameters(request.query) if one.type_name.startswith("list of ")}
+    lists: set[str] = set()
+    for parameter in iter_parameters(request.query):
+        if parameter.type_name.startswith("list of "):
+            lists.add(parameter.path[-1])
+
     for value in values:
         field, separator, text = value.partition("=")
         if not separator:
@@ -116,12 +128,15 @@ def build_query(request: AnyRequest, key: str, values: Iterable[str]) -> Query:
             raise UnknownNameError(f"{key}: no field {field!r}; {advice}")
         if field in layers.values:
             raise UnknownNameError(f"{key}: {field} is given twice")
-        if field in lists and not text.lstrip().startswith("["):  # belts=part_e,part_f
+        # Brackets may be left out, as a shell may expand them: belts=part_e,part_f
+        if field in lists and not text.lstrip().startswith("["):
             text = f"[{text}]"
         try:
             layers.add_text([field], text, f"{key}: {value}")
         except ConfigError as error:
             raise UnknownNameError(str(error)) from error
+
+    # Types and limits are those of the query
     try:
         query: Query = validate(request.query, layers.values, strict=False)
     except ValidationError as error:
@@ -134,35 +149,41 @@ def requests() -> OutputSection:
     return OutputSection(
         name="requests",
         about="ask with `pointit service call KEY FIELD=VALUE...`",
-        rows=tuple(row for request in REQUESTS for row in _rows(request)),
+        rows=tuple(chain.from_iterable(map(_rows, REQUESTS))),
         roomy=frozenset({"type", "unit", "range", "default"}),
         whole=frozenset({"key", "field"}),
     )
 
 
 def _rows(request: AnyRequest) -> list[Row]:
-    fields: list[ParameterInfo | None] = [*iter_parameters(request.query)]
-    return [
-        {
-            "key": request.key,
-            "field": "" if parameter is None else parameter.path[-1],
-            "type": "" if parameter is None else parameter.type_name,
-            "unit": "" if parameter is None else UNITS.get(parameter.path[-1].rpartition("_")[2], ""),
-            "range": "" if parameter is None else _range(parameter),
-            "default": "" if parameter is None else parameter.default,
-            "about": (parameter.field.description if parameter is not None else "") or request.about,
-        }
-        for parameter in fields or [None]
-    ]
+    """Return a row for each field of `request`, or one row if it has none."""
+    rows = [_field_row(request, parameter) for parameter in iter_parameters(request.query)]
+    if rows:
+        return rows
+    empty = dict.fromkeys(("field", "type", "unit", "range", "default"), "")
+    return [{"key": request.key, **empty, "about": request.about}]
+
+
+def _field_row(request: AnyRequest, parameter: ParameterInfo) -> Row:
+    field = parameter.path[-1]
+    suffix = field.rpartition("_")[2]
+    return {
+        "key": request.key,
+        "field": field,
+        "type": parameter.type_name,
+        "unit": UNITS.get(suffix, ""),
+        "range": _range(parameter),
+        "default": parameter.default,
+        "about": parameter.field.description or request.about,
+    }
 
 
 def _range(parameter: ParameterInfo) -> str:
-    limits = {
-        word: getattr(limit, name)
-        for name, word in BOUNDS
-        for limit in parameter.field.metadata
-        if hasattr(limit, name)
-    }
+    limits: dict[str, Any] = {}
+    for name, word in BOUNDS:
+        for limit in parameter.field.metadata:
+            if hasattr(limit, name):
+                limits[word] = getattr(limit, name)
     return " ".join(f"{word} {value:g}" for word, value in limits.items())
 
 

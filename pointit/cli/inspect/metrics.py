@@ -47,8 +47,10 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
     from pointit.bridges.web.site_metrics import SiteMetrics  # noqa: PLC0415
 
     metrics = SiteMetrics(site, pointit_version())
-    work = _print(metrics, site, connect) if once else _serve(metrics, *listen, site, connect)
-    return run_until_shutdown(work)
+    if once:
+        return run_until_shutdown(_print(metrics, site, connect))
+    host, port = listen
+    return run_until_shutdown(_serve(metrics, host, port, site, connect))
 
 
 def _attach(bus: Bus, metrics: "SiteMetrics") -> None:

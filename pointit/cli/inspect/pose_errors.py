@@ -48,27 +48,31 @@ class PoseErrors:
         """Return the newest errors by person, and start the next window: a silent tracker knows no truth."""
         rows: list[TruthRow] = []
         for person, true_pose in sorted(find_true_poses(self._tracked).items()):
+            position_error_m: float | None = None
+            yaw_error_deg: float | None = None
             pose = self._poses.get(person)
-            error = None if pose is None else true_pose.error_of(pose)
-            rows.append(
-                TruthRow(
-                    person=person,
-                    position_error_m=None if error is None else error.position_m,
-                    yaw_error_deg=None if error is None else _degrees(error.yaw_rad),
-                    true_yaw_deg=_degrees(true_pose.yaw_rad),
-                )
+            if pose is not None:
+                error = true_pose.error_of(pose)
+                position_error_m = error.position_m
+                yaw_error_deg = _degrees(error.yaw_rad)
+            row = TruthRow(
+                person=person,
+                position_error_m=position_error_m,
+                yaw_error_deg=yaw_error_deg,
+                true_yaw_deg=_degrees(true_pose.yaw_rad),
             )
+            rows.append(row)
         self._tracked.clear()
         return tuple(rows)
 
 
 def print_errors(console: Console, rows: tuple[TruthRow, ...]) -> None:
     """Print a table of `rows`, or nothing if there are none."""
-    if rows:
-        shown = tuple(asdict(row) for row in rows)
-        print_table(
-            console, OutputSection(name="truth", about="localized pose less the true one", rows=shown)
-        )
+    if not rows:
+        return
+    shown = tuple(asdict(row) for row in rows)
+    section = OutputSection(name="truth", about="localized pose less the true one", rows=shown)
+    print_table(console, section)
 
 
 def _degrees(angle_rad: float | None) -> float | None:
@@ -82,10 +86,12 @@ def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:
         for user in monitor.people():
             position_m = figure(health, f"position error of {user}"[:MAX_METRIC])
             yaw_deg = figure(health, f"yaw error of {user}"[:MAX_METRIC])
-            if position_m is not None:
-                text = f"error of the pose {position_m:.2f} m"
-                text += "" if yaw_deg is None else f", {yaw_deg:+.1f}°"
-                lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), text))
+            if position_m is None:
+                continue
+            text = f"error of the pose {position_m:.2f} m"
+            if yaw_deg is not None:
+                text += f", {yaw_deg:+.1f}°"
+            lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), text))
     return Text("\n").join(lines) if lines else None
 
 

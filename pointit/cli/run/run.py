@@ -3,11 +3,11 @@
 import asyncio
 import contextlib
 import dataclasses
-import functools
 import logging
 import sys
 import time
 from collections.abc import AsyncGenerator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -62,18 +62,23 @@ def execute(plan: Plan, log_level: str) -> int:
     Raises:
         ConfigError: If a service cannot work as configured; nothing was started.
     """
-    beside = [launch for each in plan.beside for launch in each.checked()]
+    beside = chain.from_iterable(companion.checked() for companion in plan.beside)
     check_launches([*plan.launches, *beside], plan.link.addresses)
-    console = PlainConsole(stderr=True)
-    is_wanted = plan.view and console.is_terminal and not console.is_dumb_terminal
-    drawn = is_wanted and bool(present(LIVE_VIEWS))
-    setup_logging(log_level if not drawn else "warning", console if drawn else None)
+
+    # The view, if there is a terminal for it. Without one, the run logs
+    console: PlainConsole | None = PlainConsole(stderr=True)
+    can_draw = console.is_terminal and not console.is_dumb_terminal
+    is_wanted = plan.view and can_draw
+    if not is_wanted or not present(LIVE_VIEWS):
+        console = None
+    setup_logging(log_level if console is None else "warning", console)
+
     notes = [*plan.notes, *stored_mounting_notices(plan.launches)]
-    if drawn:  # else the supervisors log their own
+    if console is not None:  # else the supervisors log their own
         notes += stored_offset_notices(plan.launches)
     for note in notes:
-        _print_event(note, console if drawn else None)
-    return run_until_shutdown(_run(plan, console if drawn else None))
+        _print_event(note, console)
+    return run_until_shutdown(_run(plan, console))
 
 
 def _print_event(sentence: str, console: Console | None) -> None:
@@ -88,32 +93,38 @@ async def _run(plan: Plan, console: Console | None) -> int:
     bus = await open_bus(plan)
     try:
         run = _Run(await adapt_to_site(plan, bus), bus, console)
-        failed = True
+        has_failed = True
         try:
             await run.live(await clock_of(plan, bus))
-            failed = False
+            has_failed = False
         except asyncio.CancelledError:  # a requested end: the summary covers the elapsed time
-            failed = False
+            has_failed = False
             raise
         finally:
-            if run.stage is not None and (not failed or run.stage.monitor.first_cursor_unix_s is not None):
-                parts = present(DISPLAY_PARTS)
-                write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed, parts)
+            if run.stage is not None:
+                # A run that failed before anybody pointed has nothing to sum up
+                has_pointed = run.stage.monitor.first_cursor_unix_s is not None
+                if has_pointed or not has_failed:
+                    duration_s = run.lasted_s * plan.speed
+                    write_summary(run.stage.plan, run.stage.monitor, duration_s, present(DISPLAY_PARTS))
     finally:
         await bus.close()
-        for sentence in filter(None, (each.closing_note() for each in plan.beside)):
-            _print_sentence(sentence)
+        for companion in plan.beside:
+            closing_note = companion.closing_note()
+            if closing_note:
+                _print_sentence(closing_note)
     return 0 if run.stage is None else _verdict(run.stage)
 
 
 def _verdict(scenario: RunningScenario) -> int:
-    if scenario.plan.scored and scenario.monitor.first_cursor_unix_s is None and not scenario.saw_cursor:
-        advice = (
-            "; ".join(scenario.monitor.warnings()) or "`pointit doctor` during a run shows what is missing"
-        )
-        log.error("no cursor ever appeared; %s", advice)
-        return 1
-    return 0
+    has_cursor = scenario.saw_cursor or scenario.monitor.first_cursor_unix_s is not None
+    if has_cursor or not scenario.plan.scored:
+        return 0
+    advice = "; ".join(scenario.monitor.warnings())
+    if not advice:
+        advice = "`pointit doctor` during a run shows what is missing"
+    log.error("no cursor ever appeared; %s", advice)
+    return 1
 
 
 class _Run:
@@ -134,12 +145,16 @@ class _Run:
     async def live(self, clock: Clock) -> None:
         """Run until its duration is over and there are no viewers, or until services have ended."""
         is_drawn = self._console is not None
+
+        def tell(sentence: str) -> None:
+            _print_event(sentence, self._console)
+
         scenario = self.stage = RunningScenario(
             self._plan,
             self._bus,
             self._bus.link,
             clock,
-            tell=lambda sentence: _print_event(sentence, self._console),
+            tell=tell,
             news=None if is_drawn else log.info,
             on_end=self._changed.set,
             on_beside=self._announce,
@@ -147,14 +162,17 @@ class _Run:
         async with _printing(scenario, is_drawn=is_drawn):
             try:
                 with contextlib.ExitStack() as listening:
+                    # Companions join before the services, whose first messages they need
                     listening.callback(self._bus.subscribe(HEALTH, self._on_health).close)
-                    for each in self._plan.beside:
-                        listening.enter_context(each.joined(self._bus))
+                    for companion in self._plan.beside:
+                        listening.enter_context(companion.joined(self._bus))
                     await scenario.begin()
                     if self._plan.is_limited:
                         self._limit_s = scenario.end_s
                     if self._plan.scenario:
                         listening.callback(self._bus.serve(RUN_SCENARIO, self._requests.serve).close)
+
+                    # The view last: until then, errors and notes are lines
                     if self._console is not None:
                         parts = present(DISPLAY_PARTS)
                         for view in present(LIVE_VIEWS):
@@ -166,13 +184,11 @@ class _Run:
                 await scenario.end()
 
     def _announce(self, beside: Beside) -> None:
-        say_or_tell = (
-            _print_sentence
-            if self._console is None
-            else functools.partial(_print_event, console=self._console)
-        )
         for sentence in beside.greeting(is_drawn=self._console is not None):
-            say_or_tell(sentence)
+            if self._console is None:
+                _print_sentence(sentence)
+            else:
+                _print_event(sentence, self._console)
 
     async def _until_over(self, scenario: RunningScenario) -> None:
         while not scenario.has_ended:
@@ -180,10 +196,10 @@ class _Run:
             if self._requests:
                 await self._requests.apply_next(scenario)
                 continue
-            left_s = self._left_s()
-            if left_s is not None and left_s <= 0.0:
+            remaining_s = self._remaining_s()
+            if remaining_s is not None and remaining_s <= 0.0:
                 return
-            await wait_up_to(self._changed, left_s)
+            await wait_up_to(self._changed, remaining_s)
 
     def _on_health(self, health: Health, _instance: str) -> None:
         if self._viewers.on_health(health, time.monotonic()):
@@ -198,20 +214,22 @@ class _Run:
             return self._limit_s
         return self.stage.end_s
 
-    def _left_s(self) -> float | None:
+    def _remaining_s(self) -> float | None:
         end_s = self._end_s()
         if end_s is None:
             return None
-        until_s = end_s if self._limit_s is not None else max(end_s, self._viewers.until_s)
-        return until_s - time.monotonic()
+        if self._limit_s is None:
+            end_s = max(end_s, self._viewers.until_s)
+        return end_s - time.monotonic()
 
     def _lasted_s(self, scenario: RunningScenario) -> float:
         """Return the time that `scenario` has run: its duration, if that ended it."""
         now_s = time.monotonic()
         end_s = self._end_s()
-        is_prolonged = self._limit_s is None and end_s is not None and self._viewers.until_s > end_s
-        if end_s is not None and not is_prolonged:
-            now_s = min(now_s, end_s)
+        if end_s is not None:
+            is_prolonged = self._limit_s is None and self._viewers.until_s > end_s
+            if not is_prolonged:
+                now_s = min(now_s, end_s)
         return now_s - scenario.began_s
 
 
@@ -228,7 +246,10 @@ def new_warnings(health: Mapping[str, Health], shown: set[tuple[str, ...]]) -> l
     sentences: list[str] = []
     for instance, report in list(health.items()):
         for problem in report.all_problems:
-            if problem.severity == "warning" and (identity := (instance, *problem.identity)) not in shown:
+            if problem.severity != "warning":
+                continue
+            identity = (instance, *problem.identity)
+            if identity not in shown:
                 shown.add(identity)
                 sentences.append(f"{instance}: {problem.sentence}")
     return sentences
@@ -244,7 +265,8 @@ async def _printing(scenario: RunningScenario, *, is_drawn: bool) -> AsyncGenera
             await asyncio.sleep(FIGURES_S)
             for sentence in new_warnings(scenario.monitor.health, shown):
                 log.warning("%s", sentence)
-            if line := figures(scenario.monitor).plain:
+            line = figures(scenario.monitor).plain
+            if line:
                 log.info("%s", line)
 
     tasks: list[asyncio.Task[None]] = []
@@ -348,23 +370,40 @@ def run(
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)
-    choices = run_options.choices_of(options, output)
+    typed = run_options.choices_of(options, output)
     people = 0 if site_only else users
-    _check_people(choices, people)
-    added = [part.add(chosen, choices, options | {"site_only": not people}) for part in run_options.PARTS]
-    given = [setting for each in added for setting in each.settings]
-    is_moved = any(each.moves_wrists for each in added)
-    asked = choices
-    services = (*choices.services, *(name for each in added for name in each.site_services))
-    settings = (*given, *choices.settings)
-    choices = dataclasses.replace(choices, page=is_moved, services=services, settings=settings)
+    _check_people(typed, people)
+
+    # What optional rooms add. Their settings come first, since --set wins over them
+    part_values = options | {"site_only": not people}
+    additions = [part.add(chosen, typed, part_values) for part in run_options.PARTS]
+    settings = chain.from_iterable(addition.settings for addition in additions)
+    site_services = chain.from_iterable(addition.site_services for addition in additions)
+    choices = dataclasses.replace(
+        typed,
+        page=any(addition.moves_wrists for addition in additions),
+        services=(*typed.services, *site_services),
+        settings=(*settings, *typed.settings),
+    )
+
+    # Only what was typed is checked: parts may set parameters of services that this run lacks
     launches = scenario_launches(chosen, choices, people)
-    check_settings(launches, asked, *(name for each in added for name in each.services))
+    part_services = chain.from_iterable(addition.services for addition in additions)
+    check_settings(launches, typed, *part_services)
+
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
     name = Path(scenario).stem
     program = None if site_only else ScenarioCatalog.beginning_with(name, scenario, chosen, choices)
+    notes = list(chain.from_iterable(addition.notes for addition in additions))
+    if not people:
+        notes.append(NO_PEOPLE)
+    notes += [*_ros2_notes(options), *assumed_places(launches, choices)]
+    closing_notes = filter(None, (addition.closing_note for addition in additions))
+    beside = chain.from_iterable(addition.beside for addition in additions)
+    watchers = chain.from_iterable(addition.watchers for addition in additions)
+    has_address = options["listen"] or options["connect"]
     plan = Plan(
         name=name,
         launches=launches,
@@ -376,20 +415,15 @@ def run(
         is_limited=options["duration"] is not None,
         speed=speed,
         processes=options["processes"],
-        notes=(
-            *(note for each in added for note in each.notes),
-            *([] if people else [NO_PEOPLE]),
-            *_ros2_notes(options),
-            *assumed_places(launches, choices),
-        ),
-        closing_note=" ".join(each.closing_note for each in added if each.closing_note),
-        may_move=not options["listen"] and not options["connect"],
+        notes=tuple(notes),
+        closing_note=" ".join(closing_notes),
+        may_move=not has_address,
         scored=not site_only,
         view=not options["no_view"],
         summary=summary,
         as_json=as_json,
-        beside=[beside for each in added for beside in each.beside],
-        watchers=[watcher for each in added for watcher in each.watchers],
+        beside=list(beside),
+        watchers=list(watchers),
         scenario=name,
         title=chosen.title_as(name),
         offers=() if program is None else program.offered,
@@ -400,7 +434,8 @@ def run(
 
 
 def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
-    if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
+    has_address = options["listen"] or options["connect"]
+    if has_address or not options["ros2"] or given_credentials() is not None:
         return ()
     return (f"7447 is the ROS router's port: give other commands --connect {run_options.BESIDE_ROS}",)
 

@@ -53,6 +53,7 @@ def _localization(ctx: click.Context, parameter: click.Parameter, value: str | N
 
 def shared_options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
+    # click shows the option first that was added last
     for option in reversed(
         [
             click.option(
@@ -134,6 +135,9 @@ def choices_of(options: dict[str, Any], output: str = "") -> Choices:
         ConfigError: If an environment variable is for a service that does not exist.
     """
     check_environment(os.environ, registry.names())
+    services: tuple[str, ...] = options["services"]
+    if options.get("on"):
+        services = (*services, "reactions")
     return Choices(
         seed=options["seed"],
         localize=options["localize"] is not None,
@@ -145,7 +149,7 @@ def choices_of(options: dict[str, Any], output: str = "") -> Choices:
         stature_m=options["stature_m"],
         imu=options["imu"],
         output=output,
-        services=(*options["services"], *(("reactions",) if options.get("on") else ())),
+        services=services,
         ros2=options.get("ros2", False),
         files=options["files"],
         settings=options["settings"],
@@ -179,11 +183,12 @@ def pose(text: str) -> FloorPose:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in {2, 3} or not all(math.isfinite(number) for number in numbers):
+    if len(numbers) not in {2, 3} or not all(map(math.isfinite, numbers)):
         raise click.BadParameter(f"{text!r}: give X,Y or X,Y,YAW in metres and degrees, such as 2.0,0.5,20")
     x_m, y_m, *rest = numbers
     yaw_deg = rest[0] if rest else None
-    if max(abs(x_m), abs(y_m)) > FARTHEST or abs(yaw_deg or 0.0) > 360.0:
+    is_far = max(abs(x_m), abs(y_m)) > FARTHEST
+    if is_far or abs(yaw_deg or 0.0) > 360.0:
         raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST:,.0f}, YAW degrees to 360")
     return FloorPose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
 

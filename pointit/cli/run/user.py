@@ -46,7 +46,8 @@ def _loader(name: str) -> Callable[[], click.Command]:
         try:
             return service_command(row.load(), row.label)
         except ConfigError as error:  # its help is available before its dependencies are installed
-            return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
+            about = f"{row.about}\n\n{error}."
+            return unavailable_command(row.name, row.scope, about, row.config(), error)
 
     return loaded
 
@@ -111,26 +112,41 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
     check_user(name)
     for check in present(PERSON_CHECKS):
         check(name)
+
+    # Where the site says what runs there, and which places are free
     if scenario is None or place is None:
         link = joining(options)
-        found = (USUAL, 1) if not link.connect else inspect_site(link.site, link.connect)
+        found: Found | None = (USUAL, 1)
+        if link.connect:
+            found = inspect_site(link.site, link.connect)
         if found is None:
             return 0
-        scenario = scenario or found[0]
-        place = place or found[1]
+        site_scenario, free_place = found
+        scenario = scenario or site_scenario
+        place = place or free_place
+
     chosen: Scenario = read_scenario(scenario)
     choices = dataclasses.replace(choices_of(options), page=True)
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
         if len(given) > 1:
             raise ConfigError(f"{option} is given {len(given)} times for one person")
-    if shared := added_services(choices, "site"):
+    shared = added_services(choices, "site")
+    if shared:
         raise ConfigError(
             f"--with {shared[0]}: it is shared by all people: start it with `pointit service run {shared[0]}`"
         )
-    launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
+
+    # Places count from 1 for people
+    own_choices = choices.of_one(place - 1)
+    launches = user_launches(chosen, own_choices, name, place - 1)
     if here:
         launches += shard_launches(chosen, choices, name)
     check_settings(launches, choices)
+    about_place = f"{name} takes part in {Path(scenario).stem}, place {place}"
+    notes = (
+        f"{about_place}; --scenario, --place change that",
+        *assumed_places(launches, own_choices, place - 1),
+    )
     plan = Plan(
         name=name,
         launches=launches,
@@ -141,10 +157,7 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
         scored=False,
         view=not options["no_view"],
         person=name,
-        notes=(
-            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place change that",
-            *assumed_places(launches, choices.of_one(place - 1), place - 1),
-        ),
+        notes=notes,
     )
     return execute(plan, options["log_level"])
 
@@ -157,15 +170,16 @@ def inspect_site(site: str, connect: Sequence[str]) -> Found | None:
 
     Without a reply it is the default scenario's first place: its run may start later.
     """
-    found: list[Found] = []
+    results: list[Found] = []
 
     async def look() -> int:
         try:
             async with join_site(site, connect) as bus:
-                found.append(await surroundings(bus))
+                results.append(await surroundings(bus))
         except ConnectError:
-            found.append((USUAL, 1))
+            results.append((USUAL, 1))
         return 0
 
+    # Ctrl-C ends it without a result
     run_until_shutdown(look())
-    return found[0] if found else None
+    return results[0] if results else None

@@ -5,11 +5,11 @@ import dataclasses
 import datetime as dt
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
-from rich.console import Console
 from rich.text import Text
 
 from pointit.cli.common import site_link
@@ -37,7 +37,7 @@ from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Health, Interaction, KeyHealth, Quantiles
+from pointit.schemas import Health, Interaction, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, INTERACTION, MAP, SHARD_ALIVE
 from pointit.services.registry import add_installed, person_of
@@ -75,8 +75,11 @@ def _options(link: Link) -> str:
     """
     if link.credentials is not None:
         return ""
-    site = "" if link.site == DEFAULT_SITE else f" --site {link.site}"
-    return site + "".join(f" --connect {each}" for each in link.connect if each != DEFAULT_ENDPOINT)
+    options = "" if link.site == DEFAULT_SITE else f" --site {link.site}"
+    for endpoint in link.connect:
+        if endpoint != DEFAULT_ENDPOINT:
+            options += f" --connect {endpoint}"
+    return options
 
 
 def _identities(link: Link) -> str:
@@ -103,36 +106,35 @@ class SiteObserver:
         """Observe until there is enough data; `seen` holds it afterwards."""
         self._began_s = time.monotonic()
         follow_site(self._site, bus, time.monotonic, (CLOCK, DEPLOYMENT, HEALTH, INTERACTION, MAP))
-        bus.watch(
-            SHARD_ALIVE,
-            lambda name, *, present: (self._shards.add if present else self._shards.discard)(name),
-        )
+        bus.watch(SHARD_ALIVE, self._on_shard)
         await asyncio.sleep(MIN_S)
-        while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
+        while time.monotonic() < self._end_s(bus.link):
             self._changed.clear()
             await wait_up_to(self._changed, CHECK_S)
-        sees_no_process = not self._site.services and not self._site.all(DEPLOYMENT)
-        is_open = sees_no_process and bus.link.credentials is None  # with credentials there is a site
-        self.seen = dataclasses.replace(
-            self._observe(bus.link),
-            is_patient=False,
-            other_sites=await sites_at(bus.link) if is_open else (),
-            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_no_process else "",
-        )
+
+        # A site without processes may be another one, or one that may not be viewed
+        observation = self._observe(bus.link)
+        other_sites: tuple[str, ...] = ()
+        denied = ""
+        if not self._site.services and not self._site.all(DEPLOYMENT):
+            if bus.link.credentials is None:  # with credentials there is a site
+                other_sites = await sites_at(bus.link)
+            denied = await bus.denial_reason("reads", HEALTH, ANY)
+        self.seen = dataclasses.replace(observation, is_patient=False, other_sites=other_sites, denied=denied)
 
     def _observe(self, link: Link) -> Observation:
-        reports = self._reports
         now_s = time.monotonic()
         site = self._site
         room = site.get(MAP)
         tick = site.get(CLOCK)
+        reports = {name: tuple(own) for name, own in self._reports.items()}
         return Observation(
             began_s=self._began_s,
             now_s=now_s,
             present=site.services,
             left=site.former_services,
             shards=frozenset(self._shards),
-            reports={name: tuple(reports[name]) for name in reports},
+            reports=reports,
             deployments=dict(site.all(DEPLOYMENT)),
             interactions=dict(site.all(INTERACTION)),
             home_things=() if room is None else home_things(room),
@@ -144,22 +146,42 @@ class SiteObserver:
             identities=_identities(link),
         )
 
+    def _end_s(self, link: Link) -> float:
+        return self._began_s + self._listening_s(self._observe(link))
+
     def _listening_s(self, seen: Observation) -> float:
         """Return the listening time, s: longer while services start, or while a problem may pass."""
-        wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
-        is_complete = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
+        instances = _instances_about(seen.present, self._only)
+        report_counts = [len(seen.reports.get(instance, ())) for instance in instances]
+
+        # A stopped process does not start, so nothing is waited for
         if not seen.stopped and is_anything_starting(seen):
             return STARTS_S
-        if not is_complete or (self._only and not wanted):
+        is_absent = bool(self._only) and not instances
+        if is_absent or min(report_counts, default=2) < 2:
             return LONGEST_S
         return CONFIRM_S if any(map(may_pass, diagnose(seen))) else 0.0
 
+    def _on_shard(self, name: str, *, present: bool) -> None:
+        if present:
+            self._shards.add(name)
+        else:
+            self._shards.discard(name)
+
     def _on_change(self, change: Change) -> None:
-        if isinstance(health := change.message, Health):
-            self._reports.setdefault(change.name, []).append(
-                DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
-            )
+        health = change.message
+        if isinstance(health, Health):
+            report = DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            self._reports.setdefault(change.name, []).append(report)
             self._changed.set()
+
+
+def _instances_about(instances: Iterable[str], only: str) -> list[str]:
+    """Return the instances of a service or person, or all if `only` is `""`, sorted."""
+    selection = sorted(instances)
+    if only:
+        selection = [instance for instance in selection if is_about(instance, only)]
+    return selection
 
 
 @click.command("doctor", params=site_link.site_options())
@@ -196,28 +218,32 @@ def command(
     site_link.quiet()
     add_installed()
     credentials = given_credentials()
-    known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
-    known = [row for row in known if not only or row["name"] == only]
+    identities = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
+    if only:
+        identities = [row for row in identities if row["name"] == only]
+
+    # A site that cannot be joined is one finding
     observer = SiteObserver(only)
     try:
         run_until_shutdown(_listen(observer, site, connect, timeout_s))
     except ConnectError as error:
-        is_refused = all(site_link.listens(each) is False for each in connect)
-        stopped = stopped_processes(site, connect)
+        is_refused = all(site_link.listens(endpoint) is False for endpoint in connect)
         finding = unreachable(
             connect,
-            stopped,
+            stopped_processes(site, connect),
             is_refused=is_refused,
             is_secured=credentials is not None,
             rejection=str(error) if isinstance(error, RejectedError) else "",
         )
-        return _print_report(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
+        nothing = Observation(began_s=0.0, now_s=0.0)
+        return _print_report(nothing, [finding], identities, site, as_json=as_json)
     if observer.seen is None:
         return INTERRUPTED
+
     findings = diagnose(observer.seen)
     if only:
         findings = filter_findings(findings, observer.seen, only)
-    return _print_report(observer.seen, findings, known, site, only=only, as_json=as_json)
+    return _print_report(observer.seen, findings, identities, site, only=only, as_json=as_json)
 
 
 async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
@@ -230,102 +256,140 @@ async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], t
 def _print_report(
     seen: Observation,
     findings: list[Finding],
-    known: Sequence[Row],
+    identities: Sequence[Row],
     site: str,
     *,
     only: str = "",
     as_json: bool,
 ) -> int:
-    healthy = is_healthy(findings)
-    there = seen.present | seen.expected.keys()
-    instances = sorted(each for each in there if not only or is_about(each, only))
+    instances = _instances_about(seen.present | seen.expected.keys(), only)
     if as_json:
-        print_json(
-            {
-                "site": site,
-                "healthy": healthy,
-                "services": [_record(seen, instance) for instance in instances],
-                "findings": [dataclasses.asdict(finding) for finding in findings if not finding.follows],
-                "consequences": [dataclasses.asdict(finding) for finding in findings if finding.follows],
-                "people": [
-                    {"user": user, "state": person.state, "next_step": person.next_step}
-                    for user, person in _people(seen, only)
-                ],
-                "identities": known,
-                "deployments": {
-                    name: item.model_dump(exclude={"services": {"__all__": {"command"}}})  # others' commands
-                    for name, item in seen.deployments.items()
-                },
-            }
-        )
-        return 0 if healthy else EXIT_FAILED
+        _print_json_report(seen, findings, identities, site, only)
+    else:
+        _print_tables(seen, instances, findings, identities, site)
+        _print_findings(findings)
+        _print_closing(seen, findings, instances, only)
+    return 0 if is_healthy(findings) else EXIT_FAILED
+
+
+def _print_json_report(
+    seen: Observation, findings: list[Finding], identities: Sequence[Row], site: str, only: str
+) -> None:
+    instances = _instances_about(seen.present | seen.expected.keys(), only)
+    problems = [dataclasses.asdict(finding) for finding in findings if not finding.follows]
+    consequences = [dataclasses.asdict(finding) for finding in findings if finding.follows]
+    people: list[Row] = []
+    for user, person in _people(seen, only):
+        people.append({"user": user, "state": person.state, "next_step": person.next_step})
+
+    # Commands in deployments are others', and operators copy what they see
+    deployments: dict[str, Any] = {}
+    for name, deployment in seen.deployments.items():
+        deployments[name] = deployment.model_dump(exclude={"services": {"__all__": {"command"}}})
+    report = {
+        "site": site,
+        "healthy": is_healthy(findings),
+        "services": [_record(seen, instance) for instance in instances],
+        "findings": problems,
+        "consequences": consequences,
+        "people": people,
+        "identities": identities,
+        "deployments": deployments,
+    }
+    print_json(report)
+
+
+def _print_tables(
+    seen: Observation,
+    instances: Sequence[str],
+    findings: Sequence[Finding],
+    identities: Sequence[Row],
+    site: str,
+) -> None:
     screen = console()
     if instances:
         rows = tuple(_row(seen, instance, findings) for instance in instances)
-        print_table(
-            screen, OutputSection(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS)
-        )
-    figures = tuple(
-        {"service": service, "user": user, "figures": _figures(health)}
-        for instance in instances
-        if (health := seen.newest(instance)) is not None and health.figures
-        for service, user in [_service_and_user(instance)]
-    )
+        services = OutputSection(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS)
+        print_table(screen, services)
+
+    # Metrics of a service's own, which are too many for columns
+    figures: list[Row] = []
+    for instance in instances:
+        health = seen.newest(instance)
+        if health is not None and health.figures:
+            service, user = _service_and_user(instance)
+            figures.append({"service": service, "user": user, "figures": _figures(health)})
     if figures:
-        print_table(screen, OutputSection(name="figures", about="further measurements", rows=figures))
-    if known:
-        print_table(screen, section(known))
-    if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start
+        measurements = OutputSection(name="figures", about="further measurements", rows=tuple(figures))
+        print_table(screen, measurements)
+
+    # The own certificates were reported at the start
+    if identities:
+        print_table(screen, section(identities))
+    others = expiring(row for row in identities if not row["own"])
+    if others:
         click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
-    _print_findings(screen, findings)
+
+
+def _print_closing(
+    seen: Observation, findings: Sequence[Finding], instances: Sequence[str], only: str
+) -> None:
+    screen = console()
     for sentence in _next_steps(seen, only):
         screen.print(Text(sentence, style="dim"))
-    if healthy:
-        many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
-        screen.print(Text(f"all is well: {many}", style="green"))
-    return 0 if healthy else EXIT_FAILED
+    if is_healthy(findings):
+        services_run = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
+        screen.print(Text(f"all is well: {services_run}", style="green"))
 
 
-def _print_findings(screen: Console, findings: Sequence[Finding]) -> None:
+def _print_findings(findings: Sequence[Finding]) -> None:
     """Print the findings with their remedies, and the number of those that follow from them."""
-    for finding in (each for each in findings if not each.follows):
-        who = f"{finding.service}: " if finding.service else ""
-        screen.print(
-            Text.assemble(
-                (f"{finding.severity}: ", STYLES[finding.severity]),
-                f"{who}{finding.sentence}",
-                (f" [{finding.code}]", "dim"),
-                f"\n    -> {finding.remedy}" if finding.remedy else "",
-            )
-        )
-    if folded := sum(each.follows for each in findings):
-        screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
+    screen = console()
+    consequences = 0
+    for finding in findings:
+        if finding.follows:
+            consequences += 1
+            continue
+        text = Text.assemble((f"{finding.severity}: ", STYLES[finding.severity]))
+        if finding.service:
+            text.append(f"{finding.service}: ")
+        text.append(finding.sentence)
+        text.append(f" [{finding.code}]", "dim")
+        if finding.remedy:
+            text.append(f"\n    -> {finding.remedy}")
+        screen.print(text)
+    if consequences:
+        screen.print(Text(f"    {consequences} more follow from it (--json lists them)", style="dim"))
     if findings and HELP.is_file():
         screen.print(Text(f"each code in brackets is explained in {HELP}", style="dim"))
 
 
 def _people(seen: Observation, only: str) -> list[tuple[str, Interaction]]:
     """Return the people with their states, by name. `only`: a person or service, or `""` for all."""
-    return [each for each in sorted(seen.interactions.items()) if only in ("", each[0])]
+    people = sorted(seen.interactions.items())
+    if only:
+        people = [(user, interaction) for user, interaction in people if user == only]
+    return people
 
 
 def _next_steps(seen: Observation, only: str) -> list[str]:
     """Return the next step of each person who does not point, in one sentence each."""
-    resting = [each for each in _people(seen, only) if each[1].state != "pointing"]
-    return [f"next step of {user}: {person.next_step}" for user, person in resting if person.next_step]
+    sentences: list[str] = []
+    for user, interaction in _people(seen, only):
+        if interaction.next_step and interaction.state != "pointing":
+            sentences.append(f"next step of {user}: {interaction.next_step}")
+    return sentences
 
 
 def _record(seen: Observation, instance: str) -> Row:
     health = seen.newest(instance)
-    service = split_instance(instance)[0]
-    user = person_of(instance)
     return {
         "instance": instance,
-        "service": service,
-        "user": user,
+        "service": split_instance(instance)[0],
+        "user": person_of(instance),
         "present": instance in seen.present,
         "expected": instance in seen.expected,
-        "health": health.model_dump() if health is not None else None,
+        "health": None if health is None else health.model_dump(),
     }
 
 
@@ -336,20 +400,29 @@ def _service_and_user(instance: str) -> tuple[str, str]:
 
 
 def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
-    health = seen.newest(instance) if instance in seen.present else None
     service, user = _service_and_user(instance)
-    return {
+    row: dict[str, Any] = {
         "service": service,
         "user": user,
-        "pid": health.pid if health else None,
-        "host": health.host if health else None,
-        "up": duration_text(health.uptime_s) if health else None,
-        "in_hz": _rates(health, "in"),
-        "out_hz": _rates(health, "out"),
-        "step_ms": _quantiles(health.step) if health else None,
-        "latency_ms": _quantiles(health.latency) if health else None,
+        "pid": None,
+        "host": None,
+        "up": None,
+        "in_hz": "",
+        "out_hz": "",
+        "step_ms": None,
+        "latency_ms": None,
         "status": _status(instance, findings),
     }
+    health = seen.newest(instance)
+    if health is not None and instance in seen.present:
+        row["pid"] = health.pid
+        row["host"] = health.host
+        row["up"] = duration_text(health.uptime_s)
+        row["in_hz"] = _rates(health, "in")
+        row["out_hz"] = _rates(health, "out")
+        row["step_ms"] = _quantiles(health.step)
+        row["latency_ms"] = _quantiles(health.latency)
+    return row
 
 
 def _status(instance: str, findings: Sequence[Finding]) -> Text:
@@ -359,22 +432,26 @@ def _status(instance: str, findings: Sequence[Finding]) -> Text:
     return Text("ok", style="green")
 
 
-def _rates(health: Health | None, direction: str) -> str:
+def _rates(health: Health, direction: str) -> str:
     """Return the rates as `imu 50, ray 50`, by the last part of the keys."""
-    keys: list[KeyHealth] = [
-        key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
-    ]
-    names = ([part for part in key.key.split("/") if "{" not in part][-1] for key in keys)
-    return ", ".join(f"{name} {key.rate_hz:.0f}" for name, key in zip(names, keys, strict=True))
+    rates: list[str] = []
+    for key in health.keys:
+        if key.direction == direction and key.rate_hz > 0:
+            names = [part for part in key.key.split("/") if "{" not in part]
+            rates.append(f"{names[-1]} {key.rate_hz:.0f}")
+    return ", ".join(rates)
 
 
 def _figures(health: Health) -> str:
     """Return a service's own metrics as `drift 3.1 °/min, anchor age 12 s`."""
-    return ", ".join(
-        f"{shown.name} {shown.value:.3g}" + ("" if shown.unit in ("", "°") else " ") + shown.unit
-        for shown in health.figures
-    )
+    figures: list[str] = []
+    for metric in health.figures:
+        gap = "" if metric.unit in ("", "°") else " "
+        figures.append(f"{metric.name} {metric.value:.3g}{gap}{metric.unit}")
+    return ", ".join(figures)
 
 
 def _quantiles(times: Quantiles | None) -> str:
-    return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
+    if times is None:
+        return ""
+    return f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"

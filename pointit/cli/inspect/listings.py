@@ -30,7 +30,8 @@ def services() -> OutputSection:
     for name in names()[len(PROCESSES) :]:
         from pointit.services.service_plugin import SERVICES  # noqa: PLC0415 - only if there is one
 
-        about = f"{SERVICES.foreign_summary(name) or ''} ({SERVICES.package(name)})".strip()
+        summary = SERVICES.foreign_summary(name) or ""
+        about = f"{summary} ({SERVICES.package(name)})".strip()
         rows.append({"name": name, **unknown, "about": about})
     return OutputSection(
         name="services",
@@ -41,13 +42,16 @@ def services() -> OutputSection:
 
 
 def _service_row(row: Process) -> dict[str, Any]:
+    reads = [topic.key for topic in row.reads]
+    writes = [topic.key for topic in row.writes]
+    serves = [request.key for request in row.serves]
     return {
         "name": row.name,
         "scope": row.scope,
         "extra": row.extra,
-        "reads": [topic.key for topic in row.reads],
-        "writes": [topic.key for topic in row.writes],
-        "serves": [request.key for request in row.serves],
+        "reads": reads,
+        "writes": writes,
+        "serves": serves,
         "about": row.about,
     }
 
@@ -57,19 +61,20 @@ def topics() -> OutputSection:
     return OutputSection(
         name="topics",
         about="keys below pointit/<site>, see them with `pointit topic echo KEY`",
-        rows=tuple(
-            {
-                "key": topic.key,
-                "message": topic.message.schema_name(),
-                "delivery": topic.delivery.value,
-                "rate_hz": topic.rate_hz,
-                "writers": topic.writers,
-                "about": topic.about,
-            }
-            for topic in table.TOPICS
-        ),
+        rows=tuple(map(_topic_row, table.TOPICS)),
         roomy=frozenset({"message", "writers"}),
     )
+
+
+def _topic_row(topic: table.Topic[Any]) -> dict[str, Any]:
+    return {
+        "key": topic.key,
+        "message": topic.message.schema_name(),
+        "delivery": topic.delivery.value,
+        "rate_hz": topic.rate_hz,
+        "writers": topic.writers,
+        "about": topic.about,
+    }
 
 
 def requests() -> OutputSection:
@@ -77,27 +82,25 @@ def requests() -> OutputSection:
     return OutputSection(
         name="requests",
         about="requests, and the service that replies to each",
-        rows=tuple(
-            {
-                "key": request.key,
-                "query": request.query.schema_name(),
-                "reply": request.reply.schema_name(),
-                "server": request.server,
-                "about": request.about,
-            }
-            for request in table.REQUESTS
-        ),
+        rows=tuple(map(_request_row, table.REQUESTS)),
         roomy=frozenset({"query", "reply"}),
     )
 
 
+def _request_row(request: table.Request[Any, Any]) -> dict[str, Any]:
+    return {
+        "key": request.key,
+        "query": request.query.schema_name(),
+        "reply": request.reply.schema_name(),
+        "server": request.server,
+        "about": request.about,
+    }
+
+
 def presence() -> OutputSection:
     """Return the tokens that exist as long as their owners."""
-    return OutputSection(
-        name="presence",
-        about="tokens that exist as long as their owners",
-        rows=tuple({"key": token.key, "about": token.about} for token in table.PRESENCES),
-    )
+    rows = [{"key": token.key, "about": token.about} for token in table.PRESENCES]
+    return OutputSection(name="presence", about="tokens that exist as long as their owners", rows=tuple(rows))
 
 
 def scenarios() -> OutputSection:
@@ -107,7 +110,8 @@ def scenarios() -> OutputSection:
     rows: list[dict[str, Any]] = []
     for name in scenario_names():
         scenario = read_scenario(name)
-        rows.append({"name": name, "services": [*scenario.site, *scenario.user], "about": scenario.about})
+        own_services = [*scenario.site, *scenario.user]
+        rows.append({"name": name, "services": own_services, "about": scenario.about})
     return OutputSection(
         name="scenarios",
         about="run one with `pointit run NAME`",
@@ -125,9 +129,8 @@ def maps() -> OutputSection:
     for name in shipped_maps():
         with map_path(name) as path:
             file = read_map_file(path)
-            rows.append(
-                {"name": name, "has": contents(file, read_clouds(path, file)), "about": about_map(path)}
-            )
+            clouds = read_clouds(path, file)
+            rows.append({"name": name, "has": contents(file, clouds), "about": about_map(path)})
     return OutputSection(
         name="maps",
         about="use one, or your own file, with `pointit run SCENARIO --set pui.map=NAME`",
@@ -144,7 +147,10 @@ def plugins() -> OutputSection:
         option = OPTIONS[kind]
         for name in group.names:
             use = f"{option}{name}"
+            package = group.package(name)
             about = group.foreign_summary(name)
+
+            # One of ours has its own line, and is left out with its reason if an extra is missing
             if about is None:
                 try:
                     plugin = group.get(name)
@@ -152,18 +158,16 @@ def plugins() -> OutputSection:
                     about = plugin.summary
                 except ConfigError as error:
                     about = str(error)
-            rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
+            rows.append({"name": name, "use": use, "package": package, "about": about})
+
+    # Commands of other packages, with the reason for which one is not added
     context = click.get_current_context(silent=True)
     refused = getattr(context and context.find_root().command, "refused", {})
-    rows += [
-        {
-            "name": each.name,
-            "use": f"pointit {each.name}",
-            "package": each.package,
-            "about": refused.get(each, each.summary),
-        }
-        for each in declared()
-    ]
+    for declaration in declared():
+        about = refused.get(declaration, declaration.summary)
+        use = f"pointit {declaration.name}"
+        package = declaration.package
+        rows.append({"name": declaration.name, "use": use, "package": package, "about": about})
     return OutputSection(
         name="plugins",
         about="parts for `pointit run`, `person add` and `listen`, and commands",
@@ -190,7 +194,8 @@ def command(section: str | None, *, as_json: bool) -> None:
     """
     if section is not None and section not in SECTIONS:
         raise UnknownNameError(f"no section {section!r}; {nearest(section, SECTIONS)}")
-    show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)
+    names = [section] if section else list(SECTIONS)
+    show([SECTIONS[name]() for name in names], as_json=as_json)
 
 
 def _listing(section: str, noun: str, text: str) -> click.Command:

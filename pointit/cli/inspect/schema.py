@@ -46,7 +46,8 @@ def command(message: str | None, folder: Path | None, *, write: bool, check: boo
     if write:
         return _write(folder or DEFAULT_DIR, as_json=as_json)
     if folder is None:
-        folder = DEFAULT_DIR if DEFAULT_DIR.is_dir() or not catalogue.SHIPPED.is_dir() else catalogue.SHIPPED
+        has_checkout = DEFAULT_DIR.is_dir() or not catalogue.SHIPPED.is_dir()
+        folder = DEFAULT_DIR if has_checkout else catalogue.SHIPPED
     if check:
         return _check(folder, as_json=as_json)
     if message is not None:
@@ -69,14 +70,14 @@ def read_folder(folder: Path) -> dict[str, bytes]:
             f"{folder}: there is no such folder; run this in the root of PointIt's checkout, or name the "
             "catalogue's folder with --dir"
         )
+    files: dict[str, bytes] = {}
     try:
-        return {
-            path.relative_to(folder).as_posix(): path.read_bytes()
-            for path in sorted(folder.rglob("*"))
-            if path.is_file()
-        }
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                files[path.relative_to(folder).as_posix()] = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be read ({error.strerror})") from error
+    return files
 
 
 def write_folder(folder: Path, files: dict[str, bytes]) -> None:
@@ -136,7 +137,9 @@ def _schema_of(name: str, folder: Path) -> dict[str, Any]:
     kind: Kind | None = kinds.get(plain)
     if kind is None:
         near = difflib.get_close_matches(plain, kinds, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(kinds)}"
+        hint = f"there are {', '.join(kinds)}"
+        if near:
+            hint = f"did you mean {near[0]}?"
         raise SchemaError(f"no message {name!r}; {hint}")
     if not version or version == str(kind.version):
         return catalogue.message_schema(kind)
@@ -152,10 +155,13 @@ def _field_rows(schema: dict[str, Any], definitions: dict[str, Any], prefix: str
     rows: list[Row] = []
     required = schema.get("required", ())
     for name, field in schema.get("properties", {}).items():
-        default = "required" if name in required else json.dumps(field.get("default"), ensure_ascii=False)
         text, part = _type_of(field, definitions)
-        if part is not None and name not in required:
-            default = "" if field.get("default") is not None else default
+        value = field.get("default")
+        default = json.dumps(value, ensure_ascii=False)
+        if name in required:
+            default = "required"
+        elif part is not None and value is not None:
+            default = ""  # the rows of its fields have it
         about = field.get("description", "")
         rows.append({"field": prefix + name, "type": text, "default": default, "about": about})
         if part is not None:
@@ -169,19 +175,29 @@ def _type_of(field: dict[str, Any], definitions: dict[str, Any]) -> tuple[str, d
         name = field["$ref"].rpartition("/")[2]
         return name, definitions[name]
     if "anyOf" in field:
-        found = [_type_of(each, definitions) for each in field["anyOf"]]
-        return " or ".join(text for text, _ in found), next((part for _, part in found if part), None)
+        alternatives = [_type_of(alternative, definitions) for alternative in field["anyOf"]]
+        models = filter(None, (model for _, model in alternatives))
+        return " or ".join(text for text, _ in alternatives), next(models, None)
     if "enum" in field:
         return " | ".join(str(value) for value in field["enum"]), None
     if field.get("type") == "array":
+        # A tuple, such as a vector, has a schema for each place, all of the same type
         places: list[dict[str, Any]] = field.get("prefixItems", [])
-        text, part = _type_of(places[0] if places else field["items"], definitions)
-        unit = " (norm 1)" if "x-norm" in field else ""
-        return (f"{len(places)} x {text}{unit}" if places else f"list of {text}"), part
+        if not places:
+            text, model = _type_of(field["items"], definitions)
+            return f"list of {text}", model
+        text, model = _type_of(places[0], definitions)
+        norm = " (norm 1)" if "x-norm" in field else ""
+        return f"{len(places)} x {text}{norm}", model
     return _plain_type(field), None
 
 
 def _plain_type(field: dict[str, Any]) -> str:
-    name = "bytes" if field.get("format") == "binary" else str(field.get("const", field.get("type", "any")))
+    name = str(field.get("const", field.get("type", "any")))
+    if field.get("format") == "binary":
+        name = "bytes"
     bounds = ((">=", "minimum"), (">", "exclusiveMinimum"), ("<=", "maximum"), ("<", "exclusiveMaximum"))
-    return " ".join([name, *(f"{sign} {field[keyword]:g}" for sign, keyword in bounds if keyword in field)])
+    for sign, keyword in bounds:
+        if keyword in field:
+            name += f" {sign} {field[keyword]:g}"
+    return name

@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from typing import Any
 
 import click
@@ -13,6 +14,7 @@ import click
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import (
     OutputSection,
+    Row,
     console,
     json_option,
     print_table,
@@ -24,7 +26,7 @@ from pointit.cli.common.panels import Finite
 from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.diagnosis.observation import silence_reason
-from pointit.runtime.bus.contract import AnyTopic, Bus
+from pointit.runtime.bus.contract import AnyTopic, Bus, Subscription
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import KeyNameError, Message, encode
@@ -71,14 +73,16 @@ def resolve(typed: str) -> list[Wanted]:
 
 def resolve_all(typed: Iterable[str]) -> list[Wanted]:
     """Return the topics that match any of `typed`, each row and name once."""
-    return list(dict.fromkeys(wanted for key in typed for wanted in resolve(key)))
+    matches = chain.from_iterable(map(resolve, typed))
+    return list(dict.fromkeys(matches))
 
 
 def _match(parts: Sequence[str], pattern: Sequence[str]) -> str | None:
     """Return the part for the placeholder of `pattern`, `""` if it has none, or None if it does not match."""
     if parts[-1] == EVERYTHING:
         head = parts[:-1]
-        parts = [*head, *[ANY] * (len(pattern) - len(head))]
+        rest = [ANY] * (len(pattern) - len(head))
+        parts = [*head, *rest]
     if len(parts) != len(pattern):
         return None
     name = ""
@@ -91,11 +95,12 @@ def _match(parts: Sequence[str], pattern: Sequence[str]) -> str | None:
 
 
 def _advice(parts: Sequence[str]) -> str:
-    for what, rows in (("something to ask for", REQUESTS), ("presence", PRESENCES)):
+    # The commands for topics, requests and presence are easily confused
+    for kind, rows in (("something to ask for", REQUESTS), ("presence", PRESENCES)):
         for row in rows:
             if _match(parts, row.key.split("/")) is not None:
                 hint = "; ask with `pointit service call`" if rows is REQUESTS else ""
-                return f"{row.key} is {what} ({row.about}), not a topic{hint}"
+                return f"{row.key} is {kind} ({row.about}), not a topic{hint}"
     known = [filled(topic.key, parts) for topic in TOPICS]
     near = difflib.get_close_matches("/".join(parts), known, n=3, cutoff=0.5)
     if near:
@@ -106,10 +111,11 @@ def _advice(parts: Sequence[str]) -> str:
 def filled(key: str, parts: Sequence[str]) -> str:
     """Return `key` with the placeholder replaced by the typed part."""
     own = key.split("/")
-    return "/".join(
-        parts[i] if _is_placeholder(part) and i < len(parts) and parts[i] else part
-        for i, part in enumerate(own)
-    )
+    for position, part in enumerate(own):
+        typed = parts[position] if position < len(parts) else ""
+        if typed and _is_placeholder(part):
+            own[position] = typed
+    return "/".join(own)
 
 
 def _is_placeholder(part: str) -> bool:
@@ -137,6 +143,8 @@ async def echo(site: SiteAddress, key: str, *, count: int | None, as_json: bool)
         follow_site(state, bus, loop.time, ())
         for topic, name in wanted:
             bus.subscribe(topic, functools.partial(printer.show, topic), name or ANY)
+
+        # A notice after each silence, once for the same newest message
         printed_s: float | None = None
         while not printer.done.is_set():
             wait_s = printer.newest_s + SILENCE_S - loop.time()
@@ -183,14 +191,16 @@ def format_message(key: str, message: Message, *, as_json: bool) -> str:
 
 def _tell_silence(key: str, wanted: list[Wanted], present: frozenset[str], *, any_yet: bool) -> None:
     """Print a notice to standard error; topics that change rarely may be silent after a message."""
-    if any_yet and all(topic.delivery is not Delivery.LATEST for topic, _ in wanted):
+    is_periodic = any(topic.delivery is Delivery.LATEST for topic, _ in wanted)
+    if any_yet and not is_periodic:
         return
-    more = " more" if any_yet else ""
     if len(wanted) == 1:
-        reason = silence_reason(*wanted[0], present)
+        ((topic, name),) = wanted
+        reason = silence_reason(topic, name, present)
     else:
         reason = f"present: {', '.join(sorted(present)) or 'no service'}"
-    click.echo(f"waiting: nothing{more} on {key} for {SILENCE_S:g} s; {reason}", err=True)
+    nothing = "nothing more" if any_yet else "nothing"
+    click.echo(f"waiting: {nothing} on {key} for {SILENCE_S:g} s; {reason}", err=True)
 
 
 def window_options(default_s: float, note: str = "") -> Decorator:
@@ -255,16 +265,24 @@ class RateMeter:
 
     def take(self, now_s: float, window_s: float) -> TopicRate:
         """Return the rate in the last `window_s` until `now_s`, and start the next window."""
-        known = self._periods > 0
-        silence_s = 0.0 if self._last_s is None else now_s - self._last_s
+        rate_hz: float | None = None
+        period_min_s: float | None = None
+        period_max_s: float | None = None
+        jitter_s: float | None = None
+        if self._last_s is not None and self._periods > 0:
+            if self._mean_s > 0:
+                rate_hz = 1.0 / self._mean_s
+            period_min_s = self._min_s
+            period_max_s = max(self._max_s, now_s - self._last_s)
+            jitter_s = math.sqrt(self._squares_s2 / self._periods)
         rate = TopicRate(
             key=self._key,
             messages=self._messages,
-            rate_hz=1.0 / self._mean_s if known and self._mean_s > 0 else None,
+            rate_hz=rate_hz,
             nominal_hz=self._nominal_hz,
-            period_min_s=self._min_s if known else None,
-            period_max_s=max(self._max_s, silence_s) if known else None,
-            jitter_s=math.sqrt(self._squares_s2 / self._periods) if known else None,
+            period_min_s=period_min_s,
+            period_max_s=period_max_s,
+            jitter_s=jitter_s,
             bytes_per_s=self._bytes / window_s,
         )
         self._reset()
@@ -291,8 +309,10 @@ async def hz(
         raise UnknownNameError(
             f"KEY is missing: name one, such as '{IMU.at(ANY)}', or measure all topics with --all"
         )
+
+    # A key that is named whole is shown even if nothing comes on it
     wanted = resolve_all([EVERYTHING] if everything else keys)
-    named = resolve_all(key for key in keys if ANY not in key)
+    named = resolve_all([key for key in keys if ANY not in key])
     loop = asyncio.get_running_loop()
     async with site.join() as bus:
         counter = TopicCounter(bus, wanted, named)
@@ -301,9 +321,10 @@ async def hz(
             rates = counter.take(loop.time(), window_s)
             conflated = counter.take_conflated()
             truth = counter.pose_errors.take()
-            read_on = show_rates(rates, window_s, conflated, truth, as_json=as_json)
-            if not (watch and read_on):
-                return 0 if any(rate.messages for rate in rates) else EXIT_FAILED
+            is_read = show_rates(rates, window_s, conflated, truth, as_json=as_json)
+            if not watch or not is_read:
+                has_message = any(rate.messages for rate in rates)
+                return 0 if has_message else EXIT_FAILED
 
 
 class TopicCounter:
@@ -318,8 +339,10 @@ class TopicCounter:
         for topic, name in named:
             if name != ANY:
                 self._meter(topic, name)
-        self._subscriptions = [bus.subscribe(row, self._handler(row), name or ANY) for row, name in wanted]
-        topics = [row for row, _ in wanted]
+        self._subscriptions: list[Subscription] = []
+        for topic, name in wanted:
+            self._subscriptions.append(bus.subscribe(topic, self._handler(topic), name or ANY))
+        topics = [topic for topic, _ in wanted]
         if OBJECTS in topics or POSE in topics:
             bus.subscribe(OBJECTS, self.pose_errors.add)
             bus.subscribe(POSE, self.pose_errors.add)
@@ -356,28 +379,33 @@ def show_rates(
         click.echo(
             f"{conflated} messages came faster than they could be counted: rates are too low", err=True
         )
+
+    # One object on a line for programs, which read window by window
     if as_json:
-        shown = {"keys": [asdict(rate) for rate in rates], "truth": [asdict(row) for row in truth]}
-        return write_line(to_json({"window_s": window_s, **shown}))
-    rows = tuple(
-        {
-            "key": rate.key,
-            "messages": rate.messages,
-            "rate_hz": rate.rate_hz,
-            "nominal_hz": rate.nominal_hz,
-            "min_ms": _ms(rate.period_min_s),
-            "max_ms": _ms(rate.period_max_s),
-            "jitter_ms": _ms(rate.jitter_s),
-            "bytes/s": round(rate.bytes_per_s),
-        }
-        for rate in rates
-    )
-    if rows:
-        print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
-        print_errors(console(), truth)
-    else:
+        keys = list(map(asdict, rates))
+        errors = list(map(asdict, truth))
+        return write_line(to_json({"window_s": window_s, "keys": keys, "truth": errors}))
+
+    if not rates:
         click.echo(f"nothing came within {window_s:g} s; see `pointit doctor`", err=True)
+        return True
+    rows = tuple(map(_rate_row, rates))
+    print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
+    print_errors(console(), truth)
     return True
+
+
+def _rate_row(rate: TopicRate) -> Row:
+    return {
+        "key": rate.key,
+        "messages": rate.messages,
+        "rate_hz": rate.rate_hz,
+        "nominal_hz": rate.nominal_hz,
+        "min_ms": _ms(rate.period_min_s),
+        "max_ms": _ms(rate.period_max_s),
+        "jitter_ms": _ms(rate.jitter_s),
+        "bytes/s": round(rate.bytes_per_s),
+    }
 
 
 def _ms(value_s: float | None) -> float | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from pointit.cli.common.output import (
     OutputSection,
+    Row,
     console,
     json_option,
     print_table,
@@ -131,7 +132,8 @@ class PathJoiner:
             return
         path = self._open.get(stamp_ns)
         if path is None:
-            path = self._open[stamp_ns] = SamplePath(stamp_ns, {CAPTURE: self._wall_ns(stamp_ns)}, now_s)
+            captured_ns = self._wall_ns(stamp_ns)
+            path = self._open[stamp_ns] = SamplePath(stamp_ns, {CAPTURE: captured_ns}, now_s)
             if len(self._open) > MAX_OPEN:
                 self._open.popitem(last=False)
         if hop not in path.at_ns or sent_ns < path.at_ns[hop]:
@@ -149,7 +151,8 @@ class PathJoiner:
             self._judged[stamp_ns] = None
             if len(self._judged) > MAX_OPEN:
                 self._judged.popitem(last=False)
-            if path.first_s >= self._ready_s and path.at_ns.keys() - SHARED > {CAPTURE}:
+            own_hops = path.at_ns.keys() - SHARED
+            if path.first_s >= self._ready_s and own_hops > {CAPTURE}:
                 paths.append(path)
         return paths
 
@@ -173,19 +176,22 @@ class HopFigures:
 
 def hop_figures(paths: Sequence[SamplePath]) -> list[HopFigures]:
     """Return the figures of each hop that any of `paths` reached, in order."""
-    return [
-        HopFigures(
+    hops: list[HopFigures] = []
+    for hop, after in CAUSES.items():
+        samples = sum(hop in path.at_ns for path in paths)
+        if not samples:
+            continue
+        figures = HopFigures(
             hop=hop,
             after=after,
-            samples=sum(hop in path.at_ns for path in paths),
+            samples=samples,
             delta_p50_s=_quantile(paths, SamplePath.delta_s, hop, 0.5),
             delta_p99_s=_quantile(paths, SamplePath.delta_s, hop, 0.99),
             total_p50_s=_quantile(paths, SamplePath.total_s, hop, 0.5),
             total_p99_s=_quantile(paths, SamplePath.total_s, hop, 0.99),
         )
-        for hop, after in CAUSES.items()
-        if any(hop in path.at_ns for path in paths)
-    ]
+        hops.append(figures)
+    return hops
 
 
 def farthest(paths: Sequence[SamplePath]) -> SamplePath:
@@ -196,9 +202,15 @@ def farthest(paths: Sequence[SamplePath]) -> SamplePath:
 def _quantile(
     paths: Sequence[SamplePath], span_s: Callable[[SamplePath, str], float | None], hop: str, share: float
 ) -> float | None:
-    values = [value for path in paths if (value := span_s(path, hop)) is not None]
-    # nearest rank: one of the values
-    return float(np.quantile(values, share, method="inverted_cdf")) if values else None
+    spans_s: list[float] = []
+    for path in paths:
+        duration_s = span_s(path, hop)
+        if duration_s is not None:
+            spans_s.append(duration_s)
+    if not spans_s:
+        return None
+    # Nearest rank: one of the values
+    return float(np.quantile(spans_s, share, method="inverted_cdf"))
 
 
 @site_command("trace", cls=PanelCommand, usual=("count", "watch", "as_json", "connect"))
@@ -232,14 +244,17 @@ async def command(site: SiteAddress, user: str, *, count: int, watch: bool, as_j
         await _check_rights(bus, user)
         tracer = Tracer(bus, user)
         while True:
+            # One measurement after the other: a sample counts in one only
             paths = await _measure(tracer, count)
-            read_on = _print_measurement(tracer.trace(paths), count, as_json=as_json)
-            if not (watch and read_on):
+            is_read = _print_measurement(tracer.trace(paths), count, as_json=as_json)
+            if not watch or not is_read:
                 return 0
 
 
 async def _check_rights(bus: ZenohBus, user: str) -> None:
-    if denied := await bus.denial_reason("reads", topics.IMU, user):  # who may read these may read the others
+    # Who may read these may read the others
+    denied = await bus.denial_reason("reads", topics.IMU, user)
+    if denied:
         raise AccessDeniedError(f"{denied} (only {user} and the supervisor may trace samples of {user})")
 
 
@@ -251,8 +266,9 @@ async def _measure(tracer: "Tracer", count: int) -> list[SamplePath]:
     with progress(count) as tell:
         while len(paths) < count and loop.time() - newest_s < SILENCE_S:
             await asyncio.sleep(LOOK_S)
-            if found := tracer.take():
-                paths += found
+            new_paths = tracer.take()
+            if new_paths:
+                paths += new_paths
                 newest_s = loop.time()
             tell(f"samples of {tracer.user}", min(len(paths), count))
     if not paths:
@@ -312,7 +328,8 @@ class Tracer:
         follow_site(self._site, bus, self._loop.time, ())
         bus.tap(topics.HEALTH, self._tap("health"))
         for hop, topic in TOPICS.items():
-            bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else topics.ANY)
+            name = user if topic.placeholder == "user" else topics.ANY
+            bus.tap(topic, self._tap(hop), name)
 
     def take(self) -> list[SamplePath]:
         """Return the samples that are complete, or will not be, since the last call."""
@@ -337,22 +354,25 @@ class Tracer:
 
     def trace(self, paths: Sequence[SamplePath]) -> Trace:
         """Return the result over `paths`, at least one."""
-        hops = farthest(paths)
-        figures = tuple(hop_figures(paths))
-        way = tuple(self._traced(hops, hop) for hop in CAUSES if hop in hops.at_ns)
-        hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
+        newest = farthest(paths)
+        path = [self._traced(newest, hop) for hop in CAUSES if hop in newest.at_ns]
+
+        # Clocks of machines that are on the way of any of the samples
+        hosts: set[str] = set()
+        for sample in paths:
+            hosts.update(self._writer(sample, hop)[1] for hop in sample.processes)
+        clocks: list[str] = []
+        for skew in self._skews.skews(self._loop.time()):
+            if skew.host and skew.host in hosts:
+                clocks.append(skew.sentence(self._skews.here))
         return Trace(
             user=self.user,
             samples=len(paths),
-            stamp_ns=hops.stamp_ns,
-            captured_ns=hops.at_ns[CAPTURE],
-            path=way,
-            hops=figures,
-            clocks=tuple(
-                skew.sentence(self._skews.here)
-                for skew in self._skews.skews(self._loop.time())
-                if skew.host in hosts
-            ),
+            stamp_ns=newest.stamp_ns,
+            captured_ns=newest.at_ns[CAPTURE],
+            path=tuple(path),
+            hops=tuple(hop_figures(paths)),
+            clocks=tuple(clocks),
             invalid=self._invalid,
         )
 
@@ -361,29 +381,35 @@ class Tracer:
         reason = silence_reason(topics.IMU, self.user, self._site.services)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
-    def _traced(self, hops: SamplePath, hop: str) -> TracedHop:
-        service, host = self._writer(hops, hop)
+    def _traced(self, path: SamplePath, hop: str) -> TracedHop:
+        service, host = self._writer(path, hop)
         return TracedHop(
             hop=hop,
             service=service,
             host=host,
-            at_ns=hops.at_ns[hop],
-            delta_s=hops.delta_s(hop),
-            total_s=hops.total_s(hop),
+            at_ns=path.at_ns[hop],
+            delta_s=path.delta_s(hop),
+            total_s=path.total_s(hop),
         )
 
-    def _writer(self, hops: SamplePath, hop: str) -> tuple[str, str]:
-        """Return instance and host of the publisher of `hops` at `hop`, `""` where unknown."""
+    def _writer(self, path: SamplePath, hop: str) -> tuple[str, str]:
+        """Return instance and host of the publisher of `path` at `hop`, `""` where unknown."""
         topic = TOPICS["frame" if hop == LIGHT else hop]
-        here = [
-            health
-            for process, health in self._reports.values()
-            if process == hops.processes[hop] and health.user in ("", self.user) and _writes(health, topic)
-        ]
-        own = [health for health in here if split_instance(health.instance)[1] == self.user] or here
+        writers: list[Health] = []
+        for process, health in self._reports.values():
+            is_of_process = process == path.processes[hop] and _writes(health, topic)
+            if is_of_process and health.user in ("", self.user):
+                writers.append(health)
+
+        # A person's own service before the shared ones of the same process
+        own = [health for health in writers if split_instance(health.instance)[1] == self.user]
         if own:
-            return _joined(health.instance for health in own), _joined(health.host for health in own)
-        return _joined(present_writers(topic, self.user, self._site.services)), ""
+            writers = own
+        if not writers:
+            return _joined(present_writers(topic, self.user, self._site.services)), ""
+        instances = _joined(health.instance for health in writers)
+        hosts = _joined(health.host for health in writers)
+        return instances, hosts
 
     def _tap(self, hop: str) -> Tap:
         def on_message(arrived: Message | Undecoded, _name: str) -> None:  # on any thread
@@ -411,7 +437,10 @@ class Tracer:
 
 
 def _writes(health: Health, topic: AnyTopic) -> bool:
-    return any(key.key == topic.key and key.direction == "out" for key in health.keys)
+    for key in health.keys:
+        if key.key == topic.key and key.direction == "out":
+            return True
+    return False
 
 
 def _joined(names: Iterable[str]) -> str:
@@ -426,39 +455,52 @@ def _print_measurement(trace: Trace, count: int, *, as_json: bool) -> bool:
         click.echo(f"{trace.invalid} messages could not be decoded; see `pointit doctor`", err=True)
     if as_json:
         return write_line(to_json(asdict(trace)))
-    services = {each.hop: each.service for each in trace.path}
-    way = tuple(
-        {
-            "hop": each.hop,
-            "service": each.service,
-            "host": each.host,
-            "published": _clock_time(each.at_ns),
-            "delta_ms": _ms(each.delta_s),
-            "total_ms": _ms(each.total_s),
-        }
-        for each in trace.path
-    )
-    hops = tuple(
-        {
-            "hop": each.hop,
-            "after": each.after,
-            "service": services.get(each.hop, ""),
-            "reached_%": round(100 * each.samples / trace.samples),
-            "delta_p50": _ms(each.delta_p50_s),
-            "delta_p99": _ms(each.delta_p99_s),
-            "total_p50": _ms(each.total_p50_s),
-            "total_p99": _ms(each.total_p99_s),
-        }
-        for each in trace.hops
-    )
+
+    # One sample, then all
     screen = console()
-    about = f"of {trace.user}, captured at {_clock_time(trace.captured_ns)} ({trace.stamp_ns})"
-    print_table(screen, OutputSection(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
-    about = f"{trace.samples} samples, ms since the hop before and since capture"
-    print_table(screen, OutputSection(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
+    captured = _clock_time(trace.captured_ns)
+    sample = OutputSection(
+        name="sample",
+        about=f"of {trace.user}, captured at {captured} ({trace.stamp_ns})",
+        rows=tuple(map(_path_row, trace.path)),
+        roomy=frozenset(("host",)),
+    )
+    print_table(screen, sample)
+    services = {traced.hop: traced.service for traced in trace.path}
+    hops = OutputSection(
+        name="hops",
+        about=f"{trace.samples} samples, ms since the hop before and since capture",
+        rows=tuple(_hop_row(hop, trace.samples, services.get(hop.hop, "")) for hop in trace.hops),
+        roomy=frozenset(("service",)),
+    )
+    print_table(screen, hops)
     for sentence in trace.clocks:
         say(f"warning: {sentence}")
     return True
+
+
+def _path_row(traced: TracedHop) -> Row:
+    return {
+        "hop": traced.hop,
+        "service": traced.service,
+        "host": traced.host,
+        "published": _clock_time(traced.at_ns),
+        "delta_ms": _ms(traced.delta_s),
+        "total_ms": _ms(traced.total_s),
+    }
+
+
+def _hop_row(hop: HopFigures, samples: int, service: str) -> Row:
+    return {
+        "hop": hop.hop,
+        "after": hop.after,
+        "service": service,
+        "reached_%": round(100 * hop.samples / samples),
+        "delta_p50": _ms(hop.delta_p50_s),
+        "delta_p99": _ms(hop.delta_p99_s),
+        "total_p50": _ms(hop.total_p50_s),
+        "total_p99": _ms(hop.total_p99_s),
+    }
 
 
 def _clock_time(at_ns: int) -> str:

@@ -3,11 +3,11 @@
 import asyncio
 import contextlib
 import math
+import operator
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import click
 import numpy as np
@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from pointit.cli.common.output import (
     OutputSection,
+    Row,
     console,
     json_option,
     print_table,
@@ -116,7 +117,8 @@ class TrackerMeters:
         self._duplicate_finder.on_objects(tracker, message)
         if self._only and tracker not in self._only:
             return
-        self._meters.setdefault(tracker, RateMeter(tracker)).add(arrived_s, len(encode(message)))
+        meter = self._meters.setdefault(tracker, RateMeter(tracker))
+        meter.add(arrived_s, len(encode(message)))
         ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MAX_LINES))
         ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
         self._newest[tracker] = message
@@ -124,12 +126,13 @@ class TrackerMeters:
 
     def add_health(self, health: Health, instance: str) -> None:
         """Add the bodies that motion capture reports."""
-        if health.service == MOCAP:
-            self._bodies[instance] = {
-                figure.name.removeprefix(BODY): "used" if figure.value else "not used"
-                for figure in health.figures
-                if figure.name.startswith(BODY)
-            }
+        if health.service != MOCAP:
+            return
+        states: dict[str, str] = {}
+        for figure in health.figures:
+            if figure.name.startswith(BODY):
+                states[figure.name.removeprefix(BODY)] = "used" if figure.value else "not used"
+        self._bodies[instance] = states
 
     def add_configuration(self, configuration: Configuration, instance: str) -> None:
         """Add the bodies that motion capture is configured for."""
@@ -138,7 +141,8 @@ class TrackerMeters:
         if configuration.service == MOCAP:
             with contextlib.suppress(ValidationError):
                 config = MocapConfig.model_validate_json(configuration.parameters)
-                self._configured[instance] = {name: each.meaning for name, each in config.bodies.items()}
+                meanings = {name: body.meaning for name, body in config.bodies.items()}
+                self._configured[instance] = meanings
 
     def add_pose(self, user: str, pose: UserPose) -> None:
         """Add the pose of a person, which is compared with that of trackers."""
@@ -149,54 +153,66 @@ class TrackerMeters:
         trackers: list[TrackerRow] = []
         for tracker, message in sorted(self._newest.items()):
             ages_s = self._ages_s[tracker]
-            trackers.append(
-                TrackerRow(
-                    tracker=tracker,
-                    objects=len(message.objects),
-                    rate_hz=self._meters[tracker].take(now_s, window_s).rate_hz,
-                    age_s=float(np.median(ages_s)) if ages_s else None,
-                    age_p95_s=float(np.quantile(ages_s, 0.95)) if ages_s else None,
-                    latency_sigma_s=message.latency_sigma_s,
-                )
+            age_s: float | None = None
+            age_p95_s: float | None = None
+            if ages_s:
+                age_s = float(np.median(ages_s))
+                age_p95_s = float(np.quantile(ages_s, 0.95))
+            row = TrackerRow(
+                tracker=tracker,
+                objects=len(message.objects),
+                rate_hz=self._meters[tracker].take(now_s, window_s).rate_hz,
+                age_s=age_s,
+                age_p95_s=age_p95_s,
+                latency_sigma_s=message.latency_sigma_s,
             )
+            trackers.append(row)
             ages_s.clear()
-        duplicates = [
-            twin
-            for twin in self._duplicate_finder.duplicates
-            if not self._only or not self._only.isdisjoint((twin.tracker, twin.other_tracker))
-        ]
+
+        # Duplicates are sought among all trackers, also those that are not shown
+        twins: list[str] = []
+        for twin in self._duplicate_finder.duplicates:
+            if not self._only or not self._only.isdisjoint((twin.tracker, twin.other_tracker)):
+                twins.append(twin.sentence)
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
             bodies=tuple(self._body_rows()),
             truth=self._pose_errors.take(),
-            twins=tuple(twin.sentence for twin in duplicates),
+            twins=tuple(twins),
         )
 
     def _body_rows(self) -> Iterator[BodyRow]:
         for service, states in sorted(self._bodies.items()):
             configured = self._configured.get(service, {})
             for body in sorted(states.keys() | configured.keys()):
-                state = states.get(body, "not in the stream")
-                yield BodyRow(body=body, service=service, configured_as=configured.get(body, ""), state=state)
+                yield BodyRow(
+                    body=body,
+                    service=service,
+                    configured_as=configured.get(body, ""),
+                    state=states.get(body, "not in the stream"),
+                )
 
 
 def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
-    return [
-        ObjectRow(
-            object=item.id,
-            kind=item.kind,
-            tracker=tracker,
-            x_m=item.position_m[0],
-            y_m=item.position_m[1],
-            z_m=item.position_m[2],
-            speed_mps=math.hypot(*item.velocity_mps),
-            yaw_deg=None if item.yaw_rad is None else math.degrees(item.yaw_rad),
-            sigma_m=item.position_sigma_m,
-        )
-        for tracker, message in sorted(newest.items())
-        for item in sorted(message.objects, key=lambda each: each.id)
-    ]
+    rows: list[ObjectRow] = []
+    for tracker, message in sorted(newest.items()):
+        for item in sorted(message.objects, key=operator.attrgetter("id")):
+            x_m, y_m, z_m = item.position_m
+            yaw_deg = None if item.yaw_rad is None else math.degrees(item.yaw_rad)
+            row = ObjectRow(
+                object=item.id,
+                kind=item.kind,
+                tracker=tracker,
+                x_m=x_m,
+                y_m=y_m,
+                z_m=z_m,
+                speed_mps=math.hypot(*item.velocity_mps),
+                yaw_deg=yaw_deg,
+                sigma_m=item.position_sigma_m,
+            )
+            rows.append(row)
+    return rows
 
 
 @site_command("track")
@@ -222,6 +238,7 @@ async def command(
         def on_objects(message: TrackedObjects, tracker: str) -> None:
             meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())
 
+        # Motion capture says in its health and its configuration which bodies it knows
         bus.subscribe(OBJECTS, on_objects)
         bus.subscribe(HEALTH, meters.add_health)
         bus.subscribe(CONFIGURATION, meters.add_configuration)
@@ -229,9 +246,10 @@ async def command(
         while True:
             await asyncio.sleep(window_s)
             tracking = meters.take(loop.time(), window_s)
-            read_on = show(tracking, window_s, as_json=as_json)
-            if not (watch and read_on):
-                return 0 if tracking.trackers or tracking.bodies else EXIT_FAILED
+            is_read = show(tracking, window_s, as_json=as_json)
+            if not watch or not is_read:
+                has_result = bool(tracking.trackers or tracking.bodies)
+                return 0 if has_result else EXIT_FAILED
 
 
 def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
@@ -243,34 +261,35 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
             f"no tracker sent a message within {window_s:g} s; start one, or see `pointit doctor`", err=True
         )
         return True
-    trackers = tuple(
-        {
-            "tracker": row.tracker,
-            "objects": row.objects,
-            "rate_hz": row.rate_hz,
-            "age_ms": _scaled(row.age_s, 1e3),
-            "p95_ms": _scaled(row.age_p95_s, 1e3),
-            "sigma_ms": _scaled(row.latency_sigma_s, 1e3),
-        }
-        for row in tracking.trackers
-    )
-    objects: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.objects)
+
+    # A table each, as far as there is something in it
     screen = console()
+    trackers = tuple(map(_shown_tracker, tracking.trackers))
     print_table(screen, OutputSection(name="trackers", about=f"over {window_s:g} s", rows=trackers))
+    objects: list[Row] = [asdict(row) for row in tracking.objects]
     if objects:
         roomy = frozenset(("kind", "yaw_deg"))
-        print_table(
-            screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
-        )
-    if tracking.bodies:
-        bodies: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.bodies)
-        print_table(
-            screen, OutputSection(name="bodies", about="in the stream and as configured", rows=bodies)
-        )
+        section = OutputSection(name="objects", about="as last reported", rows=tuple(objects), roomy=roomy)
+        print_table(screen, section)
+    bodies: list[Row] = [asdict(row) for row in tracking.bodies]
+    if bodies:
+        section = OutputSection(name="bodies", about="in the stream and as configured", rows=tuple(bodies))
+        print_table(screen, section)
     print_errors(screen, tracking.truth)
     for sentence in tracking.twins:
         say(f"warning: {sentence}")
     return True
+
+
+def _shown_tracker(row: TrackerRow) -> Row:
+    return {
+        "tracker": row.tracker,
+        "objects": row.objects,
+        "rate_hz": row.rate_hz,
+        "age_ms": _scaled(row.age_s, 1e3),
+        "p95_ms": _scaled(row.age_p95_s, 1e3),
+        "sigma_ms": _scaled(row.latency_sigma_s, 1e3),
+    }
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

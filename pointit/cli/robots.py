@@ -122,8 +122,11 @@ async def find_robots(bus: Bus) -> dict[str, Found]:
             names.add(name or service)
 
     # A robot with a state needs no reason for having none
-    robots: dict[str, Found] = dict.fromkeys(planned, "lost")
-    robots |= dict.fromkeys(names, "silent")
+    robots: dict[str, Found] = {}
+    for name in planned:
+        robots[name] = "lost"
+    for name in names:
+        robots[name] = "silent"
     robots |= states
     return dict(sorted(robots.items()))
 

@@ -241,7 +241,8 @@ def init(
     for person in (*people, *_numbered("guest", guests)):
         _refuse_taken(person, roles)
         roles[person] = "user"
-    roles |= dict.fromkeys(_numbered("dashboard", dashboards), "dashboard")
+    for dashboard in _numbered("dashboard", dashboards):
+        roles[dashboard] = "dashboard"
 
     path = folder if folder != Path() else Path(name)
     site = SiteFolder(path)

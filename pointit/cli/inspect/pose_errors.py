@@ -51,8 +51,8 @@ class PoseErrors:
             position_error_m: float | None = None
             yaw_error_deg: float | None = None
             pose = self._poses.get(person)
-            if pose is not None:
-                error = true_pose.error_of(pose)
+            error = None if pose is None else true_pose.error_of(pose)
+            if error is not None:
                 position_error_m = error.position_m
                 yaw_error_deg = _degrees(error.yaw_rad)
             row = TruthRow(

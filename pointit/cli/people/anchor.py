@@ -89,61 +89,83 @@ def drift_degpmin(pose: UserPose) -> float:
 
 def fields(pose: UserPose, now_ns: int, error: PoseError | None = None) -> dict[str, Any]:
     """Return `pose` and its `error` for programs; angles in degrees, ages in seconds, None if unknown."""
-    yaw_error_rad = None if error is None else error.yaw_rad
-    position_m, yaw_rad = sigmas(pose)
-    rate_sigma = pose.yaw_rate_sigma_radps
+    position_sigma_m, yaw_sigma = sigmas(pose)
+    yaw_rad = math.remainder(pose.yaw_rad, math.tau)
+    remembered = pose.remembered_bias.localizations if pose.remembered_bias else 0
+    drift_sigma: float | None = None
+    if pose.yaw_rate_sigma_radps is not None:
+        drift_sigma = math.degrees(pose.yaw_rate_sigma_radps) * 60.0
+    anchor_age_s = _age_s(pose.anchored_ns, now_ns) if pose.anchored_ns else None
+
+    # Errors, where a tracker sees the true pose. It may know the position only
+    position_error_m: float | None = None
+    yaw_error_deg: float | None = None
+    if error is not None:
+        position_error_m = error.position_m
+        if error.yaw_rad is not None:
+            yaw_error_deg = math.degrees(error.yaw_rad)
     return {
         "position_m": pose.position_m,
-        "position_sigma_m": position_m,
-        "yaw_deg": math.degrees(math.remainder(pose.yaw_rad, math.tau)),
-        "yaw_sigma_deg": math.degrees(yaw_rad),
+        "position_sigma_m": position_sigma_m,
+        "yaw_deg": math.degrees(yaw_rad),
+        "yaw_sigma_deg": math.degrees(yaw_sigma),
         "elevation_bias_deg": math.degrees(pose.elevation_bias_rad),
-        "remembered_localizations": pose.remembered_bias.localizations if pose.remembered_bias else 0,
+        "remembered_localizations": remembered,
         "drift_deg_per_min": drift_degpmin(pose),
-        "drift_sigma_deg_per_min": None if rate_sigma is None else math.degrees(rate_sigma) * 60.0,
-        "anchor_age_s": _age_s(pose.anchored_ns, now_ns) if pose.anchored_ns else None,
+        "drift_sigma_deg_per_min": drift_sigma,
+        "anchor_age_s": anchor_age_s,
         "method": pose.method,
         "age_s": _age_s(pose.stamp_ns, now_ns),
-        "position_error_m": None if error is None else error.position_m,
-        "yaw_error_deg": None if yaw_error_rad is None else math.degrees(yaw_error_rad),
+        "position_error_m": position_error_m,
+        "yaw_error_deg": yaw_error_deg,
     }
 
 
 def lines(shown: Mapping[str, Any]) -> list[str]:
     """Return the result of `fields` as lines for people."""
+    # A pose that was given has no uncertainty
     x, y, z = shown["position_m"]
     is_exact = shown["position_sigma_m"] == shown["yaw_sigma_deg"] == 0.0
-    place = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m"
-    turn = f"{shown['yaw_deg']:.1f}°"
-    if not is_exact:
-        place += f"; 1 sigma {shown['position_sigma_m']:.2f} m"
-        turn += f"; 1 sigma {shown['yaw_sigma_deg']:.1f}°"
-    drift = "not estimated"
-    sigma = shown["drift_sigma_deg_per_min"]
-    if sigma is not None and sigma >= UNKNOWN_DRIFT_DEGPMIN and abs(shown["drift_deg_per_min"]) < sigma:
-        drift = "not known yet"
-    elif sigma is not None:
-        drift = f"{shown['drift_deg_per_min']:.1f} °/min; 1 sigma {sigma:.1f} °/min"
-    anchor = "never" if shown["anchor_age_s"] is None else f"{_age(shown['anchor_age_s'])} ago"
-    rows = [
-        ("position", place),
-        ("yaw", turn),
-        ("drift", drift),
-        ("last anchor", anchor),
-        ("method", METHODS[shown["method"]] + (", counts as exact" if is_exact else "")),
-        ("published", f"{_age(shown['age_s'])} ago"),
-    ]
-    if count := shown["remembered_localizations"]:
-        rows.insert(2, ("remembered", f"elevation bias of {count} localization{'s' * (count > 1)}"))
-    if shown["elevation_bias_deg"]:
-        which = "high" if shown["elevation_bias_deg"] > 0 else "low"
-        rows.insert(2, (f"rays too {which}", f"by {abs(shown['elevation_bias_deg']):.1f}°"))
+    position = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m"
+    yaw = f"{shown['yaw_deg']:.1f}°"
+    method = METHODS[shown["method"]]
+    if is_exact:
+        method += ", counts as exact"
+    else:
+        position += f"; 1 sigma {shown['position_sigma_m']:.2f} m"
+        yaw += f"; 1 sigma {shown['yaw_sigma_deg']:.1f}°"
+    rows = [("position", position), ("yaw", yaw)]
+
+    # The bias of this localization, and what earlier ones have left
+    bias_deg = shown["elevation_bias_deg"]
+    if bias_deg:
+        side = "high" if bias_deg > 0 else "low"
+        rows.append((f"rays too {side}", f"by {abs(bias_deg):.1f}°"))
+    count = shown["remembered_localizations"]
+    if count:
+        noun = "localization" if count == 1 else "localizations"
+        rows.append(("remembered", f"elevation bias of {count} {noun}"))
+
+    rows.append(("drift", _drift_text(shown["drift_deg_per_min"], shown["drift_sigma_deg_per_min"])))
+    anchor_age_s = shown["anchor_age_s"]
+    rows.append(("last anchor", "never" if anchor_age_s is None else f"{_age(anchor_age_s)} ago"))
+    rows.append(("method", method))
+    rows.append(("published", f"{_age(shown['age_s'])} ago"))
     if shown["position_error_m"] is not None:
-        turn = "not known" if shown["yaw_error_deg"] is None else f"{shown['yaw_error_deg']:+.1f}°"
-        rows.append(
-            ("true error", f"position {shown['position_error_m']:.2f} m, yaw {turn}, by motion capture")
-        )
+        yaw_error_deg = shown["yaw_error_deg"]
+        yaw_error = "not known" if yaw_error_deg is None else f"{yaw_error_deg:+.1f}°"
+        errors = f"position {shown['position_error_m']:.2f} m, yaw {yaw_error}, by motion capture"
+        rows.append(("true error", errors))
     return [f"{name:<14}{text}" for name, text in rows]
+
+
+def _drift_text(drift: float, sigma: float | None) -> str:
+    """Return a drift and its sigma, °/min, as far as it is known."""
+    if sigma is None:
+        return "not estimated"
+    if sigma >= UNKNOWN_DRIFT_DEGPMIN and abs(drift) < sigma:
+        return "not known yet"
+    return f"{drift:.1f} °/min; 1 sigma {sigma:.1f} °/min"
 
 
 def _age_s(stamp_ns: int, now_ns: int) -> float:
@@ -151,21 +173,28 @@ def _age_s(stamp_ns: int, now_ns: int) -> float:
 
 
 def _age(age_s: float) -> str:
-    return f"{age_s:.1f} s" if age_s < 10 else f"{age_s:.0f} s" if age_s < 120 else f"{age_s / 60:.0f} min"
+    if age_s < 10:
+        return f"{age_s:.1f} s"
+    if age_s < 120:
+        return f"{age_s:.0f} s"
+    return f"{age_s / 60:.0f} min"
 
 
 def people(present: Collection[str]) -> list[str]:
     """Return the users of the services in `present`."""
-    return sorted({user for user in map(person_of, present) if user})
+    return sorted(set(map(person_of, present)) - {""})
 
 
 def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     """Return a clause with the reason why `topic` of `user` is silent, and the remedy."""
-    there = people(present)
-    if user in there:
+    users = people(present)
+    if user in users:
         return silence_reason(topic, user, present)
-    who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"{user} is not on this site, {who}; {add_or_similar(user, there)}"
+    others = "there are no people"
+    if users:
+        are = "is" if len(users) == 1 else "are"
+        others = f"there {are} {', '.join(users)}"
+    return f"{user} is not on this site, {others}; {add_or_similar(user, users)}"
 
 
 def localizing(user: str, localization: Localization | None) -> str:
@@ -177,30 +206,31 @@ def localizing(user: str, localization: Localization | None) -> str:
         return f"{user} waits for the lamps, which {ahead} points at; wait until it is their turn"
     if localization.purpose == "anchor":
         return f"{user} is pointing at {localization.target_id or 'a lamp'} to correct the pose; wait"
-    lamp = (
-        f", lamp {localization.target_index + 1} of {localization.target_count}"
-        if localization.target_count > 1
-        else ""
-    )
+    lamp = ""
+    if localization.target_count > 1:
+        lamp = f", lamp {localization.target_index + 1} of {localization.target_count}"
     return f"{user} is being localized{lamp}; wait until that is done"
 
 
 def out_of_map_warning(place: Vec3, room: Environment) -> str:
     """Return a warning if `place` is farther than `FAR_M` outside the map's contents, else `""`."""
     points = [lamp.position_m for lamp in room.lamps]
-    lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
-    points += [point for line in lines for point in line]
+    for line in (*room.strips, *room.belts):
+        points += line.line_m
     if not points:
         return ""
-    spans = [(min(point[axis] for point in points), max(point[axis] for point in points)) for axis in (0, 1)]
-    away_m = max(max(low - place[axis], place[axis] - high) for axis, (low, high) in enumerate(spans))
+    x_m, y_m, _ = place
+    x_low, x_high = _span([point[0] for point in points])
+    y_low, y_high = _span([point[1] for point in points])
+    away_m = max(x_low - x_m, x_m - x_high, y_low - y_m, y_m - y_high)
     if away_m <= FAR_M:
         return ""
-    (x_low, x_high), (y_low, y_high) = spans
-    return (
-        f"{place[0]:g}, {place[1]:g} m is {away_m:.0f} m outside the contents of map {room.name!r}: "
-        f"x {x_low:.1f} to {x_high:.1f} m, y {y_low:.1f} to {y_high:.1f} m"
-    )
+    contents = f"x {x_low:.1f} to {x_high:.1f} m, y {y_low:.1f} to {y_high:.1f} m"
+    return f"{x_m:g}, {y_m:g} m is {away_m:.0f} m outside the contents of map {room.name!r}: {contents}"
+
+
+def _span(values: Sequence[float]) -> tuple[float, float]:
+    return min(values), max(values)
 
 
 class AnchorNotStartedError(RefusedError):
@@ -257,10 +287,12 @@ class AnchorRequester:
             RefusedError: If it failed, with the reason.
             NoAnswerError: If there is no localizer, or it did not finish in time.
         """
-        before_ns = await self._before()
+        before_ns = await self._wait_for_localizer()
         self._anchor = None
         was_busy = self.is_busy
         had_work = self._localization is not None and self._localization.phase == "sampling"
+
+        # The start: what the localizer does already is not called off
         try:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
@@ -269,13 +301,15 @@ class AnchorRequester:
             if not had_work:
                 await self._call_off()
             raise
+
+        # The pointing: from here on, it is this request's and ends with it
         try:
             async with asyncio.timeout(timeout_s) as limit:
 
                 def wait_in_turn() -> None:  # the timeout starts when this person gets the lamps
                     limit.reschedule(asyncio.get_running_loop().time() + timeout_s)
 
-                return await self._result(before_ns, tell, wait_in_turn)
+                return await self._wait_for_result(before_ns, tell, wait_in_turn)
         except TimeoutError:
             await self._call_off()
             raise NoAnswerError(
@@ -286,7 +320,7 @@ class AnchorRequester:
             await self._call_off()
             raise
 
-    async def _before(self) -> int:
+    async def _wait_for_localizer(self) -> int:
         """Return the stamp of the last Localization so far; newer ones belong to the next request."""
         with (
             contextlib.suppress(TimeoutError),
@@ -296,15 +330,15 @@ class AnchorRequester:
                 while self._localization is None:
                     await self._change()
         if self._localization is None:
-            there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
-            raise NoAnswerError(
-                f"no localizer of {self._user} is heard: {missing_reason(LOCALIZATION, self._user, there)}"
-            )
+            present = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
+            reason = missing_reason(LOCALIZATION, self._user, present)
+            raise NoAnswerError(f"no localizer of {self._user} is heard: {reason}")
         return self._localization.stamp_ns
 
-    async def _result(
+    async def _wait_for_result(
         self, before_ns: int, tell: Callable[[str], None], wait_in_turn: Callable[[], None]
     ) -> Anchor:
+        # Until the anchor, or a Localization that ends the pointing: they have different keys
         reason = None
         while self._anchor is None and reason is None:
             localization = self._localization
@@ -314,10 +348,13 @@ class AnchorRequester:
                     break
                 if localization.ahead:
                     wait_in_turn()
-                    tell(f"wait: {localization.ahead[0]} points at the lamps{_more(localization.ahead[1:])}")
+                    first, *waiting = localization.ahead
+                    tell(f"wait: {first} points at the lamps{_more(waiting)}")
                 else:
                     tell(f"point at {localization.target_id or 'the lamp that is lit'} and stay on it")
             await self._change()
+
+        # An anchor that was accepted comes a moment after its Localization
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LATE_S):
                 while self._anchor is None:
@@ -391,12 +428,12 @@ async def command(site: SiteAddress, user: str, lamp: str, *, timeout_s: float, 
             anchor = await point_once(anchoring, lamp, timeout_s, user)
         except asyncio.CancelledError:
             return INTERRUPTED
-        after = latest_pose.value
+
+        # The pose with the anchor, or the last one if that does not come
+        corrected: UserPose | None = None
         if anchor.accepted:
-            after = (
-                await latest_pose.wait(LATE_S, lambda pose: is_after(pose, anchor, before))
-                or latest_pose.value
-            )
+            corrected = await latest_pose.wait(LATE_S, lambda pose: is_after(pose, anchor, before))
+        after = corrected or latest_pose.value
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
@@ -412,9 +449,9 @@ async def point_once(anchoring: AnchorRequester, lamp: str, timeout_s: float, wh
 
 def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:
     """Return True if `pose` includes `anchor`."""
-    return pose.anchored_ns >= anchor.stamp_ns or (
-        before is not None and pose.anchored_ns > before.anchored_ns
-    )
+    if pose.anchored_ns >= anchor.stamp_ns:
+        return True
+    return before is not None and pose.anchored_ns > before.anchored_ns
 
 
 def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) -> str:
@@ -422,13 +459,15 @@ def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) ->
     lamp = anchor.target_id or "the direction"
     if not anchor.accepted:
         return f"{lamp}: not accepted, the pose is as before: {anchor.reason or 'no reason is given'}"
-    off_deg = math.degrees(anchor.azimuth_error_rad)
-    text = f"{lamp}: the direction was {abs(off_deg):.1f}° too far {'right' if off_deg > 0 else 'left'}"
+    error_deg = math.degrees(anchor.azimuth_error_rad)
+    side = "right" if error_deg > 0 else "left"
+    text = f"{lamp}: the direction was {abs(error_deg):.1f}° too far {side}"
     if after is not None:
         sigma_radps = after.yaw_rate_sigma_radps
-        if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it is not significant
+        is_significant = sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps
+        if is_significant:
             text += f" (the IMU's drift turns the pose by {drift_degpmin(after):.1f} °/min)"
-        text += " and is corrected; " + _certainty(anchor, before, after)
+        text += f" and is corrected; {_certainty(anchor, before, after)}"
     return f"{text}."
 
 
@@ -437,17 +476,22 @@ def _certainty(anchor: Anchor, before: UserPose | None, after: UserPose) -> str:
     text = f"the pose is known {sigma_text(after)} now"
     if before is None:
         return text
-    (place_before_m, yaw_before_rad), (place_m, _) = sigmas(before), sigmas(after)
-    if place_before_m == yaw_before_rad == 0.0:
+    position_before_m, yaw_before_rad = sigmas(before)
+    if position_before_m == yaw_before_rad == 0.0:
         return f"{text}; before, it counted as exact, as it was given"
     text += f", before {sigma_text(before)}"
-    if place_m > place_before_m + LESS_M:
-        why = anchor.reason or "the direction did not fit it"
-        text += f"; the position is less certain than before, {why}: localize again if the person has moved"
+    position_m, _ = sigmas(after)
+    if position_m > position_before_m + LESS_M:
+        reason = anchor.reason or "the direction did not fit it"
+        text += (
+            f"; the position is less certain than before, {reason}: localize again if the person has moved"
+        )
     return text
 
 
 def _fields(user: str, anchor: Anchor, before: UserPose | None, after: UserPose | None) -> dict[str, object]:
+    pose_before = None if before is None else fields(before, anchor.stamp_ns)
+    pose_after = None if after is None else fields(after, anchor.stamp_ns)
     return {
         "user": user,
         "lamp": anchor.target_id,
@@ -455,6 +499,6 @@ def _fields(user: str, anchor: Anchor, before: UserPose | None, after: UserPose 
         "reason": anchor.reason,
         "azimuth_error_deg": math.degrees(anchor.azimuth_error_rad),
         "elevation_error_deg": math.degrees(anchor.elevation_error_rad),
-        "before": None if before is None else fields(before, anchor.stamp_ns),
-        "after": None if after is None else fields(after, anchor.stamp_ns),
+        "before": pose_before,
+        "after": pose_after,
     }

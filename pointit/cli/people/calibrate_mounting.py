@@ -98,11 +98,14 @@ async def command(
         raise UnknownNameError("--show and --erase exclude each other")
     if show or erase:
         return await _show_or_erase(site, user, erase=erase, as_json=as_json)
+
+    # A program that reads JSON has nobody to ask
+    asks = not yes and not as_json
     guidance = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
         waits=not non_interactive,
-        asks=not (yes or non_interactive or as_json),
+        asks=asks and not non_interactive,
     )
     return await _measure(site, user, guidance, as_json=as_json)
 
@@ -125,9 +128,10 @@ async def _measure(site: SiteAddress, user: str, guidance: GuidanceOptions, *, a
         return 0
     say(f"{user}: {reply.message}{site.note}")
     if abs(fitted.heading_change_rad) > NOTICEABLE_RAD:
+        change_deg = math.degrees(fitted.heading_change_rad)
         click.echo(
-            f"{user}: with it the direction turns by {math.degrees(fitted.heading_change_rad):.0f}°: correct "
-            f"the pose with `pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
+            f"{user}: with it the direction turns by {change_deg:.0f}°: correct the pose with "
+            f"`pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
         )
     return 0
 
@@ -142,16 +146,18 @@ async def measure(bus: Bus, user: str, guidance: GuidanceOptions) -> FittedMount
     wrist = _Wrist(bus, user)
     await wrist.check()
     holds: list[MountingHold] = []
-    for name, what in POSES:
-        text = f"{user}: {what}"
+    for name, instruction in POSES:
+        text = f"{user}: {instruction}"
         if guidance.waits:
             await wait_for_enter(
                 f"{text}, then press Enter and rest for {guidance.rest_s:g} s", "--non-interactive"
             )
         else:
             click.echo(f"{text}, and rest for {guidance.rest_s:g} s", err=True)
-        # without Enter, the next pose must be far from the previous one
-        last = holds[-1].mean_xyzw if holds and not guidance.waits else None
+        # Without Enter, the next pose must be far from the previous one
+        last: Quaternion | None = None
+        if holds and not guidance.waits:
+            last = holds[-1].mean_xyzw
         with progress() as tell:
             holds.append(await wrist.rest(name, guidance, tell, last))
         click.echo(f"{user}: good, the arm rested {name}", err=True)
@@ -169,9 +175,9 @@ class _Wrist:
 
     async def check(self) -> None:
         """Check that samples arrive, from a service with a mounting."""
-        there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
+        present = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
         bridge = instance_of(SET_MOUNTING.server, self._user)
-        if bridge not in there:
+        if bridge not in present:
             raise NoAnswerError(
                 f"{bridge} is not present, so there is no sensor to measure (a simulated person wears none): "
                 f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
@@ -179,8 +185,8 @@ class _Wrist:
         with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
             sample = await self._latest.wait(site_link.TIMEOUT_S)
         if sample is None:
-            why = silence_reason(IMU, self._user, there)
-            raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {why}")
+            reason = silence_reason(IMU, self._user, present)
+            raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {reason}")
 
     async def rest(
         self, name: str, guidance: GuidanceOptions, tell: Callable[[str], None], apart_from: Quaternion | None
@@ -190,21 +196,23 @@ class _Wrist:
         try:
             async with asyncio.timeout(guidance.timeout_s):
                 while True:
+                    # On the way from the previous pose, nothing counts
                     sample = await self._latest.wait_for_next()
                     turned_rad = math.pi
                     if apart_from is not None:
                         turned_rad = rotation.angle_between(apart_from, sample.orientation_xyzw)
                     if turned_rad < APART_RAD:
-                        tell(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
+                        turned_deg = math.degrees(turned_rad)
+                        tell(f"{self._user}: the arm has turned by {turned_deg:.0f}° so far")
                         continue
+
+                    # Far from it, until the arm is at rest
                     hold = rest_poses.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
                     if hold is not None:
                         return hold
+                    rested = f"at rest for {rest_poses.rested_s:.1f} of {guidance.rest_s:g} s"
                     moved_deg = math.degrees(rest_poses.moved_rad)
-                    tell(
-                        f"{self._user}: at rest for {rest_poses.rested_s:.1f} of {guidance.rest_s:g} s, "
-                        f"moves by {moved_deg:.1f}°"
-                    )
+                    tell(f"{self._user}: {rested}, moves by {moved_deg:.1f}°")
         except TimeoutError:
             raise NoAnswerError(
                 f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or "
@@ -221,33 +229,37 @@ def format_result(fitted: FittedMounting) -> list[str]:
         f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), "
         f"and the assumed axis of the arm is {off_deg:.0f}° off"
     )
+    level_before = _deg(fitted.forward_before_rad)
+    level_after = _deg(fitted.forward_after_rad)
+    raised_before = _deg(fitted.up_before_rad)
+    raised_after = _deg(fitted.up_after_rad)
     errors = (
-        f"elevation of the level arm: {_deg(fitted.forward_before_rad)} before, "
-        f"{_deg(fitted.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
-        f"{_deg(fitted.up_before_rad)} before, {_deg(fitted.up_after_rad)} with it"
+        f"elevation of the level arm: {level_before} before, {level_after} with this mounting; of the raised "
+        f"arm, less 90°: {raised_before} before, {raised_after} with it"
     )
     return [mounting_text, errors]
 
 
 def _deg(angle_rad: float) -> str:
-    return f"{round(math.degrees(angle_rad), 1) + 0.0:+.1f}°"
+    angle_deg = round(math.degrees(angle_rad), 1) + 0.0  # no minus before 0
+    return f"{angle_deg:+.1f}°"
 
 
 def fields(fitted: FittedMounting) -> dict[str, Any]:
     """Return the result, for programs."""
+    forward_error = _error_fields(fitted.forward_before_rad, fitted.forward_after_rad)
+    up_error = _error_fields(fitted.up_before_rad, fitted.up_after_rad)
     return {
         "about_arm_deg": math.degrees(fitted.about_arm_rad),
         "off_axis_deg": math.degrees(fitted.off_axis_rad),
-        "forward_error_deg": {
-            "before": math.degrees(fitted.forward_before_rad),
-            "after": math.degrees(fitted.forward_after_rad),
-        },
-        "up_error_deg": {
-            "before": math.degrees(fitted.up_before_rad),
-            "after": math.degrees(fitted.up_after_rad),
-        },
+        "forward_error_deg": forward_error,
+        "up_error_deg": up_error,
         "heading_change_deg": math.degrees(fitted.heading_change_rad),
     }
+
+
+def _error_fields(before_rad: float, after_rad: float) -> dict[str, float]:
+    return {"before": math.degrees(before_rad), "after": math.degrees(after_rad)}
 
 
 def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
@@ -266,17 +278,21 @@ async def _show_or_erase(site: SiteAddress, user: str, *, erase: bool, as_json: 
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            say(f"{user}: {reply.message}{site.note if erase else ''}")
+            note = site.note if erase else ""
+            say(f"{user}: {reply.message}{note}")
         return 0
+
+    # Without imu-bridge, nobody else uses the file
     file = StateFile(StoredMountings, user, PURPOSE)
     if erase:
         return erase_local(user, file, "mounting", as_json=as_json)
     stored = read_local(user, file, "mounting", as_json=as_json)
     if stored is not None:
-        for source, own in sorted(stored.by_source.items()):
-            x, y, z, w = own.sensor_from_arm_xyzw
+        for source, mounting in sorted(stored.by_source.items()):
+            x, y, z, w = mounting.sensor_from_arm_xyzw
+            quaternion = f"x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f}"
             click.echo(
-                f"{user}: source {source}, measured with mounting={own.configured}: sensor_from_arm "
-                f"x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f}"
+                f"{user}: source {source}, measured with mounting={mounting.configured}: sensor_from_arm "
+                f"{quaternion}"
             )
     return 0

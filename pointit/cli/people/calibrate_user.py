@@ -130,25 +130,34 @@ def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
     """
     if not anchors:
         return []
+    # One pose for all: each anchor has the pose that the ones before it have corrected
     first = anchors[0]
-    same = [
-        anchor.model_copy(update={"position_m": first.position_m, "yaw_rad": first.yaw_rad})
-        for anchor in anchors
-    ]
+    pose = {"position_m": first.position_m, "yaw_rad": first.yaw_rad}
+    same = [anchor.model_copy(update=pose) for anchor in anchors]
     times_s = [(anchor.stamp_ns - first.stamp_ns) / NS_PER_S for anchor in same]
-    if len(same) < DRIFT_FROM or max(times_s) - min(times_s) < DRIFT_OVER_S:
+    duration_s = max(times_s) - min(times_s)
+    if len(same) < DRIFT_FROM or duration_s < DRIFT_OVER_S:
         return same
-    turned = [0.0 if seen is None else _turn(seen) for seen in map(sighting, same)]
-    slopes = [
-        vector.wrap(turned[b] - turned[a]) / (times_s[b] - times_s[a])
-        for a, b in combinations(range(len(same)), 2)
-        if times_s[b] - times_s[a] > 1.0
-    ]
-    rate_radps = statistics.median(slopes) if slopes else 0.0
-    return [
-        anchor.model_copy(update={"yaw_rad": anchor.yaw_rad + rate_radps * time_s})
-        for anchor, time_s in zip(same, times_s, strict=True)
-    ]
+
+    # Theil and Sen: pairs that are close in time have slopes of noise
+    errors_rad = [_azimuth_error_rad(anchor) for anchor in same]
+    slopes_radps: list[float] = []
+    for a, b in combinations(range(len(same)), 2):
+        elapsed_s = times_s[b] - times_s[a]
+        if elapsed_s > 1.0:
+            slopes_radps.append(vector.wrap(errors_rad[b] - errors_rad[a]) / elapsed_s)
+    rate_radps = statistics.median(slopes_radps) if slopes_radps else 0.0
+
+    steady: list[Anchor] = []
+    for anchor, time_s in zip(same, times_s, strict=True):
+        yaw_rad = anchor.yaw_rad + rate_radps * time_s
+        steady.append(anchor.model_copy(update={"yaw_rad": yaw_rad}))
+    return steady
+
+
+def _azimuth_error_rad(anchor: Anchor) -> float:
+    seen = sighting(anchor)
+    return 0.0 if seen is None else _turn(seen)
 
 
 def _turn(seen: OffsetSighting) -> float:
@@ -157,53 +166,77 @@ def _turn(seen: OffsetSighting) -> float:
 
 def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[AnchorResidual]]:
     """Return the offset fitted to `anchors`, and the residual of each."""
-    steady = [anchor for anchor in anchors if anchor.target_m and anchor.spread_rad <= STEADY_RAD]
-    sightings = [seen for seen in map(sighting, in_one_pose(steady)) if seen is not None]
+    steady = list(filter(_is_steady, anchors))
+    sightings: list[OffsetSighting] = []
+    for anchor in in_one_pose(steady):
+        seen = sighting(anchor)
+        if seen is not None:
+            sightings.append(seen)
     offset_fit = fit(sightings, now_ns)
+
+    # A row for each anchor, in their order. Sightings are of the steady ones only
     rows: list[AnchorResidual] = []
     index = 0
     for anchor in anchors:
         if anchor not in steady:
             rows.append(AnchorResidual(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
             continue
-        rows.append(_row(anchor, sightings[index], offset_fit, is_used=index not in offset_fit.dropped))
+        is_used = index not in offset_fit.dropped
+        rows.append(_row(anchor, sightings[index], offset_fit, is_used=is_used))
         index += 1
     return offset_fit, rows
 
 
+def _is_steady(anchor: Anchor) -> bool:
+    return bool(anchor.target_m) and anchor.spread_rad <= STEADY_RAD
+
+
 def _row(anchor: Anchor, seen: OffsetSighting, offset_fit: OffsetFit, *, is_used: bool) -> AnchorResidual:
-    azimuth = vector.wrap(_turn(seen) - offset_fit.heading_rad)
-    elevation = seen.target_elevation_rad - seen.elevation_rad
-    by_azimuth = by_elevation = 0.0
+    azimuth_rad = vector.wrap(_turn(seen) - offset_fit.heading_rad)
+    elevation_rad = seen.target_elevation_rad - seen.elevation_rad
+    by_azimuth = 0.0
+    by_elevation = 0.0
     if offset_fit.offset is not None:
-        world = seen.azimuth_rad + offset_fit.heading_rad
-        by_azimuth, by_elevation = apply(offset_fit.offset, world, seen.elevation_rad)
+        world_azimuth_rad = seen.azimuth_rad + offset_fit.heading_rad
+        by_azimuth, by_elevation = apply(offset_fit.offset, world_azimuth_rad, seen.elevation_rad)
+    not_accepted = ""
+    if not anchor.accepted:
+        not_accepted = anchor.reason or "no reason given"
     return AnchorResidual(
         lamp=anchor.target_id,
-        azimuth_before_rad=azimuth,
-        azimuth_after_rad=vector.wrap(azimuth - by_azimuth),
-        elevation_before_rad=elevation,
-        elevation_after_rad=elevation - by_elevation,
+        azimuth_before_rad=azimuth_rad,
+        azimuth_after_rad=vector.wrap(azimuth_rad - by_azimuth),
+        elevation_before_rad=elevation_rad,
+        elevation_after_rad=elevation_rad - by_elevation,
         is_used=is_used,
         why_not="" if is_used else "far from the others",
-        not_accepted="" if anchor.accepted else anchor.reason or "no reason given",
+        not_accepted=not_accepted,
     )
 
 
 def rejection_reason(rows: Sequence[AnchorResidual]) -> str:
     """Return the evidence in `rows` that the pose is wrong, so that no offset is stored, or `""`."""
-    measured = [row for row in rows if row.azimuth_before_rad is not None]
-    dropped = sum(not row.is_used for row in measured)
-    if dropped > MAX_DROPPED * len(measured):
-        return f"{dropped} of {len(measured)} pointings exceed the error of a person"
-    azimuths = [row.azimuth_before_rad for row in rows if row.azimuth_before_rad is not None]
-    if not azimuths:
+    azimuths_rad: list[float] = []
+    dropped = 0
+    for row in rows:
+        if row.azimuth_before_rad is not None:
+            azimuths_rad.append(row.azimuth_before_rad)
+            dropped += not row.is_used
+    count = len(azimuths_rad)
+    if dropped > MAX_DROPPED * count:
+        return f"{dropped} of {count} pointings exceed the error of a person"
+    if not azimuths_rad:
         return ""
-    mean = math.atan2(sum(map(math.sin, azimuths)), sum(map(math.cos, azimuths)))
-    rms = math.sqrt(statistics.fmean(vector.wrap(azimuth - mean) ** 2 for azimuth in azimuths))
-    if rms <= SCATTER_RAD:
+
+    # Circular mean: azimuths may lie on both sides of 180°
+    sine = sum(map(math.sin, azimuths_rad))
+    cosine = sum(map(math.cos, azimuths_rad))
+    mean_rad = math.atan2(sine, cosine)
+    squares = [vector.wrap(azimuth_rad - mean_rad) ** 2 for azimuth_rad in azimuths_rad]
+    rms_rad = math.sqrt(statistics.fmean(squares))
+    if rms_rad <= SCATTER_RAD:
         return ""
-    return f"the directions scatter by {math.degrees(rms):.0f}° about their mean"
+    return f"the directions scatter by {math.degrees(rms_rad):.0f}° about their mean"
 
 
 def table_row(row: AnchorResidual) -> dict[str, Any]:
@@ -239,22 +272,22 @@ def _degrees(angle_rad: float | None) -> float | None:
 
 
 def _tenths(angle_rad: float | None) -> Text | None:
-    return (
-        None
-        if angle_rad is None
-        else Text(f"{round(math.degrees(angle_rad), 1) + 0.0:.1f}°", justify="right")
-    )
+    if angle_rad is None:
+        return None
+    angle_deg = round(math.degrees(angle_rad), 1) + 0.0  # no minus before 0
+    return Text(f"{angle_deg:.1f}°", justify="right")
 
 
 def describe(offset: PointingOffset) -> str:
     """Return the effect of an offset as a clause."""
     up_deg = math.degrees(offset.elevation[0])
-    text = f"the rays are turned {'up' if up_deg >= 0 else 'down'} by {abs(up_deg):.1f}°"
+    direction = "up" if up_deg >= 0 else "down"
+    text = f"the rays are turned {direction} by {abs(up_deg):.1f}°"
     if offset.rung == "polynomial":
         text += " in the middle, and differently elsewhere (a polynomial in azimuth and elevation)"
-    many = "pointing" if offset.anchors == 1 else "pointings"
-    left_deg = math.degrees(offset.sigma_rad)
-    return f"{text}; fitted from {offset.anchors} {many}, {left_deg:.1f}° (1 sigma) is left"
+    pointings = "1 pointing" if offset.anchors == 1 else f"{offset.anchors} pointings"
+    remaining_deg = math.degrees(offset.sigma_rad)
+    return f"{text}; fitted from {pointings}, {remaining_deg:.1f}° (1 sigma) is left"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -321,7 +354,11 @@ async def command(
         raise UnknownNameError("--show and --erase exclude each other")
     if show or erase:
         return await _show_or_erase(site, user, erase=erase, as_json=as_json)
-    names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
+
+    # Lamps may be separated by commas, or given one an option
+    names: list[str] = []
+    for text in lamps:
+        names += filter(None, map(str.strip, text.split(",")))
     options = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
     return await _measure(site, user, options, as_json=as_json)
 
@@ -338,11 +375,15 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
             "goes dark",
             err=True,
         )
+
+        # Round after round of all lamps
         try:
             order = list(itertools.islice(itertools.cycle(lamps), count))
             anchors, missed = await _point(anchoring, user, order, options.timeout_s)
         except asyncio.CancelledError:
             return INTERRUPTED
+
+        # Nothing is stored from a pose that is wrong, or without a result
         fitted, rows = assess(anchors, clock.now_ns())
         problem = rejection_reason(rows)
         if problem:
@@ -355,8 +396,9 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
         if problem and options.keeps:
             raise PointItError(f"{user}: nothing is stored: {problem}")
         if fitted.offset is None:
-            why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
-            raise PointItError(f"{user}: no pointing was usable, nothing was changed: {why}")
+            reasons = [*missed, *(row.why_not for row in rows)]
+            reason = "; ".join(dict.fromkeys(reasons))
+            raise PointItError(f"{user}: no pointing was usable, nothing was changed: {reason}")
         note = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if options.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
@@ -383,7 +425,8 @@ async def _lamps(bus: Bus, user: str, options: Sequence[str]) -> list[str]:
     with site_link.notify_if_slow("waiting for the map …"):
         environment = await room.wait(site_link.TIMEOUT_S)
     if environment is None:
-        raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
+        reason = await _silence_reason(bus, MAP, "")
+        raise NoAnswerError(f"there is no map: {reason}")
     await found(bus, user, pose, latest)
     known = [lamp.id for lamp in environment.lamps]
     if not known:
@@ -396,8 +439,9 @@ async def _lamps(bus: Bus, user: str, options: Sequence[str]) -> list[str]:
     return list(options) or known
 
 
-async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
-    return silence_reason(topic, user, await list_present(bus, SERVICE_ALIVE, LISTEN_S))
+async def _silence_reason(bus: Bus, topic: AnyTopic, user: str) -> str:
+    present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+    return silence_reason(topic, user, present)
 
 
 async def _point(
@@ -461,7 +505,8 @@ async def _show_or_erase(site: SiteAddress, user: str, *, erase: bool, as_json: 
             shown: Any = None if offset is None else offset.model_dump(mode="json")
             print_json({"user": user, "from": "supervisor", "offset": shown})
         else:
-            click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
+            effect = "no offset is in use" if offset is None else describe(offset)
+            click.echo(f"{user}: {effect}")
         return 0
     offset = read_local(user, file, "offset", as_json=as_json)
     if offset is not None:

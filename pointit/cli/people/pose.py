@@ -116,10 +116,13 @@ async def command(
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
+
+    # What was typed is complete and consistent before the site is looked for
     query = _place(numbers, yaw_deg)
     if forget_bias and (query, yaw_deg, facing_deg) != (None, None, None):
         raise UnknownNameError("--forget-bias excludes X Y, --yaw and --facing")
-    if yaw_deg is not None and (query is None or facing_deg is not None):
+    allows_yaw = query is not None and facing_deg is None
+    if yaw_deg is not None and not allows_yaw:
         raise UnknownNameError(
             "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
         )
@@ -127,13 +130,15 @@ async def command(
         raise UnknownNameError("--now belongs to --facing")
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
-    asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now, forget_bias=forget_bias)
-    return await _pose(site, user, asked, as_json=as_json)
+    request = _PoseRequest(
+        query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now, forget_bias=forget_bias
+    )
+    return await _pose(site, user, request, as_json=as_json)
 
 
 @dataclass(frozen=True)
-class _Asked:
-    place: SetPose | None
+class _PoseRequest:
+    position: SetPose | None
     keeps_yaw: bool
     facing_deg: float | None
     now: bool
@@ -162,32 +167,37 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
 
-async def _pose(site: SiteAddress, user: str, asked: _Asked, *, as_json: bool) -> int:
+async def _pose(site: SiteAddress, user: str, request: _PoseRequest, *, as_json: bool) -> int:
     async with site.join() as bus:
         clock = SiteClock(bus)
         latest_pose = LatestMessage(bus, POSE, user)
         latest_localization = LatestMessage(bus, LOCALIZATION, user)
         latest_truth = LatestTruth(bus, user)
+
+        # Changes first. For people, their answers are the result
         try:
-            sentences = await _request_changes(bus, user, asked, latest_pose)
+            sentences = await _request_changes(bus, user, request, latest_pose)
         except NoAnswerError as error:
-            there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
-            raise (
-                error
-                if user in people(there)
-                else NoAnswerError(f"nothing was changed: {missing_reason(POSE, user, there)}")
-            ) from error
+            present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+            if user in people(present):
+                raise
+            reason = missing_reason(POSE, user, present)
+            raise NoAnswerError(f"nothing was changed: {reason}") from error
         except asyncio.CancelledError:
             return INTERRUPTED
         if sentences and not as_json:
             for sentence in sentences:
                 say(f"{user}: {sentence}{site.note}")
             return 0
-        if asked.forget_bias:
+
+        # Forgetting succeeds without a known pose
+        if request.forget_bias:
             await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.remembered_bias is None)
-            if latest_pose.value is None:  # forgetting succeeds without a known pose
+            if latest_pose.value is None:
                 print_json({"user": user, "remembered_localizations": 0})
                 return 0
+
+        # The pose now, its age by the site's clock, and its error if a tracker sees the person
         pose = await found(bus, user, latest_pose, latest_localization)
         await asyncio.gather(clock.wait_for_tick(CLOCK_TIMEOUT_S), latest_truth.wait(TRUTH_TIMEOUT_S))
         shown = anchor.fields(pose, clock.now_ns(), latest_truth.error_of(pose))
@@ -235,61 +245,73 @@ async def found(
             pose = await latest_pose.wait(site_link.TIMEOUT_S - SHORT_S)
         if pose is not None:
             return pose
-        if busy := localizing(user, latest.value):
-            raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
-        there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
-    why = missing_reason(POSE, user, there)
-    say_it = f"; or set it: pointit person pose {user} X Y" if user in people(there) else ""
-    raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
+        progress = localizing(user, latest.value)
+        if progress:
+            raise NoAnswerError(f"where {user} stands is not known yet: {progress}")
+        present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+    advice = missing_reason(POSE, user, present)
+    if user in people(present):
+        advice += f"; or set it: pointit person pose {user} X Y"
+    raise NoAnswerError(f"where {user} stands is not known: {advice}")
 
 
 def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     """Return `query` with the yaw of the current pose; a found one stays tracked."""
     if before.method not in ("static_targets", "moving_target"):
         return query.model_copy(update={"yaw_rad": before.yaw_rad})
-    square = TYPED_SIGMA_M**2
+    variance_m2 = TYPED_SIGMA_M**2
+    yaw_variance_rad2 = before.covariance[8]
     return SetPose(
         position_m=query.position_m,
         yaw_rad=before.yaw_rad,
         method=before.method,
-        covariance=(square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, before.covariance[8]),
+        covariance=(variance_m2, 0.0, 0.0, 0.0, variance_m2, 0.0, 0.0, 0.0, yaw_variance_rad2),
         elevation_bias_rad=before.elevation_bias_rad,
     )
 
 
 async def _request_changes(
-    bus: Bus, user: str, asked: _Asked, latest_pose: LatestMessage[UserPose]
+    bus: Bus, user: str, request: _PoseRequest, latest_pose: LatestMessage[UserPose]
 ) -> list[str]:
     """Request the changes of the pose from the localizer, and return its answers as sentences."""
-    if asked.forget_bias:
-        return [(await bus.call(CANCEL_LOCALIZATION, CancelLocalization(forget_bias=True), user)).message]
+    if request.forget_bias:
+        cancelled = await bus.call(CANCEL_LOCALIZATION, CancelLocalization(forget_bias=True), user)
+        return [cancelled.message]
     sentences: list[str] = []
     before = latest_pose.value
-    if asked.place is not None:
+
+    # The position, with the yaw of now: both are one request
+    if request.position is not None:
         before = await latest_pose.wait(YAW_TIMEOUT_S)
-        query = asked.place
+        query = request.position
         room = await LatestMessage(bus, MAP).wait(MAP_TIMEOUT_S)
-        if room is not None and (far := out_of_map_warning(query.position_m, room)):
-            click.echo(f"warning: {far}", err=True)
-        more = ""
-        if asked.keeps_yaw and before is None:
-            more = "; no yaw was known, so it is 0°: give it with --yaw"
-        elif asked.keeps_yaw and before is not None:
+        warning = "" if room is None else out_of_map_warning(query.position_m, room)
+        if warning:
+            click.echo(f"warning: {warning}", err=True)
+        note = ""
+        if request.keeps_yaw and before is None:
+            note = "; no yaw was known, so it is 0°: give it with --yaw"
+        elif request.keeps_yaw and before is not None:
             query = with_yaw_of(query, before)
             if query.method != "fixed":
-                more = "; the yaw stays, and its drift is still tracked"
-        sentences.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
-    if asked.facing_deg is not None:
-        direction = f"{asked.facing_deg:g}°"
-        if not asked.now:
+                note = "; the yaw stays, and its drift is still tracked"
+        moved = await bus.call(SET_POSE, query, user)
+        sentences.append((moved.message or "the pose is set") + note)
+
+    # The heading, by how the arm points at this moment
+    if request.facing_deg is not None:
+        direction = f"{request.facing_deg:g}°"
+        if not request.now:
             await wait_for_enter(
                 f"{user}: point level with a straight arm towards {direction} (0° is along x of the room, "
                 "90° along y), such as at the wall there, and hold; then press Enter",
                 WITHOUT_KEYBOARD,
             )
-        heading = SetHeading(azimuth_rad=math.radians(asked.facing_deg))
-        reply = await bus.call(SET_HEADING, heading, user)
-        sentences.append(reply.message or f"the direction pointed in is {direction} now")
+        heading = SetHeading(azimuth_rad=math.radians(request.facing_deg))
+        turned = await bus.call(SET_HEADING, heading, user)
+        sentences.append(turned.message or f"the direction pointed in is {direction} now")
+
+    # What is shown next must be the new pose
     if sentences:
         changed_from = before.stamp_ns if before is not None else -1
         await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.stamp_ns > changed_from)

@@ -30,11 +30,13 @@ async def command(site: SiteAddress, user: str, *, gesture: str, as_json: bool) 
     """
     check_name(user, "user")
     async with site.join() as bus:
-        if denied := await bus.denial_reason("writes", BUTTON, user):
+        denied = await bus.denial_reason("writes", BUTTON, user)
+        if denied:
             raise AccessDeniedError(denied)
         answer = await press(bus, SiteClock(bus), user, cast("Gesture", gesture))
     if as_json:
         print_json({"user": user, **answer.model_dump(include={"state", "reason", "next_step"})})
     else:
-        say(f"{user}: {answer.state}. {answer.reason} {answer.next_step}".replace("  ", " "))
+        sentence = f"{answer.state}. {answer.reason} {answer.next_step}"
+        say(f"{user}: {sentence}".replace("  ", " "))
     return 0

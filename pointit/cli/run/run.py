@@ -66,11 +66,10 @@ def execute(plan: Plan, log_level: str) -> int:
     check_launches([*plan.launches, *beside], plan.link.addresses)
 
     # The view, if there is a terminal for it. Without one, the run logs
-    console: PlainConsole | None = PlainConsole(stderr=True)
-    can_draw = console.is_terminal and not console.is_dumb_terminal
+    terminal = PlainConsole(stderr=True)
+    can_draw = terminal.is_terminal and not terminal.is_dumb_terminal
     is_wanted = plan.view and can_draw
-    if not is_wanted or not present(LIVE_VIEWS):
-        console = None
+    console = terminal if is_wanted and present(LIVE_VIEWS) else None
     setup_logging(log_level if console is None else "warning", console)
 
     notes = [*plan.notes, *stored_mounting_notices(plan.launches)]

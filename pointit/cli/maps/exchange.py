@@ -129,14 +129,15 @@ def import_(
     _check_is_no_address(source)
     if kind is None:
         raise click.UsageError(f"Missing option '--as'. Choose from: {', '.join(FORMATS)}")
+
+    # Strips by format, then the map, which is checked as `pointit map check` does
     path = output or Path(f"{source.stem}.yaml")
     with notify_if_slow(f"reading {source} …"):
         text = _read_text(source)
         try:
             if kind == "csv":
-                strips = exchange.from_csv(
-                    text, _print_note, parse_pixel_columns(columns, text), first, gap_m
-                )
+                pixel_columns = parse_pixel_columns(columns, text)
+                strips = exchange.from_csv(text, _print_note, pixel_columns, first, gap_m)
             elif kind == "ledmap":
                 strips = exchange.from_ledmap(text, cell_m, gap_m)
             else:
@@ -185,21 +186,22 @@ def _print_notes(strips: Mapping[str, StripEntry]) -> None:
             f"pixels {first} to {last} of the wire are in no strip; "
             "describe the output by the segments at the end of the map"
         )
-    if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
-        names = join_names(uneven[:MAX_NOTES])
+    irregular = [name for name, strip in strips.items() if has_detours(strip)]
+    if irregular:
+        names = join_names(irregular[:MAX_NOTES])
         _print_note(f"{names}: pixels are irregular, so that the line makes detours between them")
 
 
 def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:
     segments = exchange.from_segments(text, preset, _print_note)
-    for name, each in segments.items():
-        if each.rows > 1:
-            size = f"{each.columns} x {each.rows}"
+    for name, segment in segments.items():
+        if segment.rows > 1:
+            size = f"{segment.columns} x {segment.rows}"
             _print_note(f"{name} is a matrix of {size} pixels, laid out as one line")
-        if each.panels:
+        if segment.panels:
             _print_note(
-                f"{name} has {each.pixels} pixels on {each.panels} panels of a matrix, laid out as one line: "
-                "for their positions, scan them, or give WLED's ledmap by --as ledmap"
+                f"{name} has {segment.pixels} pixels on {segment.panels} panels of a matrix, laid out as one "
+                "line: for their positions, scan them, or give WLED's ledmap by --as ledmap"
             )
     return exchange.laid_out(segments, pitch_m)
 

@@ -37,11 +37,8 @@ STANDARD = Path("-")
 
 def _leaves() -> list[ParameterInfo]:
     """Return the parameters of the bridge's backend that are also options here."""
-    return [
-        parameter
-        for parameter in iter_parameters(BackendConfig, ("backend",))
-        if parameter.path[-1] != "node"
-    ]
+    parameters = iter_parameters(BackendConfig, ("backend",))
+    return [parameter for parameter in parameters if parameter.path[-1] != "node"]
 
 
 def _parameter(parameter: ParameterInfo) -> str:
@@ -49,15 +46,16 @@ def _parameter(parameter: ParameterInfo) -> str:
 
 
 def _options() -> list[click.Parameter]:
-    return [
-        click.Option(
+    options: list[click.Parameter] = []
+    for parameter in _leaves():
+        default = MODE if parameter.path[-1] == "mode" else parameter.default
+        option = click.Option(
             [_parameter(parameter), parameter.option],
             metavar=f"<{parameter.type_name}>",
-            help=f"{parameter.field.description}  "
-            f"[default: {MODE if parameter.path[-1] == 'mode' else parameter.default}]",
+            help=f"{parameter.field.description}  [default: {default}]",
         )
-        for parameter in _leaves()
-    ]
+        options.append(option)
+    return options
 
 
 @click.command(
@@ -120,6 +118,8 @@ def command(
         raise UnknownNameError(
             "--parameter and --prefix: the map is in one parameter or in many; give one of them"
         )
+
+    # Options are checked before the extra is asked for
     config = _config(backend)
     if not has_extra("ros2"):
         raise ConfigError(f"map fetch needs {remedy('ros2')}")
@@ -129,21 +129,22 @@ def command(
     request = FetchRequest(
         node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s
     )
-    found: list[Mapping[str, Any]] = []
+    results: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, request, say=_print_progress, notice=notify_if_slow_site))
+        results.append(await fetched(config, request, say=_print_progress, notice=notify_if_slow_site))
         return 0
 
+    # The error at the end is enough: the bridge would warn of each attempt
     bridge = logging.getLogger("pointit.bridges.ros2")
-    bridge.setLevel(logging.ERROR)  # the error at the end is enough
+    bridge.setLevel(logging.ERROR)
     try:
         run_until_shutdown(fetch())
     finally:
         bridge.setLevel(logging.NOTSET)
-    if not found:
+    if not results:
         return INTERRUPTED
-    _write_fetched(name, found[0], output)
+    _write_fetched(name, results[0], output)
     return 0
 
 
@@ -171,7 +172,7 @@ def _write_fetched(node: str, tree: Mapping[str, Any], output: Path | None) -> N
     name = f"the map of {node}" if output is None else str(output)
     path = Path("map.yaml") if output is None else output
     has, findings = examined(name, path, lambda: parse_map_file(content, path))
-    has_errors = any(each.severity == "error" for each in findings)
+    has_errors = any(finding.severity == "error" for finding in findings)
     if not has_errors:
         if output is None:
             print_file(text)

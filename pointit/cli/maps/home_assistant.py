@@ -40,6 +40,7 @@ def import_entities(
     Raises:
         ConfigError: If there is no Home Assistant, a pattern fits no entity, or a file cannot be used.
     """
+    # As of the service, from the environment and from options
     layers = Layers()
     layers.add_environment(os.environ, environment_prefix(SOURCE))
     for option, name, value in (("--url", "url", url), ("--token-file", "token_file", token_file)):
@@ -48,14 +49,19 @@ def import_entities(
     config = layers.build(HomeAssistantConfig)
     entities = asyncio.run(_read(config))
     if not patterns and not areas:
-        rows = tuple(each._asdict() for each in entities)
+        rows = tuple(entity._asdict() for entity in entities)
         show([OutputSection(name="entities", about=f"of {config.url}", rows=rows)], as_json=False)
         say("choose some with --entity or --area, and a map with --into or -o", err=True)
         return
+
+    # Into a map, whose text stays, or into a new one
     chosen = chosen_entities(entities, patterns, areas)
-    content, path = (
-        (b"", output or Path("things.yaml")) if into is None else (read_limited(into, MAX_MAP_BYTES), into)
-    )
+    if into is None:
+        path = output or Path("things.yaml")
+        content = b""
+    else:
+        path = into
+        content = read_limited(into, MAX_MAP_BYTES)
     text, names = with_things(content, path, chosen)
     if into is not None:
         with replaced_file(into) as part:
@@ -95,19 +101,18 @@ def chosen_entities(
         ConfigError: If one fits none.
     """
     chosen: dict[str, HomeEntity] = {}
+    by_id = {entity.entity: entity for entity in entities}
     for pattern in patterns:
-        fitting = {each.entity: each for each in entities if fnmatchcase(each.entity, pattern)}
+        fitting = [entity_id for entity_id in by_id if fnmatchcase(entity_id, pattern)]
         if not fitting:
-            raise ConfigError(
-                f"--entity {pattern}: fits no entity; {nearest(pattern, [each.entity for each in entities])}"
-            )
-        chosen |= fitting
+            raise ConfigError(f"--entity {pattern}: fits no entity; {nearest(pattern, by_id)}")
+        chosen |= {entity_id: by_id[entity_id] for entity_id in fitting}
     for area in areas:
-        fitting = {each.entity: each for each in entities if _folded(each.area) == _folded(area)}
-        if not fitting:
-            known = {each.area for each in entities if each.area}
+        inside = [entity for entity in entities if _folded(entity.area) == _folded(area)]
+        if not inside:
+            known = {entity.area for entity in entities} - {""}
             raise ConfigError(f"--area {area}: has no entities; {nearest(area, known)}")
-        chosen |= fitting
+        chosen |= {entity.entity: entity for entity in inside}
     return list(chosen.values())
 
 
@@ -119,14 +124,16 @@ def with_things(content: bytes, path: Path, entities: Sequence[HomeEntity]) -> t
         RefusedError: If its form does not allow to add them.
     """
     things = parse_map_file(content, path).things if content else {}
-    known = {each.home_assistant for each in things.values()}
+    known = {thing.home_assistant for thing in things.values()}
     adds: list[Add] = []
-    for each in entities:
-        if each.entity in known:
+    for entity in entities:
+        if entity.entity in known:
             continue
-        name = free_name(each.entity.partition(".")[2][:64], things, [add.name for add in adds])
-        value: dict[str, Any] = {"home_assistant": each.entity}
-        if each.name.isprintable() and each.name != name and len(each.name) <= MAX_LABEL:
-            value["label"] = each.name
+        own_name = entity.entity.partition(".")[2][:64]
+        name = free_name(own_name, things, [add.name for add in adds])
+        value: dict[str, Any] = {"home_assistant": entity.entity}
+        can_be_label = entity.name.isprintable() and len(entity.name) <= MAX_LABEL
+        if can_be_label and entity.name != name:
+            value["label"] = entity.name
         adds.append(Add(section="things", name=name, value=value))
     return edited(content, adds, path), [add.name for add in adds]

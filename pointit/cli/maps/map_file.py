@@ -96,13 +96,20 @@ def check(
     with map_path(name_or_path) as path, notify_if_slow(f"reading {name_or_path} …"):
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
         if has and spoken:
-            findings = [*findings, *check_labels(things_of(read_map_file(path)))]
+            things = things_of(read_map_file(path))
+            findings = [*findings, *check_labels(things)]
+
     if as_json:
-        rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
+        rows: list[dict[str, str]] = []
+        for finding in findings:
+            rows.append({"severity": finding.severity, "where": finding.where, "text": finding.text})
         print_json({"map": name_or_path, "has": has, "findings": rows})
     else:
         print_findings(name_or_path, has, findings)
-    if any(strict or each.severity == "error" for each in findings):
+
+    # With --strict each finding counts as an error
+    has_error = any(finding.severity == "error" for finding in findings)
+    if has_error or (strict and findings):
         raise SystemExit(1)
 
 
@@ -120,27 +127,36 @@ def notify_if_slow(text: str) -> Generator[None]:
 
 def print_findings(name: str, has: str, findings: Sequence[MapFinding], *, err: bool = False) -> None:
     """Print the first `MAX_PRINTED` findings, and their number; `err`: to standard error."""
-    for each in findings[:MAX_PRINTED]:
-        click.echo(
-            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
-            f"{_escape_control_characters(f'{each.where}: {each.text}')}",
-            err=err,
-        )
+    for finding in findings[:MAX_PRINTED]:
+        severity = click.style(finding.severity, fg=COLORS[finding.severity], bold=True)
+        text = _escape_control_characters(f"{finding.where}: {finding.text}")
+        click.echo(f"{severity} {text}", err=err)
     if len(findings) > MAX_PRINTED:
         click.echo(f"... and {len(findings) - MAX_PRINTED} more: --json lists all", err=err)
-    errors = sum(each.severity == "error" for each in findings)
+    errors = sum(finding.severity == "error" for finding in findings)
     warnings = len(findings) - errors
-    counts = [
-        f"{count} {word}{'s' * (count > 1)}"
-        for count, word in ((errors, "error"), (warnings, "warning"))
-        if count
-    ]
-    click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}", err=err)
+    counts = _counts((errors, "error"), (warnings, "warning"))
+    summary = f"{name}: {', '.join(counts) or 'no findings'}"
+    if has:
+        summary += f"; {has}"
+    click.echo(summary, err=err)
+
+
+def _counts(*numbers: tuple[int, str]) -> list[str]:
+    """Return each number with its noun, such as `2 errors`, without zeros."""
+    counts: list[str] = []
+    for number, noun in numbers:
+        if number == 1:
+            counts.append(f"1 {noun}")
+        elif number:
+            counts.append(f"{number} {noun}s")
+    return counts
 
 
 def _escape_control_characters(text: str) -> str:
     """Return `text`, which contains names from the file, without terminal control characters, shortened."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
+    letters = [letter if letter.isprintable() else "?" for letter in text[:LONGEST]]
+    return "".join(letters)
 
 
 class PromptedOption(click.Option):
@@ -148,7 +164,9 @@ class PromptedOption(click.Option):
 
     def prompt_for_value(self, ctx: click.Context) -> Any:
         """Return the answer of the operator, or the default if there is no terminal."""
-        return super().prompt_for_value(ctx) if sys.stdin.isatty() else self.get_default(ctx)
+        if not sys.stdin.isatty():
+            return self.get_default(ctx)
+        return super().prompt_for_value(ctx)
 
 
 def _prompted(name: str, kind: "click.ParamType[Any]", default: float, text: str) -> Callable[[F], F]:
@@ -187,8 +205,7 @@ def new(*, file: Path, width: float, depth: float, lamps: int, strips: int) -> N
 
 def room_map(file: Path, width_m: float, depth_m: float, lamps: int, strips: int) -> str:
     """Return the text of the map of a room, in {W} with the origin in the middle of its floor."""
-    counts = ((lamps, "lamp"), (strips, "strip"))
-    has = all_of(f"{count} {word}{'s' * (count > 1)}" for count, word in counts if count)
+    has = all_of(_counts((lamps, "lamp"), (strips, "strip")))
     sections = [HEADER.format(width=width_m, depth=depth_m, has=has, path=file)]
     if lamps:
         sections += ["lamps:", *_lamps(width_m / 2, depth_m / 2, lamps)]
@@ -204,6 +221,8 @@ def _lamps(x_m: float, y_m: float, count: int) -> Iterator[str]:
         azimuth_rad = math.atan2(1, -1) - index * step_rad
         right = math.cos(azimuth_rad)
         ahead = math.sin(azimuth_rad)
+
+        # The wall that the direction meets first
         reach_m = 1 / max(abs(right) / x_m, abs(ahead) / y_m)
         height_m = LAMP_HEIGHTS_M[index % len(LAMP_HEIGHTS_M)]
         position = f"[{reach_m * right:.3f}, {reach_m * ahead:.3f}, {height_m}]"
@@ -223,10 +242,12 @@ def _strips(x_m: float, y_m: float, count: int) -> Iterator[str]:
     for index in range(count):
         wall, first, last = walls[index % len(walls)]
         height_m = STRIP_HEIGHTS_M[index // len(walls)]
-        ends = ", ".join(f"[{x:.3f}, {y:.3f}, {height_m}]" for x, y in (first, last))
-        yield f"  {wall if index < len(walls) else f'{wall}_high'}:"
-        yield f"    line: [{ends}]"
-        yield f"    pixels: {round(math.dist(first, last) * PIXELS_PER_M)}"
+        ends = [f"[{x:.3f}, {y:.3f}, {height_m}]" for x, y in (first, last)]
+        pixels = round(math.dist(first, last) * PIXELS_PER_M)
+        name = wall if index < len(walls) else f"{wall}_high"
+        yield f"  {name}:"
+        yield f"    line: [{', '.join(ends)}]"
+        yield f"    pixels: {pixels}"
 
 
 @click.command("plot")
@@ -261,6 +282,8 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
         )
     if importlib.util.find_spec("matplotlib") is None:
         raise ConfigError(f"pictures need matplotlib, which is not installed; run {remedy('plot')}")
+
+    # Errors of the map are found before the library is loaded
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
     shares = separability(room.fixed_things, room.paced_from) if shades else None

@@ -98,8 +98,9 @@ def read(path: Path) -> tuple[bytes, Environment]:
     """
     content = path.read_bytes()
     file = parse_map_file(content, path)
-    if others := [name for name in file.model_dump(exclude_unset=True) if name not in POINTS]:
-        raise RefusedError(f"{path} has {others[0]}: only lamps, strips, boxes and planes are placed so")
+    for section in file.model_dump(exclude_unset=True):
+        if section not in POINTS:
+            raise RefusedError(f"{path} has {section}: only lamps, strips, boxes and planes are placed so")
     return content, to_message(path, file, {}, 0)
 
 
@@ -112,9 +113,14 @@ def ends_in(room: Environment, names: Sequence[str]) -> dict[str, Vec3]:
     places: dict[str, Vec3] = {lamp.id: lamp.position_m for lamp in room.lamps}
     for strip in room.strips:
         line = Polyline(strip.line_m)
+
+        # The middle of the first and of the last pixel, half a pixel from the ends of the line
         half_m = line.length_m / strip.pixels / 2.0
-        ends = [_vec3(end) for end in line.points_at(np.array([half_m, line.length_m - half_m]))]
-        places[f"{strip.id}:first"], places[f"{strip.id}:last"] = ends[:: strip.direction]
+        positions_m = np.array([half_m, line.length_m - half_m])
+        ends = [_vec3(end) for end in line.points_at(positions_m)]
+        first, last = ends[:: strip.direction]
+        places[f"{strip.id}:first"] = first
+        places[f"{strip.id}:last"] = last
     for name in names:
         if name not in places:
             raise RefusedError(f"there is no {name!r} in the map; there are {', '.join(places)}")
@@ -134,19 +140,23 @@ def poses_of(
     Raises:
         RefusedError: If the ends do not determine it. One sentence.
     """
-    held = [(ray, ends[name]) for name, own in rays.items() for ray in own]
-    all_rays = [ray for ray, _ in held]
-    pointings = Pointings(
-        np.array([ray.stamp_ns * 1e-9 for ray in all_rays]),
-        origins(all_rays),
-        directions(all_rays),
-        np.array([end for _, end in held]),
-    )
-    settings = SolverSettings() if floor_m is not None else SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
-    found = solve(pointings, settings, floor_m=floor_m or 0.0)
-    if isinstance(found, Refusal):
-        raise RefusedError(found.reason)
-    return found
+    # A target for each ray
+    all_rays: list[PointingRay] = []
+    targets_m: list[Vec3] = []
+    for name, held_rays in rays.items():
+        all_rays += held_rays
+        targets_m += [ends[name]] * len(held_rays)
+    times_s = np.array([ray.stamp_ns * 1e-9 for ray in all_rays])
+    pointings = Pointings(times_s, origins(all_rays), directions(all_rays), np.array(targets_m))
+
+    # A floor that is not known is sought around 0
+    settings = SolverSettings()
+    if floor_m is None:
+        settings = SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
+    solution = solve(pointings, settings, floor_m=floor_m or 0.0)
+    if isinstance(solution, Refusal):
+        raise RefusedError(solution.reason)
+    return solution
 
 
 def placed(content: bytes, path: Path, origin_m: Vec3, heading_rad: float, note: str) -> bytes:
@@ -160,26 +170,34 @@ def placed(content: bytes, path: Path, origin_m: Vec3, heading_rad: float, note:
         note: comment for the first line.
     """
 
-    def turned(vector: Any) -> list[float]:
+    def rotated(vector: Any) -> list[float]:
         x, y, z = vector
         return [round(value, 4) for value in rotate_z((x, y, z), -heading_rad)]
 
-    def there(point: Any) -> list[float]:
-        return [round(value, 3) for value in turned(subtract(tuple(point), origin_m))]
+    def moved(point: Any) -> list[float]:
+        offset = subtract(tuple(point), origin_m)
+        return [round(value, 3) for value in rotated(offset)]
 
-    sections: dict[str, dict[str, dict[str, Any]]] = parse_map_file(content, path).model_dump(
+    # Points move and turn. A normal and a yaw only turn
+    file = parse_map_file(content, path)
+    sections: dict[str, dict[str, dict[str, Any]]] = file.model_dump(
         mode="json", by_alias=True, exclude_unset=True
     )
     edits: list[SetValue] = []
     for section, key in POINTS.items():
         for name, entry in sections.get(section, {}).items():
             point = entry[key]
-            changes: dict[str, Any] = {key: [*map(there, point)] if section == "strips" else there(point)}
+            changes: dict[str, Any] = {}
+            changes[key] = list(map(moved, point)) if section == "strips" else moved(point)
             if section == "planes":
-                changes["normal"] = turned(entry["normal"])
+                changes["normal"] = rotated(entry["normal"])
             if section == "boxes":
-                changes["yaw_deg"] = round(entry.get("yaw_deg", 0.0) - math.degrees(heading_rad), 1)
-            edits += [SetValue(section=section, name=name, key=each, value=changes[each]) for each in changes]
+                yaw_deg = entry.get("yaw_deg", 0.0) - math.degrees(heading_rad)
+                changes["yaw_deg"] = round(yaw_deg, 1)
+            for changed_key, value in changes.items():
+                edits.append(SetValue(section=section, name=name, key=changed_key, value=value))
+
+    # The origin of the scan, or of an earlier placing, is not that of the map any more
     text = OLD_NOTE.sub("", edited(content, edits, path).decode())
     return f"# Placed: {note}\n{text}".encode()
 
@@ -255,9 +273,12 @@ async def command(
     """
     check_name(user, "user")
     _check_is_new(output)
+
+    # Three kinds of work: things of a map, the origin of a map, or new things
     if into is not None:
         _check_things(names, into)
-        if room is not None or output is not None or kind != "lamp":
+        has_other_map = room is not None or output is not None
+        if has_other_map or kind != "lamp":
             raise click.UsageError("--into writes things into a map: leave out --origin, --output and --as")
         work = place_things(names, into)
     elif room is None:
@@ -267,6 +288,8 @@ async def command(
     else:
         content, environment = read(room)
         work = stand_at(room, content, ends_in(environment, names), floor_m)
+
+    # Space presses where there is a keyboard, else only the person's button
     async with site.join() as bus:
         try:
             session = PointingSession(bus, user, say)
@@ -299,17 +322,21 @@ def _check_things(names: Sequence[str], path: Path) -> None:
 
 
 def _point(names: Sequence[str], kind: Kind) -> Work:
+    corners = CORNERS[kind]
+
     async def work(session: "PointingSession") -> tuple[str, int]:
-        found = await session.run(names, CORNERS[kind])
-        open_ones = {target: each.reason for target, each in found.items() if each.reason}
-        for target, reason in open_ones.items():
-            say(f"{target}: {reason}")
-        targets = {
-            name: [found[target_name(name, number, CORNERS[kind])] for number in range(len(CORNERS[kind]))]
-            for name in names
-        }
+        positions = await session.run(names, corners)
+        has_open = False
+        for target, position in positions.items():
+            if position.reason:
+                say(f"{target}: {position.reason}")
+                has_open = True
+        targets: dict[str, list[PointedAt]] = {}
+        for name in names:
+            own = [target_name(name, number, corners) for number in range(len(corners))]
+            targets[name] = [positions[target] for target in own]
         text = f"# Positions found by pointing.\n{pointed_text(targets, kind)}"
-        return text, EXIT_FAILED if open_ones else 0
+        return text, EXIT_FAILED if has_open else 0
 
     return work
 
@@ -319,21 +346,23 @@ def place_things(names: Sequence[str], path: Path) -> Work:
 
     async def work(session: "PointingSession") -> tuple[str, int]:
         positions = await session.run(names, CORNERS["lamp"])
-        for name, each in positions.items():
-            if each.reason:
-                say(f"{name}: {each.reason}")
-        centers = {
-            name: [round(value, 2) for value in each.position_m]
-            for name, each in positions.items()
-            if not each.reason
-        }
+        centers: dict[str, list[float]] = {}
+        for name, position in positions.items():
+            if position.reason:
+                say(f"{name}: {position.reason}")
+            else:
+                centers[name] = [round(value, 2) for value in position.position_m]
+
+        # What was pointed at is not lost if the file cannot be written
         if centers:
             try:
                 await asyncio.to_thread(_write_centers, path, centers)
             except (PointItError, OSError) as error:
                 raise RefusedError(f"{error}; write these centers yourself: {centers}") from error
-            say(f"{', '.join(centers)}: written into {path}, {await _use_again(session.bus, path)}")
-        return "", EXIT_FAILED if len(centers) < len(positions) else 0
+            usage = await _use_again(session.bus, path)
+            say(f"{', '.join(centers)}: written into {path}, {usage}")
+        is_complete = len(centers) == len(positions)
+        return "", 0 if is_complete else EXIT_FAILED
 
     return work
 
@@ -343,10 +372,10 @@ def _write_centers(path: Path, centers: Mapping[str, Sequence[float]]) -> None:
     things = parse_map_file(content, path).things
     edits: list[SetValue] = []
     for name, center in centers.items():
-        values = {"center": center}
+        edits.append(SetValue(section="things", name=name, key="center", value=center))
         if name not in things or things[name].size is None:
-            values["size"] = [PLACED_SIZE_M] * 3
-        edits += [SetValue(section="things", name=name, key=key, value=values[key]) for key in values]
+            size_m = [PLACED_SIZE_M] * 3
+            edits.append(SetValue(section="things", name=name, key="size", value=size_m))
     text = edited(content, edits, path)
     with replaced_file(path) as part:
         part.write_bytes(text)
@@ -382,19 +411,29 @@ def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: floa
     """
 
     async def work(session: "PointingSession") -> tuple[str, int]:
+        user = session.user
         rays = {name: await session.hold(name) for name in ends}
         pose = poses_of(rays, ends, floor_m)
-        first, end_m = next(iter(ends.items()))
-        heading_rad = math.atan2(end_m[1] - pose.y_m, end_m[0] - pose.x_m)
-        z_m, z_sigma_m = (pose.z_m, pose.z_sigma_m) if floor_m is None else (floor_m, 0.0)
+
+        # x points from the person to the first light
+        first, (first_x_m, first_y_m, _) = next(iter(ends.items()))
+        heading_rad = math.atan2(first_y_m - pose.y_m, first_x_m - pose.x_m)
+        z_m = pose.z_m
+        z_sigma_m = pose.z_sigma_m
+        if floor_m is not None:
+            z_m = floor_m
+            z_sigma_m = 0.0
         note = (
-            f"the origin is on the floor where {session.user} stood, within {pose.position_sigma_m:.2f} m "
+            f"the origin is on the floor where {user} stood, within {pose.position_sigma_m:.2f} m "
             f"and {z_sigma_m:.2f} m in height (1 sigma); x points towards {first}."
         )
         say(note)
-        yaw_deg = math.degrees(math.remainder(pose.yaw_rad - heading_rad, math.tau))
-        say(f"{session.user} there: pointit person pose {session.user} 0 0 --yaw {yaw_deg:.0f}")
-        return placed(content, room, (pose.x_m, pose.y_m, z_m), heading_rad, note).decode(), 0
+
+        # The person stands at the origin now, with the same IMU
+        yaw_rad = math.remainder(pose.yaw_rad - heading_rad, math.tau)
+        say(f"{user} there: pointit person pose {user} 0 0 --yaw {math.degrees(yaw_rad):.0f}")
+        origin_m = (pose.x_m, pose.y_m, z_m)
+        return placed(content, room, origin_m, heading_rad, note).decode(), 0
 
     return work
 
@@ -423,29 +462,36 @@ class PointingSession:
             raise NoMessageError(
                 f"{self.user} has no pose: set it by `pointit person pose {self.user} X Y`, or localize"
             )
-        targets: dict[str, str] = {
-            target_name(name, number, corners): f"{corner + ' of ' if corner else ''}{name}"
-            for name in names
-            for number, corner in enumerate(corners)
-        }
+        targets: dict[str, str] = {}
+        for name in names:
+            for number, corner in enumerate(corners):
+                words = f"{corner} of {name}" if corner else name
+                targets[target_name(name, number, corners)] = words
         pointings: list[TargetRay] = []
         poses: list[UserPose] = []
         while True:
             pose = await self._next_place(poses)
             poses.append(pose)
+            place = f"place {len(poses)}"
             for target, words in targets.items():
                 rays = await self.hold(words)
                 latest = self._latest_pose.value or pose
-                pointings.append(pointing_of(target, self.user, f"place {len(poses)}", rays, latest))
-            found = locate(pointings)
-            open_ones = {target for target, each in found.items() if each.reason}
-            for target, each in found.items():
-                if not each.reason:
-                    self._tell(f"{target}: known to {100 * each.sigma_m:.0f} cm")
-            if not open_ones or len(poses) == MAX_PLACES:
-                return found
+                pointings.append(pointing_of(target, self.user, place, rays, latest))
+
+            # All pointings count for all positions, as they share the person's constant error
+            positions = locate(pointings)
+            open_targets: dict[str, str] = {}
+            for target, position in positions.items():
+                if position.reason:
+                    open_targets[target] = position.reason
+                else:
+                    self._tell(f"{target}: known to {100 * position.sigma_m:.0f} cm")
+            if not open_targets or len(poses) == MAX_PLACES:
+                return positions
+
+            # From a second place all are needed, from a third only what is still open
             if len(poses) > 1:
-                targets = {target: words for target, words in targets.items() if target in open_ones}
+                targets = {target: words for target, words in targets.items() if target in open_targets}
 
     async def _next_place(self, poses: Sequence[UserPose]) -> UserPose:
         """Return the pose when the person has one elsewhere than where they `poses`."""
@@ -462,7 +508,8 @@ class PointingSession:
             return all(norm(subtract(pose.position_m, old.position_m)) > SAME_PLACE_M for old in poses)
 
         while True:
-            if pose := await self._latest_pose.wait(TIMEOUT_S, is_new):
+            pose = await self._latest_pose.wait(TIMEOUT_S, is_new)
+            if pose is not None:
                 return pose
 
     async def hold(self, words: str) -> list[PointingRay]:
@@ -492,4 +539,6 @@ class PointingSession:
 
 def target_name(name: str, number: int, corners: Sequence[str]) -> str:
     """Return the name of a corner, or of a thing without corners."""
-    return name if len(corners) == 1 else f"{name}.{number + 1}"
+    if len(corners) == 1:
+        return name
+    return f"{name}.{number + 1}"

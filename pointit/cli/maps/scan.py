@@ -94,11 +94,15 @@ def scan_live(
         map_name = map_name or str(ROOM)
     if map_name:
         known = load_map(map_name, 0)
-        counts = {strip.id: strip.pixels for strip in known.strips} | counts
-        lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known.strips} | lengths_m
+        known_counts = {strip.id: strip.pixels for strip in known.strips}
+        known_lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known.strips}
+        counts = known_counts | counts
+        lengths_m = known_lengths_m | lengths_m
         lamps = [*(lamp.id for lamp in known.lamps), *lamps]
     if not counts:
         raise ConfigError("no strips are given: add --strip NAME=PIXELS for each, or --simulated to try it")
+
+    # The site is a run with a scenario of its own, and a map to begin with
     command = context.find_root().command
     assert isinstance(command, click.Group)  # noqa: S101 - the root of all commands
     run = command.get_command(context, "run")
@@ -115,9 +119,12 @@ def scan_live(
             "web.scan_room": map_name if simulated else "",
         }
         arguments = [str(scenario), "--site-only", "--no-view", *run_options]
-        arguments += [f"--set={name}={json.dumps(value)}" for name, value in settings.items()]
-        arguments += [] if simulated else ["--lan"]
-        arguments += [f"--output={leds}"] if leds else []
+        for name, value in settings.items():
+            arguments.append(f"--set={name}={json.dumps(value)}")
+        if not simulated:  # a phone has the camera
+            arguments.append("--lan")
+        if leds:
+            arguments.append(f"--output={leds}")
         result: int = run.main(arguments, prog_name="pointit map scan", standalone_mode=False)
     return result
 
@@ -126,23 +133,26 @@ def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float], lamps: 
     """Return a map of lamps and strips side by side, with placeholder positions, as YAML."""
     rows = ["lamps:"] if lamps else []
     for row, name in enumerate(dict.fromkeys(lamps), 1):
-        rows.append(f"  {json.dumps(name)}: {{position: [0, {-ROW_M * row:.1f}, 1]}}")
+        y_m = -ROW_M * row
+        rows.append(f"  {json.dumps(name)}: {{position: [0, {y_m:.1f}, 1]}}")
     rows.append("strips:")
     for row, (name, count) in enumerate(counts.items()):
-        line = f"[[0, {ROW_M * row:.1f}, 1], [{lengths_m[name]:.3f}, {ROW_M * row:.1f}, 1]]"
+        y_m = ROW_M * row
+        line = f"[[0, {y_m:.1f}, 1], [{lengths_m[name]:.3f}, {y_m:.1f}, 1]]"
         rows.append(f"  {json.dumps(name)}: {{line: {line}, pixels: {count}}}")
     return "\n".join([*rows, ""])
 
 
 def _strip(text: str) -> tuple[str, int]:
-    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]{0,63})=([0-9]{1,4})", text)
-    if found is None or not 2 <= int(found[2]) <= 4096:
+    parts = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]{0,63})=([0-9]{1,4})", text)
+    if parts is None or not 2 <= int(parts[2]) <= 4096:
         raise ConfigError(f"--strip {text}: write NAME=PIXELS, such as shelf=90, with 2 to 4096 pixels")
-    return found[1], int(found[2])
+    return parts[1], int(parts[2])
 
 
 def live_options(function: F) -> F:
     """Add the options and the argument that `scan_live` takes."""
+    # click shows the option first that was added last
     for add in (
         click.argument("run_options", nargs=-1, type=click.UNPROCESSED),
         click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room"),
@@ -254,6 +264,8 @@ def command(
         if known is not None or also_doubtful:
             raise ConfigError("--known and --all need --from; without it, choose in the page")
         return scan_live(context, output or Path("room.yaml"), **live)
+
+    # Views in a file
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
@@ -261,6 +273,8 @@ def command(
         scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
+
+    # The map is checked but written in any case: its findings concern what was measured
     text = map_text(scan, only_identified=not also_doubtful)
     if output is not None:
         path = output
@@ -271,14 +285,21 @@ def command(
         print_file(text)
     for sentence in _sentences(scan):
         click.echo(sentence, err=True)
-    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    is_whole = not scan.missing and (also_doubtful or all(each.identified for each in scanned))
+    has_all = also_doubtful or all(light.identified for light in _lights(scan))
+    is_whole = has_all and not scan.missing
     return 0 if is_whole else EXIT_FAILED
+
+
+def _lights(scan: Scan) -> list[ScannedStrip | ScannedLamp]:
+    return [*scan.strips.values(), *scan.lamps.values()]
 
 
 def _sentences(scan: Scan) -> list[str]:
     """Return sentences about a scan: problems, doubts, the next step."""
-    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    uncertain = [f"{each.name}: {each.reason}" for each in scanned if each.reason]
+    sentences = [*scan.problems]
+    for light in _lights(scan):
+        if light.reason:
+            sentences.append(f"{light.name}: {light.reason}")
     advice = next_view(scan)
-    return [*scan.problems, *uncertain, *([f"next: {advice.text}"] if advice else ["complete"])]
+    sentences.append(f"next: {advice.text}" if advice else "complete")
+    return sentences

@@ -362,7 +362,7 @@ class ZenohTrace:
         unseen: of what is too frequent some is decided on, with the whole name. `senders` are the connections
         of these decisions by key, those of denied ones first.
         """
-        # A name that several identities' connections begin with is decided by who has used the key
+        # Connections of several identities may begin so: then decisions on the key tell
         connection = self._only_connection(self._names, start)
         for by_key in senders:
             if not connection:

@@ -281,7 +281,7 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 def _group_by_clock(symptoms: Symptoms, seen: Observation) -> list[list[Finding]]:
-    """Return what is reported of clocks, one list for each machine whose clock is wrong."""
+    """Return the findings on clocks, one list for each machine whose clock is wrong."""
     by_host: dict[str, list[Finding]] = defaultdict(list)
     for symptom in _with_problem(symptoms, (CLOCK, CLOCK_LIMIT)):
         by_host[symptom.subject].append(symptom)

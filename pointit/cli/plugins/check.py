@@ -93,8 +93,8 @@ def command(*, name: str | None, as_json: bool) -> None:
         if not as_json:
             _print(result)
 
-    for kind, found in chosen(name):
-        check_plugin(kind, found, report)
+    for kind, plugin_name in chosen(name):
+        check_plugin(kind, plugin_name, report)
     broken = sum(bool(result.problem) for result in results)
     if as_json:
         print_json([vars(result) for result in results])
@@ -110,22 +110,27 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
     Raises:
         UnknownNameError: If there are none.
     """
-    packages = {(kind, each): group.package(each) for kind, group in GROUPS.items() for each in group.names}
-    packages |= {(COMMAND, each.name): each.package for each in lazy.declared()}
-    found = [
-        (kind, each)
-        for (kind, each), package in packages.items()
-        if each == name or (name is None and package not in OURS)
-    ]
-    if found:
-        return found
+    packages: dict[tuple[str, str], str] = {}
+    for kind, group in GROUPS.items():
+        for plugin_name in group.names:
+            packages[kind, plugin_name] = group.package(plugin_name)
+    for declaration in lazy.declared():
+        packages[COMMAND, declaration.name] = declaration.package
+
+    # One name may be that of several kinds
+    selection: list[tuple[str, str]] = []
+    for (kind, plugin_name), package in packages.items():
+        is_foreign = package not in OURS
+        if plugin_name == name or (name is None and is_foreign):
+            selection.append((kind, plugin_name))
+    if selection:
+        return selection
     if name is None:
         raise UnknownNameError(
             "no other package has plug-ins; name one of PointIt, as in `pointit plugin check hold`"
         )
-    raise UnknownNameError(
-        f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in packages])}"
-    )
+    plugin_names = [plugin_name for _, plugin_name in packages]
+    raise UnknownNameError(f"no plug-in {name!r} is installed; {nearest(name, plugin_names)}")
 
 
 def check_plugin(kind: str, name: str, report: Report) -> None:
@@ -147,7 +152,10 @@ def check_plugin(kind: str, name: str, report: Report) -> None:
     if contract is not None:
         run_contract(title, contract, report)
         return
-    if GROUPS[kind].package(name) in OURS and find_spec(lazy.LAB.replace("-", "_")) is None:
+
+    # Without a device, most promises cannot be checked. Ours are declared by the laboratory
+    is_ours = GROUPS[kind].package(name) in OURS
+    if is_ours and find_spec(lazy.LAB.replace("-", "_")) is None:
         raise ConfigError(
             f"{title}: ours are checked with devices of {lazy.LAB}, which is not installed; "
             f"run {remedy('lab')}"
@@ -161,23 +169,31 @@ def check_command(title: str, name: str) -> CheckResult:
     """Check the command `name`, and return the result."""
     root = click.get_current_context().find_root().command
     refused: dict[Any, str] = getattr(root, "refused", {})
-    if reason := next((text for each, text in refused.items() if each.name == name), ""):
-        return CheckResult(title, "name", "has a name of its own", reason)
-    package = next(each.package for each in lazy.declared() if each.name == name)
+    for declaration, reason in refused.items():
+        if declaration.name == name and reason:
+            return CheckResult(title, "name", "has a name of its own", reason)
+    own = [declaration for declaration in lazy.declared() if declaration.name == name]
     try:
-        command = lazy.load(package, name)
+        command = lazy.load(own[0].package, name)
     except ConfigError as error:
         return CheckResult(title, "import", "can be imported", str(error))
+    return CheckResult(title, "help", "describes itself and its options", _help_problem(command, name))
+
+
+def _help_problem(command: click.Command, name: str) -> str:
+    """Return what the help of a command lacks, or `""`."""
+    if not (command.help or "").strip():
+        return "it has no help: give its function a docstring"
     context = click.Context(command, info_name=f"pointit {name}")
-    lacking = [
-        each.name
-        for each in command.get_params(context)
-        if isinstance(each, click.Option) and not each.help and not each.hidden
-    ]
-    problem = "" if (command.help or "").strip() else "it has no help: give its function a docstring"
-    if lacking and not problem:
-        problem = f"options without a help text: {', '.join(filter(None, lacking))}"
-    return CheckResult(title, "help", "describes itself and its options", problem)
+    lacking: list[str] = []
+    for parameter in command.get_params(context):
+        if not isinstance(parameter, click.Option) or parameter.help or parameter.hidden:
+            continue
+        if parameter.name:
+            lacking.append(parameter.name)
+    if not lacking:
+        return ""
+    return f"options without a help text: {', '.join(lacking)}"
 
 
 def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
@@ -202,12 +218,16 @@ def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
         require_plugin(contract)
         if contract.plugin is plugin:
             return contract
+
+    # These kinds have no device, so their contract needs nothing but the plug-in
     without_device: dict[type[Plugin], type[Contract]] = {
         SelectionMethod: SelectionMethodContract,
         ServicePlugin: ServiceContract,
     }
     contract = without_device.get(type(plugin))
-    return type("TestPlugin", (contract,), {"plugin": plugin}) if contract else None
+    if contract is None:
+        return None
+    return type("TestPlugin", (contract,), {"plugin": plugin})
 
 
 class _Reporter:
@@ -220,14 +240,21 @@ class _Reporter:
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Report the result of a test, unless it was skipped."""
-        if report.skipped or (report.when != "call" and report.passed):
+        # A test that passes is reported once, not also for its setup and teardown
+        is_step = report.when != "call" and report.passed
+        if report.skipped or is_step:
             return
         test = report.nodeid.rpartition("::")[2]
         sentence = (getattr(self._contract, test).__doc__ or test).removesuffix(".")
-        crash = getattr(report.longrepr, "reprcrash", None)
-        problem = "" if report.passed else str(crash.message if crash else report.longrepr)
-        problem = problem.removeprefix(f"{CheckFailedError.__module__}.{CheckFailedError.__name__}: ")
         promise = f"{sentence[:1].lower()}{sentence[1:]}"
+
+        # The message of a failed check, without the name of its exception
+        problem = ""
+        if not report.passed:
+            crash = getattr(report.longrepr, "reprcrash", None)
+            problem = str(crash.message if crash else report.longrepr)
+        prefix = f"{CheckFailedError.__module__}.{CheckFailedError.__name__}: "
+        problem = problem.removeprefix(prefix)
         self._report(CheckResult(self._title, test.removeprefix("test_"), promise, problem))
 
 
@@ -257,9 +284,9 @@ def run_contract(title: str, contract: type[Contract], report: Report) -> None:
 
 
 def _print(result: CheckResult) -> None:
-    verdict = (
-        click.style("broken", fg="red", bold=True) if result.problem else click.style("kept  ", fg="green")
-    )
+    verdict = click.style("kept  ", fg="green")
+    if result.problem:
+        verdict = click.style("broken", fg="red", bold=True)
     click.echo(f"{verdict} {result.plugin}: {result.promise}")
     if result.problem:
         click.echo(f"       {result.problem}")
@@ -281,22 +308,27 @@ def new(*, kind: str, name: str, folder: Path | None) -> None:
 
     Example: pointit plugin new imu-source my-wrist
     """
+    # A module of this name must not hide another one
     module = name.replace("-", "_")
-    if not NAME.match(name) or keyword.iskeyword(module) or module in sys.stdlib_module_names | {"pointit"}:
+    is_taken = keyword.iskeyword(module) or module in sys.stdlib_module_names | {"pointit"}
+    if is_taken or not NAME.match(name):
         raise ConfigError(f"{name!r} cannot be a package's name: use a-z, 0-9 and -, such as my-wrist")
     check_free(kind, name)
     target = folder or Path(name)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ConfigError(f"{target} exists already: give another --folder, or move it away")
+    if target.exists():
+        is_empty_folder = target.is_dir() and not any(target.iterdir())
+        if not is_empty_folder:
+            raise ConfigError(f"{target} exists already: give another --folder, or move it away")
+
     for path, text in package(kind, name, module).items():
-        place = target / path
+        file = target / path
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            with replaced_file(place) as part:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_file(file) as part:
                 part.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigError(
-                f"{place} cannot be written ({error.strerror}): give another --folder"
+                f"{file} cannot be written ({error.strerror}): give another --folder"
             ) from error
     use = Template(KINDS[kind][3]).substitute(name=name)
     click.echo(
@@ -316,8 +348,9 @@ def check_free(kind: str, name: str) -> None:
     """
     if kind == COMMAND:
         root: object = click.get_current_context().find_root().command
-        ours = [entry.name for entry in getattr(root, "entries", ())]
-        if name in ours or name in [each.name for each in lazy.declared()]:
+        names = {entry.name for entry in getattr(root, "entries", ())}
+        names.update(declaration.name for declaration in lazy.declared())
+        if name in names:
             raise ConfigError(f"`pointit {name}` is a command: choose another name")
         return
     group = GROUPS[kind]
@@ -331,7 +364,6 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
     """Return the text of each file of a package, by its path in the package's folder."""
     template, group, thing, use = KINDS[kind]
     article = "an" if kind[0] in "aeio" else "a"
-    has_device = kind != COMMAND
     words = {
         "name": name,
         "module": module,
@@ -341,29 +373,33 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
         "thing": thing,
         "use": Template(use).substitute(name=name),
         "contract": f"{thing.capitalize()}Promises",
-        "tests": f"each promise of {article} {kind} is a test" if has_device else "its help and its output",
-        "fake": f", `src/{module}/promises.py` its contract, with its device in tests" if has_device else "",
+        "tests": "its help and its output",
+        "fake": "",
+        "fake_device": "",
     }
-    words["fake_device"] = Template(FAKE_DEVICE).substitute(words) if has_device else ""
     sources = importlib.resources.files(TEMPLATES)
-    texts = {
-        path: Template(
-            (sources / "package" / f"{Path(path).name}.txt").read_text(encoding="utf-8")
-        ).substitute(words)
-        for path in (*COMMON, f"tests/test_{'promises' if has_device else 'command'}.py")
-    }
-    files = {file: sources / template / file for file in ("__init__.py", "promises.py")}
-    if not has_device:
-        files = {"__init__.py": importlib.resources.files("pointit.cli.plugins") / f"{template}.py"}
+    test = "tests/test_command.py"
+    files = {"__init__.py": importlib.resources.files("pointit.cli.plugins") / f"{template}.py"}
+
+    # All kinds but a command have promises, and a fake device with which they are checked
+    if kind != COMMAND:
+        words["tests"] = f"each promise of {article} {kind} is a test"
+        words["fake"] = f", `src/{module}/promises.py` its contract, with its device in tests"
+        words["fake_device"] = Template(FAKE_DEVICE).substitute(words)
+        test = "tests/test_promises.py"
+        files = {file: sources / template / file for file in ("__init__.py", "promises.py")}
+
+    # Files that are made of words, then modules that run as they are, with other names
+    texts: dict[str, str] = {}
+    for path in (*COMMON, test):
+        source = sources / "package" / f"{Path(path).name}.txt"
+        texts[path] = Template(source.read_text(encoding="utf-8")).substitute(words)
     for file, source in files.items():
         text = source.read_text(encoding="utf-8")
-        for word, own in (
-            (f"{TEMPLATES}.{template}", module),
-            ("template-service", name),
-            ("pointit NAME", f"pointit {name}"),
-            ("template_service", module),
-        ):
-            text = text.replace(word, own)
+        text = text.replace(f"{TEMPLATES}.{template}", module)
+        text = text.replace("template-service", name)
+        text = text.replace("pointit NAME", f"pointit {name}")
+        text = text.replace("template_service", module)
         texts[f"src/{module}/{file}"] = text
     texts[f"src/{module}/py.typed"] = ""
     return texts

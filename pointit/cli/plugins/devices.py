@@ -46,46 +46,66 @@ def command(*, seconds: float, as_json: bool) -> None:
     Example: pointit devices --seconds 10
     """
     setup_logging("warning")
-    own = {MOCAP: MOCAP_SYSTEMS, HOME: HOME_ASSISTANTS}
-    groups = {kind: own[kind] if kind in own else GROUPS[kind] for kind in SECTIONS}
-    with progress(sum(len(group.names) for group in groups.values())) as tell:
+
+    # Groups of plug-ins, and two that other packages cannot join
+    own_groups = {MOCAP: MOCAP_SYSTEMS, HOME: HOME_ASSISTANTS}
+    groups = {kind: own_groups[kind] if kind in own_groups else GROUPS[kind] for kind in SECTIONS}
+    count = sum(len(group.names) for group in groups.values())
+    with progress(count) as tell:
         results = search(groups, seconds, lambda done: tell("searching", done))
     problems = [result for result in results if result.problem]
     if as_json:
-        tables: dict[str, list[dict[str, Any]]] = {
-            name: rows(results, kind) for kind, (name, _, _option) in SECTIONS.items()
-        }
-        not_searched = [{"kind": each.kind, "name": each.name, "reason": each.problem} for each in problems]
-        print_json({**tables, "not_searched": not_searched})
+        _print_json(results, problems)
         return
+
     for kind, (_, name, option) in SECTIONS.items():
-        shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
-        if shown:
-            about = f"`{COMMANDS.get(kind, 'pointit run')} {option} …` uses one"
-            print_table(
-                console(), OutputSection(name=name, about=about, rows=shown, whole=frozenset({"use"}))
-            )
-        else:
+        devices = rows(results, kind)
+        if not devices:
             click.echo(f"No {name} found.")
-    for reason in dict.fromkeys(each.problem for each in problems):
-        say(f"{', '.join(each.name for each in problems if each.problem == reason)}: {reason}", err=True)
+            continue
+        section = OutputSection(
+            name=name,
+            about=f"`{COMMANDS.get(kind, 'pointit run')} {option} …` uses one",
+            rows=tuple({"use": device["use"], "found": device["label"]} for device in devices),
+            whole=frozenset({"use"}),
+        )
+        print_table(console(), section)
+
+    # One line for each reason: several searches may lack the same extra
+    names_by_reason: dict[str, list[str]] = {}
+    for result in problems:
+        names_by_reason.setdefault(result.problem, []).append(result.name)
+    for reason, names in names_by_reason.items():
+        say(f"{', '.join(names)}: {reason}", err=True)
+
+
+def _print_json(results: list[SearchResult], problems: list[SearchResult]) -> None:
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for kind, (name, _, _option) in SECTIONS.items():
+        tables[name] = rows(results, kind)
+    not_searched: list[dict[str, Any]] = []
+    for result in problems:
+        not_searched.append({"kind": result.kind, "name": result.name, "reason": result.problem})
+    print_json({**tables, "not_searched": not_searched})
 
 
 def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
     """Return the devices that plug-ins of `kind` found, in the order of `results`."""
     option = SECTIONS[kind][2]
-    return [
-        {
-            "use": _words(result, each, option),
-            "name": result.name,
-            "address": each.address,
-            "label": each.label,
-            "details": dict(each.details),
-        }
-        for result in results
-        if result.kind == kind
-        for each in result.found
-    ]
+    devices: list[dict[str, Any]] = []
+    for result in results:
+        if result.kind != kind:
+            continue
+        for device in result.found:
+            row = {
+                "use": _words(result, device, option),
+                "name": result.name,
+                "address": device.address,
+                "label": device.label,
+                "details": dict(device.details),
+            }
+            devices.append(row)
+    return devices
 
 
 def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
@@ -95,13 +115,14 @@ def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
         return f"{system}{option} {shlex.quote(device.address)}{port}"
     if result.kind == HOME:
         return import_options(device)
-    return _parameters(result, device) if result.kind == "robot" else f"{option} {words(result, device)}"
+    if result.kind == "robot":
+        return _parameters(result, device)
+    return f"{option} {words(result, device)}"
 
 
 def _parameters(result: SearchResult, device: FoundDevice) -> str:
     """Return the options that choose a robot: it has several parameters, and is one of the site's."""
-    values = {f"{result.name}.{name}": value for name, value in device.details.items()}
-    return " ".join(
-        f"--set {shlex.quote(f'robot.{name}={value}')}"
-        for name, value in {"driver": result.name, **values}.items()
-    )
+    settings = [f"robot.driver={result.name}"]
+    for name, value in device.details.items():
+        settings.append(f"robot.{result.name}.{name}={value}")
+    return " ".join(f"--set {shlex.quote(setting)}" for setting in settings)

@@ -49,7 +49,8 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
 
     Example: pointit export session.mcap --to tables
     """
-    if form == "csv" and (session or task != TASK):
+    has_bids_option = session or task != TASK
+    if form == "csv" and has_bids_option:
         raise click.UsageError("--task and --session are of --format motion-bids: leave them out, or add it")
     from pointit.conversion.export_bids import export_bids  # noqa: PLC0415 - only what is needed is loaded
     from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - as above
@@ -59,6 +60,7 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
         if opened.problem:
             click.echo(f"note: {opened.problem}", err=True)
         with interruptible(), progress(sum(opened.counts.values())) as tell:
+            # Each message is read once, in the order of the file
             tick = functools.partial(tell, "messages")
             if form == "csv":
                 exported = export_csv(
@@ -68,24 +70,29 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
                 exported = export_bids(
                     opened.entries(), folder, task=task, session=session, overwrite=overwrite, tick=tick
                 )
+
+        # What the tables lack, which is known only when all is read
         if opened.invalid:
             click.echo(f"note: {opened.invalid} messages are left out; {opened.first_error}", err=True)
         unknown = opened.unknown
         if unknown:
             click.echo(f"note: {_unknown_text(unknown)}", err=True)
-        has_lost = bool(opened.problem or opened.invalid or unknown)
+        has_lost = any((opened.problem, opened.invalid, unknown))
+
     for name, rows in exported.rows.items():
         click.echo(f"{folder / name}: {rows} rows")
     if exported.left_out:
-        names = ", ".join(f"{count} of {key}" for key, count in exported.left_out.items())
-        click.echo(f"Messages without a table: {names}.")
+        counts = [f"{count} of {key}" for key, count in exported.left_out.items()]
+        click.echo(f"Messages without a table: {', '.join(counts)}.")
     return 1 if has_lost else 0
 
 
 def _unknown_text(counts: Mapping[str, int]) -> str:
     """Return the sentence about messages of channels that are unknown; `counts` by the channel's name."""
-    names = first_of([f"{count} of {name}" for name, count in counts.items()], MAX_SHOWN_CHANNELS)
+    channels = [f"{count} of {name}" for name, count in counts.items()]
+    names = first_of(channels, MAX_SHOWN_CHANNELS)
+    total = sum(counts.values())
     return (
-        f"{sum(counts.values())} messages are left out ({names}), whose channels are none of PointIt: "
+        f"{total} messages are left out ({names}), whose channels are none of PointIt: "
         "if a newer PointIt recorded them, update yours"
     )

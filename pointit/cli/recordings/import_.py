@@ -91,6 +91,7 @@ def command(
         def tick(done: int) -> None:
             tell(f"{done} messages")
 
+        # A table has samples only, a bag has messages of its own types
         if source.suffix.lower() in TABLES:
             from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
             from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
@@ -126,12 +127,14 @@ def _import_bag(
         if source.suffix.lower() == ".bag":
             hint = f"of a ROS 1 bag, `rosbags-convert --src {source} --dst FOLDER` makes one"
         raise ConfigError(f"{source}: is neither a CSV file nor a ROS 2 bag; {hint}")
-    bag = Bag(source, None if room is None else load_map(room, 0), stamps)
+    environment = None if room is None else load_map(room, 0)
+    bag = Bag(source, environment, stamps)
     try:
         return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
-    finally:  # also if nothing could be taken
+    finally:
+        # Also if nothing could be taken: then the reasons are what matters
         for topic, taken in bag.taken.items():
             click.echo(f"{topic}: {taken} messages")
-        for topic, why in bag.left_out.items():
+        for topic, reason in bag.left_out.items():
             count = bag.left_out_messages[topic]
-            click.echo(f"note: {topic}: {count} messages left out, {why}", err=True)
+            click.echo(f"note: {topic}: {count} messages left out, {reason}", err=True)

@@ -73,11 +73,16 @@ def command(
             f"{credentials.description} may not announce a recorder, and nobody would see it record; "
             "record with the identity of a supervisor or of a person"
         )
+
+    # A person may record their own movements only
+    person = ""
+    if credentials is not None and credentials.link.role == "user":
+        person = credentials.link.name
     launch = recorder_launch(
         file,
         without=without,
         pseudonyms=pseudonyms,
-        person=credentials.link.name if credentials is not None and credentials.link.role == "user" else "",
+        person=person,
         service=_CommandRecorder,
     )
     check_launches([launch])

@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 import click
 
@@ -120,16 +120,20 @@ def command(
             say(recording.problem, err=True)
         _tell_missing(recording.head.without, level)
         plan = plan_replay(recording, level)
+
+        # What is computed again is counted, and written and compared if asked
         writer = None
         if output is not None:
             writer = stack.enter_context(new_recording(output, recording.head, overwrite=overwrite))
         length_s = (recording.ended_ns - recording.began_ns) / NS_PER_S
         tell = stack.enter_context(progress(round(length_s)))
-        result = _Result(
-            writer,
-            Comparison() if compare else None,
-            lambda time_ns: tell("seconds replayed", (time_ns - recording.began_ns) // NS_PER_S),
-        )
+
+        def tick(time_ns: int) -> None:
+            tell("seconds replayed", (time_ns - recording.began_ns) // NS_PER_S)
+
+        result = _Result(writer, Comparison() if compare else None, tick)
+
+        # On a site in its time, or alone: in virtual time, or slowed down to a speed
         if live:
             lights = outputs == "recorded"
             _print_outputs(recorded_outputs(recording), lights=lights)
@@ -169,14 +173,17 @@ def _tell_missing(without: Sequence[str], level: Level) -> None:
     """Say what the recording was made without, and from which level it can be replayed all the same."""
     if not without:
         return
-    advice = "; --from cursors needs no imu" if "imu" in without and level != "cursors" else ""
-    say(f"recorded without {', '.join(without)}: what services compute from it is missing{advice}", err=True)
+    sentence = f"recorded without {', '.join(without)}: what services compute from it is missing"
+    if "imu" in without and level != "cursors":
+        sentence += "; --from cursors needs no imu"
+    say(sentence, err=True)
 
 
 def _print_outputs(outputs: Sequence[str], *, lights: bool) -> None:
     """Say which outputs the recording drives, or would: it may come from anybody."""
+    state = "is driven" if lights else "is left out"
     for output in outputs:
-        say(f"output {output} is driven" if lights else f"output {output} is left out", err=True)
+        say(f"output {output} {state}", err=True)
     if outputs and not lights:
         say("--output recorded drives them", err=True)
 
@@ -196,8 +203,7 @@ class _Result:
 
     def recorded(self, entry: Entry) -> None:
         """Compare an entry of the recording."""
-        if self.comparison is not None and (sample := sample_of(entry)) is not None:
-            self.comparison.add("recorded", sample)
+        self._compare("recorded", entry)
 
     def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
         """Write an entry, and compare it if it was computed now."""
@@ -208,8 +214,14 @@ class _Result:
             self._writer.add(entry)
         if is_recomputed:
             self.counts[entry.key] += 1
-            if self.comparison is not None and (sample := sample_of(entry)) is not None:
-                self.comparison.add("replayed", sample)
+            self._compare("replayed", entry)
+
+    def _compare(self, side: Literal["recorded", "replayed"], entry: Entry) -> None:
+        if self.comparison is None:
+            return
+        sample = sample_of(entry)
+        if sample is not None:
+            self.comparison.add(side, sample)
 
 
 def _print_counts(counts: Counter[str], length_s: float, *, as_json: bool) -> None:
@@ -237,14 +249,19 @@ def first_lines(report: ComparisonReport, began_ns: int) -> list[str]:
     if first is None:
         messages = sum(topic.replayed for topic in report.topics)
         return [f"no difference in {messages} messages of {len(report.topics)} keys"]
+    since = _since(first, began_ns)
+    recorded = _shown(first, first.recorded, first.replayed)
+    replayed = _shown(first, first.replayed, first.recorded)
     return [
-        f"the first that differs is on {first.key}, {_since(first, began_ns)} after the beginning:",
-        f"- recorded: {_shown(first, first.recorded, first.replayed)}",
-        f"- replayed: {_shown(first, first.replayed, first.recorded)}",
+        f"the first that differs is on {first.key}, {since} after the beginning:",
+        f"- recorded: {recorded}",
+        f"- replayed: {replayed}",
     ]
 
 
 def _row(topic: TopicReport, began_ns: int) -> dict[str, object]:
+    first = "" if topic.first is None else _since(topic.first, began_ns)
+    differences = [_field(field) for field in topic.fields[:MAX_FIELDS]]
     return {
         "key": topic.key,
         "recorded": topic.recorded,
@@ -252,8 +269,8 @@ def _row(topic: TopicReport, began_ns: int) -> dict[str, object]:
         "differ": topic.differ,
         "missing": topic.only_recorded,
         "new": topic.only_replayed,
-        "first": "" if topic.first is None else _since(topic.first, began_ns),
-        "largest differences": ", ".join(_field(each) for each in topic.fields[:MAX_FIELDS]),
+        "first": first,
+        "largest differences": ", ".join(differences),
     }
 
 
@@ -275,28 +292,50 @@ def _shown(divergence: Divergence, content: dict[str, object] | None, other: dic
     if other is None:
         return to_line(content)
     names = {field.partition(".")[0] for field in divergence.fields} | {"stamp_ns"}
-    return to_line({key: _differing(value, other.get(key)) for key, value in content.items() if key in names})
+    shown: dict[str, object] = {}
+    for key, value in content.items():
+        if key in names:
+            shown[key] = _differing(value, other.get(key))
+    return to_line(shown)
 
 
-def _differing(one: object, other: object) -> object:
+def _differing(value: object, other: object) -> object:
     """Return the items of a list that differ, with their ids, and the first pixel of bytes that does."""
-    whole = one  # of the declared type, which the checks narrow
-    if isinstance(one, bytes) and isinstance(other, bytes) and one != other and len(one) == len(other):
-        pixel = next(at for at, (x, y) in enumerate(zip(one, other, strict=True)) if x != y) // 3
-        return {"pixel": pixel, "rgb": list(one[3 * pixel :][:3])}
-    if isinstance(one, dict) and isinstance(other, dict):
-        mine = cast("dict[str, object]", one)
-        other_fields = cast("dict[str, object]", other)
-        return {
-            name: _differing(value, other_fields.get(name))
-            for name, value in mine.items()
-            if name == "id" or value != other_fields.get(name)
-        }
-    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
-        items = cast("Sequence[object]", one)
-        others = cast("Sequence[object]", other)
-        if len(items) == len(others) and any(isinstance(each, dict) for each in items):
-            pairs = zip(items, others, strict=True)
-            return [_differing(item, partner) for item, partner in pairs if item != partner]
+    if isinstance(value, bytes) and isinstance(other, bytes):
+        return _differing_pixel(value, other)
+    if isinstance(value, dict) and isinstance(other, dict):
+        return _differing_fields(cast("dict[str, object]", value), cast("dict[str, object]", other))
+    if isinstance(value, (list, tuple)) and isinstance(other, (list, tuple)):
+        return _differing_items(cast("Sequence[object]", value), cast("Sequence[object]", other))
+    return value
+
+
+def _differing_pixel(rgb: bytes, other: bytes) -> object:
+    if len(rgb) != len(other):
+        return rgb
+    for position, (byte, other_byte) in enumerate(zip(rgb, other, strict=True)):
+        if byte != other_byte:
+            pixel = position // 3
+            return {"pixel": pixel, "rgb": list(rgb[3 * pixel :][:3])}
+    return rgb
+
+
+def _differing_fields(fields: dict[str, object], others: dict[str, object]) -> dict[str, object]:
+    differing: dict[str, object] = {}
+    for name, value in fields.items():
+        other = others.get(name)
+        if name == "id" or value != other:
+            differing[name] = _differing(value, other)
+    return differing
+
+
+def _differing_items(items: Sequence[object], others: Sequence[object]) -> Sequence[object]:
+    # Numbers, such as a position, are shown whole
+    has_parts = any(isinstance(item, dict) for item in items)
+    if len(items) != len(others) or not has_parts:
         return items
-    return whole
+    differing: list[object] = []
+    for item, other in zip(items, others, strict=True):
+        if item != other:
+            differing.append(_differing(item, other))
+    return differing

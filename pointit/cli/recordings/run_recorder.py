@@ -75,8 +75,11 @@ def recorder_launch(
         raise ConfigError(f"{file} is a folder; give a file in it, such as {file / 'session.mcap'}")
     if file is not None and file.exists():
         raise ConfigError(f"{file} is there already; give another name, or move it away")
+
+    # Absolute, since the recorder may be a process in another folder
+    path = "" if file is None else str(file.absolute())
     config = RecorderConfig(
-        file="" if file is None else str(file.absolute()),
+        file=path,
         without=tuple(without),
         pseudonyms=pseudonyms,
         person=person,

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -46,6 +46,7 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
     problem: ConfigError | None = None
     verbs = defaultdict[str, dict[str, Target | None]](dict)
     for text in texts:
+        # A verb is one word as it is spoken
         words = text.partition("=")[0].split()
         if len(words) != 2 or spoken(words[0]) != (words[0],):
             raise ConfigError(
@@ -54,37 +55,45 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
         verb, thing = words
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
+
+        # The output of a program is shown, since nothing else says what it has done
         target: Target | None = None
         try:
             target = Reaction.parse(text).target if "=" in text else None
         except ConfigError as error:
             problem = problem or error
-        verbs[verb][thing] = replace(target, is_shown=True) if isinstance(target, Program) else target
-    own = {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
+        if isinstance(target, Program):
+            target = replace(target, is_shown=True)
+        verbs[verb][thing] = target
+
+    own: dict[str, Verb] = {}
+    for verb, targets in verbs.items():
+        own[verb] = verb_of_things(targets.keys(), _starts(targets))
     return own, problem
 
 
 def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
     """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
 
-    async def do(context: VerbContext, verb: str, one: Referent) -> str:
-        what = f"{verb} {context.room.label(one)}"
-        if (target := targets[one.name]) is None:
-            return what
+    async def start_program(context: VerbContext, verb: str, referent: Referent) -> str:
+        action = f"{verb} {context.room.label(referent)}"
+        target = targets[referent.name]
+        if target is None:
+            return action
         event = SelectionEvent(
             stamp_ns=context.clock.now_ns(),
             event="selected",
-            object_id=one.name,
+            object_id=referent.name,
             user=context.user,
-            confidence=one.probability,
+            confidence=referent.probability,
         )
         try:
             await target.carry_out(Act(event))
         except ActFailedError as error:
-            raise RefusedError(f"{what}: {error}") from error
-        return what
+            raise RefusedError(f"{action}: {error}") from error
+        return action
 
-    return do
+    return start_program
 
 
 @site_command("listen", cls=PanelCommand, usual=("text", "audio", "recogniser", "verbs", "speak", "connect"))
@@ -128,7 +137,8 @@ async def command(
 
     own, problem = own_verbs(verbs)
     async with site.join() as bus:
-        if denied := await bus.denial_reason("writes", SPEECH, user):
+        denied = await bus.denial_reason("writes", SPEECH, user)
+        if denied:
             raise AccessDeniedError(denied)
         clock = SiteClock(bus)
         interpreter = Interpreter(bus, clock, user, own)
@@ -139,6 +149,7 @@ async def command(
             if synthesizer is not None:
                 synthesizer.say(understood)
 
+        # The interpreter follows from now on, while words come from here or from others
         interpreter.on_understood = tell
         following = asyncio.create_task(interpreter.run())
         publishing: asyncio.Task[int] | None = None
@@ -147,12 +158,13 @@ async def command(
             if problem is not None:
                 raise problem
             say(f"listening to {user}; Ctrl-C ends it")
+            spoken = _nothing()
             if text is not None:
                 spoken = _typed(text, clock)
             elif audio is not None:
                 spoken = _recognise(audio, recogniser, interpreter, clock, synthesizer)
-            else:
-                spoken = _nothing()
+
+            # Until there are no more words. If the interpreter ends before, that is an error
             publishing = asyncio.create_task(_publish(bus, user, spoken))
             await asyncio.wait({publishing, following}, return_when=asyncio.FIRST_COMPLETED)
             if following.done():
@@ -160,7 +172,7 @@ async def command(
             count = await publishing
             await _finish(interpreter, count, synthesizer)
         finally:
-            tasks = [task for task in (following, publishing) if task is not None]
+            tasks: list[asyncio.Task[Any]] = list(filter(None, (following, publishing)))
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
@@ -193,9 +205,14 @@ async def _nothing() -> AsyncIterator[Speech]:
 
 
 def _print_understood(understood: Understood) -> None:
-    about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
     sentence = ": ".join(filter(None, (understood.result, understood.message)))
-    say(f'"{understood.text}": {sentence}{f" ({about})" if about else ""}')
+    referents: list[str] = []
+    for referent in understood.referents:
+        name = referent.name or referent.kind
+        referents.append(f"{name} {referent.probability:.0%}")
+    if referents:
+        sentence += f" ({', '.join(referents)})"
+    say(f'"{understood.text}": {sentence}')
 
 
 async def _recognise(
@@ -209,10 +226,13 @@ async def _recognise(
     from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
     from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
 
-    loaded = make(recogniser, {})
-    is_stream = audio in ("-", MICROPHONE)
-    source = Stream(clock, is_microphone=audio == MICROPHONE) if is_stream else WavFile(Path(audio), clock)
-    async for sentence in loaded.hear(source, interpreter.vocabulary):
+    plugin = make(recogniser, {})
+    source: Stream | WavFile
+    if audio in ("-", MICROPHONE):
+        source = Stream(clock, is_microphone=audio == MICROPHONE)
+    else:
+        source = WavFile(Path(audio), clock)
+    async for sentence in plugin.hear(source, interpreter.vocabulary):
         if synthesizer is None or not synthesizer.is_echo(sentence):
             yield sentence
 
@@ -230,19 +250,22 @@ async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     timed_words = list[TimedWord]()
     try:
         async for line in _with_end(lines_of(file.fileno())):
+            # An empty line, or one without a time, ends the utterance before it
             words = words_in(line)
+            first_s = words[0].time_s if words else None
             last_s = timed_words[-1].time_s if timed_words else None
-            is_apart = (
-                not words
-                or words[0].time_s is None
-                or (last_s is not None and words[0].time_s - last_s > PAUSE_S)
-            )
+            is_apart = first_s is None
+            if first_s is not None and last_s is not None:
+                is_apart = first_s - last_s > PAUSE_S
+
+            # It is said at its own time, which may still come
             if timed_words and is_apart:
                 sentence = speech(timed_words, start_ns, clock.now_ns())
-                await asyncio.sleep(max((sentence.stamp_ns - clock.now_ns()) / NS_PER_S, 0.0) / clock.speed)
+                wait_s = (sentence.stamp_ns - clock.now_ns()) / NS_PER_S
+                await asyncio.sleep(max(wait_s, 0.0) / clock.speed)
                 yield sentence
                 timed_words = []
-            if words and words[0].time_s is None:
+            if words and first_s is None:
                 yield speech(words, start_ns, clock.now_ns())
             else:
                 timed_words += words

@@ -36,21 +36,25 @@ SPEAKER = "speaker"
 """Value of `--announce`, and the service that it adds."""
 DEVICES = ("page", "phone", SPEAKER)
 PLAYER = "media_player."
-"""Begin of the media players of Home Assistant."""
+"""Start of the media players of Home Assistant."""
 COUNTED = ("stepped", "confirmed")
 SUPERVISOR = ("supervisor.press_while_pointing=confirms",)
 
 
 def _speaking_device(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
     """Return `value` if it is one of `DEVICES` or a media player of Home Assistant."""
-    if value is None or value in DEVICES or re.fullmatch(rf"{re.escape(PLAYER)}[a-z0-9_]+", value):
+    if value is None or value in DEVICES:
+        return value
+    if re.fullmatch(rf"{re.escape(PLAYER)}[a-z0-9_]+", value):
         return value
     raise click.BadParameter(f"{value!r}: choose {', '.join(DEVICES)}, or {PLAYER}NAME of Home Assistant")
 
 
 def _language_tag(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
     """Return `value` if it is a tag of a language."""
-    if value is None or (value and re.match(LANGUAGE, value)):
+    if value is None:
+        return value
+    if value and re.match(LANGUAGE, value):
         return value
     raise click.BadParameter(f"{value!r}: write the tag of a language, such as de or en-GB")
 
@@ -102,10 +106,14 @@ class NameWatcher:
     def summary(self) -> Mapping[str, Any]:
         """Return the number of names that were spoken and were not, of steps and selections by a press."""
         announced = round(sum(self._spoken.values()))
-        unheard = max(self._counts["said"] - announced, 0)
-        counts = {"announced": announced, "unheard": unheard}
-        problem = next(filter(None, self._problems.values()), "")
-        return {"names": {**counts, **{each: self._counts[each] for each in COUNTED}, "problem": problem}}
+        names: dict[str, Any] = {
+            "announced": announced,
+            "unheard": max(self._counts["said"] - announced, 0),
+        }
+        for counter in COUNTED:
+            names[counter] = self._counts[counter]
+        names["problem"] = next(filter(None, self._problems.values()), "")
+        return {"names": names}
 
     def _on_announced(self, announced: Announced, _user: str) -> None:
         self._counts["said"] += bool(announced.object_id)
@@ -114,14 +122,19 @@ class NameWatcher:
         for figure in health.figures:
             if figure.name == NAMES_SPOKEN:
                 self._spoken[instance] = figure.value
-        problems = [each.sentence for each in health.problems if each.code == VOICE]
-        self._problems[instance] = problems[0] if problems else ""
+        self._problems[instance] = ""
+        for problem in health.problems:
+            if problem.code == VOICE:
+                self._problems[instance] = problem.sentence
+                break
 
     def _on_step(self, _step: Step, _user: str) -> None:
         self._counts["stepped"] += 1
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        self._counts["confirmed"] += event.event in {"selected", "deselected"} and event.cause == "button"
+        is_selection = event.event in {"selected", "deselected"}
+        if is_selection and event.cause == "button":
+            self._counts["confirmed"] += 1
 
 
 def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
@@ -137,37 +150,61 @@ def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any])
             f"--announce {announce}: nothing is selected in {scenario.source}; "
             "choose another scenario, such as shelf"
         )
-    if (method := options.get("method", "").partition(":")[0]) not in {"", "estimate"}:
+    method = options.get("method", "").partition(":")[0]
+    if method not in {"", "estimate"}:
         raise ConfigError(f"--announce {announce} needs method estimate, not {method}: leave --method out")
-    players = (f"{HOME}.speaker={announce}",) if announce.startswith(PLAYER) else ()
-    if players and HOME not in {*scenario.site, *map(with_service_name, choices.services)}:
-        raise ConfigError(f"--announce {announce}: Home Assistant is not connected; {HOME_REMEDY}")
-    speaker = (SPEAKER,) if announce == SPEAKER else ()
-    if speaker:
+
+    # The voice: that of a service, which has a language, or of a page, which asks its browser
+    settings = [*SELECTOR]
+    site_services: list[str] = []
+    voice = ""
+    if announce.startswith(PLAYER):
+        if HOME not in {*scenario.site, *map(with_service_name, choices.services)}:
+            raise ConfigError(f"--announce {announce}: Home Assistant is not connected; {HOME_REMEDY}")
+        settings.append(f"{HOME}.speaker={announce}")
+        voice = HOME
+    elif announce == SPEAKER:
         require_synthesizer("--announce speaker")
-    voice = HOME if players else SPEAKER if speaker else ""
-    languages = (f"{voice}.language={language}",) if voice and language else ()
-    presses = SUPERVISOR if "supervisor" in scenario.user else ()
-    room = room_of(site_launches(scenario, choices))
-    alike = [each.text for each in check_labels(() if room is None else room.things)]
-    more = f" (and {len(alike) - 1} more: pointit map check MAP --spoken)" if alike[1:] else ""
+        site_services.append(SPEAKER)
+        voice = SPEAKER
+    if voice and language:
+        settings.append(f"{voice}.language={language}")
+    if "supervisor" in scenario.user:
+        settings += SUPERVISOR
     return RunAddition(
-        notes=[alike[0] + more] if alike else [],
-        site_services=speaker,
-        settings=(*SELECTOR, *players, *languages, *presses),
+        notes=_label_notes(scenario, choices),
+        site_services=tuple(site_services),
+        settings=tuple(settings),
         watchers=[lambda _launches: NameWatcher()],
     )
 
 
+def _label_notes(scenario: Scenario, choices: Choices) -> list[str]:
+    """Return a note on the labels of the map that sound alike or take long, if any."""
+    room = room_of(site_launches(scenario, choices))
+    if room is None:
+        return []
+    notes = [finding.text for finding in check_labels(room.things)]
+    if len(notes) > 1:
+        return [f"{notes[0]} (and {len(notes) - 1} more: pointit map check MAP --spoken)"]
+    return notes
+
+
 def announcement_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return the sentence on the names of a summary."""
-    if not (counts := summary.get("names")):
+    counts = summary.get("names")
+    if not counts:
         return []
-    unheard = f", {counts['unheard']} more not heard" if counts["unheard"] else ""
-    unopened = "is the page or phone open?" if counts["unheard"] and not counts["announced"] else ""
-    why = f" ({counts['problem'] or unopened})" if counts["problem"] or unopened else ""
-    steps, confirmed = (counts[each] for each in COUNTED)
-    return [f"Names: {counts['announced']} announced{unheard}{why}, {steps} steps, {confirmed} confirmed."]
+    announced = f"{counts['announced']} announced"
+    reason = counts["problem"]
+    if counts["unheard"]:
+        announced += f", {counts['unheard']} more not heard"
+        if not counts["announced"]:
+            reason = reason or "is the page or phone open?"
+    if reason:
+        announced += f" ({reason})"
+    steps, confirmed = (counts[counter] for counter in COUNTED)
+    return [f"Names: {announced}, {steps} steps, {confirmed} confirmed."]
 
 
 NAMES_PART = RunPart(
@@ -232,11 +269,15 @@ def _options(function: Any) -> Any:
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return watchers and parameters. Raises ConfigError: no such program, thing, extra or broker."""
+    settings: list[str] = []
+    reactions = options["on"]
+    if reactions:
+        # Only checked here: the service reactions reads them again
+        room = room_of(site_launches(scenario, choices))
+        for text in reactions:
+            list(reactions_in(text, room))
+        settings.append(f"reactions.on={json.dumps(reactions)}")
     watchers: list[MakeWatcher] = []
-    room = room_of(site_launches(scenario, choices)) if options["on"] else None
-    for text in options["on"]:
-        list(reactions_in(text, room))
-    settings = [f"reactions.on={json.dumps(options['on'])}"] if options["on"] else []
     ca_file = options.get("mqtt_ca_file", "")
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
@@ -252,24 +293,33 @@ def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]
         room = room_of(launches)
     except ConfigError:  # reported when all options are known
         return []
-    is_connected = any(HOME_ASSISTANT.name == launch.service.NAME for launch in launches)
-    things = () if room is None else home_things(room)
     has_other_processes = bool(options.get("connect")) or given_credentials() is not None
-    is_simulated = "user-sim" in scenario.user and not choices.imu and not options.get("site_only")
-    if things and is_connected and is_simulated:
+    things = () if room is None else home_things(room)
+    if not things:
+        return []
+
+    # A simulated person would switch lights of a real home
+    has_simulated_people = "user-sim" in scenario.user and not options.get("site_only")
+    if any(HOME_ASSISTANT.name == launch.service.NAME for launch in launches):
+        if choices.imu or not has_simulated_people:
+            return []
         switched = f"a simulated person points, and switches {few_of(things)} of your Home Assistant"
         return [f"{switched}; to point yourself, add --imu page, or --imu with a wrist"]
-    if things and not is_connected and not has_other_processes:
-        return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"]
-    return []
+
+    # Where others join, the bridge may be one of them
+    if has_other_processes:
+        return []
+    return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"]
 
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return sentences on the entry of the broker in a summary."""
-    lines: list[str] = []
-    if mqtt := summary.get("mqtt"):
-        lines += [f"MQTT: {mqtt['events']} events published."]
-        lines += [f"MQTT: {mqtt['problem']}."] if mqtt["problem"] else []
+    mqtt = summary.get("mqtt")
+    if not mqtt:
+        return []
+    lines = [f"MQTT: {mqtt['events']} events published."]
+    if mqtt["problem"]:
+        lines.append(f"MQTT: {mqtt['problem']}.")
     return lines
 
 

@@ -5,6 +5,7 @@ import contextlib
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 
 import click
 
@@ -46,7 +47,8 @@ async def list_things(site: SiteAddress, *, as_json: bool) -> int:
         room = await _map(bus)
         events: Sequence[SelectionEvent] | None
         try:
-            events = (await bus.call(READ_HISTORY, ReadHistory(since_ns=room.stamp_ns))).events
+            history = await bus.call(READ_HISTORY, ReadHistory(since_ns=room.stamp_ns))
+            events = history.events
         except RequestError as error:
             say(f"the counts of the things are unknown: {error}", err=True)
             events = None
@@ -54,10 +56,9 @@ async def list_things(site: SiteAddress, *, as_json: bool) -> int:
     if not room.things and not as_json:
         say(f"the map {room.name} has no things; add a section `things`", err=True)
     else:
-        show(
-            [OutputSection(name="things", about=f"of map {room.name}", rows=rows(room, events, states))],
-            as_json=as_json,
-        )
+        thing_rows = rows(room, events, states)
+        section = OutputSection(name="things", about=f"of map {room.name}", rows=thing_rows)
+        show([section], as_json=as_json)
     return 0 if room.things else EXIT_FAILED
 
 
@@ -69,15 +70,22 @@ async def _map(bus: Bus) -> Environment:
 
 
 async def _states(bus: Bus) -> dict[str, str]:
-    """Return the states that the carriers of things tell within `STATES_S`."""
+    """Return the states that the carriers of things report within `STATES_S`."""
     by_carrier: dict[str, ThingStates] = {}
-    with contextlib.closing(
-        bus.subscribe(THING_STATES, lambda states, name: by_carrier.update({name: states}))
-    ):
+
+    def on_states(states: ThingStates, carrier: str) -> None:
+        by_carrier[carrier] = states
+
+    with contextlib.closing(bus.subscribe(THING_STATES, on_states)):
         await asyncio.sleep(STATES_S)
-    states = [each for thing_states in by_carrier.values() for each in thing_states.things]
-    states.sort(key=lambda each: each.state == "unavailable")  # an act needs all carriers of its thing
-    return {each.id: f"{each.state}: {each.reason}" if each.reason else each.state for each in states}
+
+    # An act needs all carriers of its thing: what one of them lacks comes last, and stays
+    reports = list(chain.from_iterable(states.things for states in by_carrier.values()))
+    reports.sort(key=lambda report: report.state == "unavailable")
+    states: dict[str, str] = {}
+    for report in reports:
+        states[report.id] = f"{report.state}: {report.reason}" if report.reason else report.state
+    return states
 
 
 def rows(
@@ -89,13 +97,16 @@ def rows(
     may have things with the same names. `events`: all selection events, or None if unknown. `states`: state
     of each thing that a carrier tells, with the reason if it is unavailable.
     """
-    fired = Counter(
-        event.thing
-        for event in events or ()
-        if event.stamp_ns >= room.stamp_ns and event.is_on and is_reaction(event, (), room)
-    )
-    return tuple(
-        {
+    fired: Counter[str] = Counter()
+    for event in events or ():
+        if event.stamp_ns < room.stamp_ns or not event.is_on:
+            continue
+        if is_reaction(event, (), room):
+            fired[event.thing] += 1
+
+    thing_rows: list[Row] = []
+    for thing in room.things:
+        row = {
             "thing": thing.id,
             "label": thing.label or thing.id,
             "mode": thing.mode,
@@ -103,13 +114,15 @@ def rows(
             "state": states.get(thing.id, ""),
             "fired": None if events is None else fired[thing.id],
         }
-        for thing in room.things
-    )
+        thing_rows.append(row)
+    return tuple(thing_rows)
 
 
 def _light(thing: Thing) -> str:
+    if not thing.strip:
+        return thing.lamp
     start_m, end_m = thing.part_m
-    return f"{thing.strip} {start_m:g}-{end_m:g} m" if thing.strip else thing.lamp
+    return f"{thing.strip} {start_m:g}-{end_m:g} m"
 
 
 @site_command("try")
@@ -146,7 +159,7 @@ async def react_to_things(
 
     Example: pointit things react my_site.yaml
     """
-    reactions = [each for text in on for each in reactions_in(text)]
+    reactions = list(chain.from_iterable(map(reactions_in, on)))
     watchers: list[Watcher] = []
     if mqtt or mqtt_ca_file:
         watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file), mqtt_discovery_prefix, is_new_run=False))
@@ -161,7 +174,8 @@ async def react_to_things(
 async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
     """Return a carrier of the reactions, whose name is the same after a restart."""
     targets = targets_of(reactions)
-    name = f"react-{zlib.crc32(' '.join(sorted(targets)).encode()):08x}"
+    things = " ".join(sorted(targets))
+    name = f"react-{zlib.crc32(things.encode()):08x}"
     await check_carrier(bus, name)
     carrier = Carrier(bus, SiteClock(bus), name)
     carrier.use(targets)
@@ -169,6 +183,7 @@ async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
 
 
 async def _react(bus: ZenohBus, watchers: Sequence[Watcher], reactions: Sequence[Reaction]) -> int:
+    # All is checked before anything is announced: the map, and other carriers of the same name
     room = await _map(bus)
     for reaction in reactions:
         reaction.check(room)
@@ -183,8 +198,8 @@ async def _react(bus: ZenohBus, watchers: Sequence[Watcher], reactions: Sequence
     try:
         with contextlib.ExitStack() as ending:
             for watcher in watchers:
-                for each in watcher.attach(bus, lambda _line, _user: None):
-                    ending.callback(each.close)
+                for subscription in watcher.attach(bus, lambda _line, _user: None):
+                    ending.callback(subscription.close)
             bus.subscribe(MAP, on_map)
             say(f"reacting to things of map {room.name}; Ctrl-C ends it")
             await asyncio.Event().wait()

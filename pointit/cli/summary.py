@@ -70,6 +70,7 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
         if launch.service.NAME == "user-sim":
             simulated[launch.user] = launch.config.model_dump()
 
+    # Of simulated people the true pose is known, the yaw only if their IMU does not drift
     people: dict[str, dict[str, Any]] = {}
     for user, pose in sorted(monitor.found.items()):
         x_m, y_m, _ = pose.position_m

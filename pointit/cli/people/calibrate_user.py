@@ -498,6 +498,8 @@ async def _show_or_erase(site: SiteAddress, user: str, *, erase: bool, as_json: 
         else:
             say(f"{user}: {reply.message}{site.note}")
         return 0
+
+    # The supervisor's profile has the offset in use. Without one, the file has that of the next start
     profile = await query_site(lambda bus: _profile(bus, user), site.join())
     if profile is not None:
         offset = profile.offset

@@ -181,7 +181,7 @@ def check_command(title: str, name: str) -> CheckResult:
 
 
 def _help_problem(command: click.Command, name: str) -> str:
-    """Return what the help of a command lacks, or `""`."""
+    """Return a sentence on a missing help text of a command or an option, or `""`."""
     if not (command.help or "").strip():
         return "it has no help: give its function a docstring"
     context = click.Context(command, info_name=f"pointit {name}")

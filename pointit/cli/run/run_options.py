@@ -135,6 +135,8 @@ def choices_of(options: dict[str, Any], output: str = "") -> Choices:
         ConfigError: If an environment variable is for a service that does not exist.
     """
     check_environment(os.environ, registry.names())
+
+    # Programs are started by a service of their own
     services: tuple[str, ...] = options["services"]
     if options.get("on"):
         services = (*services, "reactions")

@@ -97,6 +97,7 @@ def rows(
     may have things with the same names. `events`: all selection events, or None if unknown. `states`: state
     of each thing that a carrier tells, with the reason if it is unavailable.
     """
+    # Events that the mode of their thing makes a reaction
     fired: Counter[str] = Counter()
     for event in events or ():
         if event.stamp_ns < room.stamp_ns or not event.is_on:

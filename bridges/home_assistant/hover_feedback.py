@@ -78,7 +78,9 @@ class DimmedLight(BaseModel):
 
     def is_nearer(self, brightness: int) -> bool:
         """Return True if a brightness is nearer to that of the hover than what the lamp reported before."""
-        return self.shown is None or abs(brightness - self.during) < abs(self.shown - self.during)
+        if self.shown is None:
+            return True
+        return abs(brightness - self.during) < abs(self.shown - self.during)
 
     def shows_hover(self, brightness: int) -> bool:
         """Return True if a lamp with this brightness is not restored yet."""

@@ -457,7 +457,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 hint = ""
                 if len(missing) <= MAX_NAMES:
                     hint = await self._hint_for(entity)
-                missing.append(f"{entity} {use} ({hint})" if hint else f"{entity} {use}")
+                shown_hint = f" ({hint})" if hint else ""
+                missing.append(f"{entity} {use}{shown_hint}")
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
         self._announcer.report_voice()

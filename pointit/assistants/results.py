@@ -215,12 +215,13 @@ def _map_items(site: Site, room: Environment) -> Iterable[Item]:
     for thing in room.things:
         owner = owners.get(thing.id, "")
         position_m = None if thing.is_tracked else thing.center_m
+        lamp_id = thing.lamp or _lamp_near(room, position_m)
         yield Item(
             name=thing.id,
             kind="thing",
             label=plain(thing.label),
             position_m=position_m,
-            lamp=thing.lamp or _lamp_near(room, position_m),
+            lamp=lamp_id,
             state=f"on, by {owner}" if owner else "",
         )
 

@@ -426,6 +426,9 @@ def ns_of(text: str) -> int:
         time = dt.datetime.fromisoformat(text)
     except ValueError:
         raise SchemaError(problem) from None
-    if time.tzinfo is None or not 0 <= time.timestamp() < 2**63 / NS_PER_S:
+    if time.tzinfo is None:
         raise SchemaError(problem)
-    return round(time.timestamp() * 1e6) * 1000  # a date has µs
+    unix_s = time.timestamp()
+    if not 0 <= unix_s < 2**63 / NS_PER_S:
+        raise SchemaError(problem)
+    return round(unix_s * 1e6) * 1000  # a date has µs

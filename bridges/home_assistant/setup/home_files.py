@@ -93,7 +93,9 @@ def with_home_assistant(text: str, url: str, token_file: Path) -> str:
     if rest and not rest.endswith("\n"):
         rest += "\n"
     # the texts of JSON are those of YAML, too
-    return f"{rest}home_assistant: {{url: {json.dumps(url)}, token_file: {json.dumps(str(token_file))}}}\n"
+    url_text = json.dumps(url)
+    path_text = json.dumps(str(token_file))
+    return f"{rest}home_assistant: {{url: {url_text}, token_file: {path_text}}}\n"
 
 
 def draft_map(content: bytes, path: Path) -> bytes:

@@ -60,19 +60,19 @@ class LitLights:
             self._store(entity, light.model_copy(update={"context": context}))
 
     def on_state(self, entity: str, state: Mapping[str, Any]) -> None:
-        """Note what a lamp reports: what is not our light is somebody else's, or its end."""
+        """Update from the state of a lamp. One that another user or automation has set is left to them."""
         light = self._lights.get(entity)
         if light is None:
             return
 
-        # Off: somebody has switched it, unless it has not followed yet
+        # Off: another user has switched it, unless it has not followed yet
         if state.get("state") == OFF and light.was_seen:
             self._store(entity, None)
             return
         if state.get("state") != ON:
             return
 
-        # On: by our call, or by somebody to whom it belongs from now on
+        # On: by our call, or by another user to whom it belongs from now on
         context = context_of(state)
         has_caller = bool(context.get("user_id") or context.get("parent_id"))
         is_ours = context.get("id") == light.context or light.context == UNKNOWN

@@ -137,7 +137,7 @@ class Devices:
     """The stored devices could not be read; their file is kept beside the next one."""
     _searching: asyncio.Lock = field(default_factory=asyncio.Lock)
     _changing: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """Held while devices are connected or forgotten, by whatever number of pages."""
+    """Held while a page connects or forgets a device."""
 
     def on_map(self, room: Environment) -> None:
         """Set the map's strips."""
@@ -222,7 +222,7 @@ class Devices:
 
     async def _connect(self, request: ConnectDevice) -> dict[str, Any]:
         """Connect a device as `connect`, while no other one is connected or forgotten."""
-        # The device: one that is connected already, for whatever name, or one of the last search
+        # A device that is connected already, under any name, or one of the last search
         connected = [running.device for running in self._running.values() if running.device.is_like(request)]
         device = connected[0] if connected else None
         if device is None and self._found is not None:

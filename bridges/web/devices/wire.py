@@ -33,7 +33,7 @@ class ConnectDevice(_Frozen):
     ]
 
     def is_like(self, other: "ConnectDevice") -> bool:
-        """Return True if `other` is the same device, whatever it is for."""
+        """Return True if `other` is the same device, under any name."""
         return (self.kind, self.plugin, self.address) == (other.kind, other.plugin, other.address)
 
 

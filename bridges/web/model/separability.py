@@ -85,10 +85,11 @@ def floor(room: Environment) -> Floor:
     x_m, y_m = floor_edges(*floor_extent)
     things = room.fixed_things
     confused_pairs = confusions(things)
+    names = [thing.label or thing.id for thing in things]
     squares: Floor = {
         "x_m": x_m,
         "y_m": y_m,
-        "things": [thing.label or thing.id for thing in things],
+        "things": names,
         "told_apart": [],
         "confused": [],
         "uncovered": [],

@@ -58,7 +58,7 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
     "viewer": (topics.STOP_ROBOT,),
     "wrist": (topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION),
 }
-"""Requests by role. Everybody who sees a robot may stop it."""
+"""Requests by role. All that see a robot may stop it."""
 
 TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""

@@ -224,7 +224,7 @@ class Lanes:
 
         def from_start_s(at_ns: int) -> float:
             passed_ns = max(at_ns - began_ns, 0)
-            return math.ceil(passed_ns / NS_PER_MS) / 1000.0  # who goes there sees its effect
+            return math.ceil(passed_ns / NS_PER_MS) / 1000.0  # rounded up: a seek to it shows its effect
 
         lanes: list[Lane] = []
         for kind, user in sorted(items_by_lane, key=_lane_order):
@@ -323,7 +323,7 @@ class Lanes:
             self._open[key] = (at_ns, text[:MAX_TEXT], identity)
 
     def _end_intervals(self, user: str, instance: str, at_ns: int) -> None:
-        """End the open intervals of a service that has gone, or without one those of a person who has."""
+        """End the open intervals of an instance that has left, or if it is `""` of a person."""
         for kind, open_user, open_instance in list(self._open):
             if open_instance == instance and (instance or open_user == user):
                 self._set_interval(kind, open_user, instance, "", at_ns)

@@ -127,7 +127,7 @@ class ScanLights:
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            pass  # somebody localizes by it: the camera does not see it change
+            pass  # a localization uses the lamp: the camera does not see it change
 
     def _shows(self, colors: Mapping[str, Rgb]) -> bool:
         """Return True if the lamps that blink show `colors`."""

@@ -50,14 +50,9 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     scan_strips: list[ScanStrip] = []
     for light in scanned:
         pixels, line_m = lights[light.name]
+        sigma_m = light.sigma_m if math.isfinite(light.sigma_m) else None
         scan_strips.append(
-            ScanStrip(
-                name=light.name,
-                pixels=pixels,
-                line_m=line_m,
-                sigma_m=light.sigma_m if math.isfinite(light.sigma_m) else None,
-                reason=light.reason,
-            )
+            ScanStrip(name=light.name, pixels=pixels, line_m=line_m, sigma_m=sigma_m, reason=light.reason)
         )
 
     # Problems of lights that are missing are those of their lines already
@@ -66,8 +61,10 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     if scan.level_from != "gravity":
         sentences.append("no view tells where down is, so that most strips are taken as level or upright")
     advice = next_view(scan)
+    next_m = None
     if advice is not None:  # it has the positions for photographs of what is missing
         sentences.append(advice.text)
+        next_m = advice.position_m
     capitalized: list[str] = []
     for sentence in sentences:
         text = f"{sentence}."
@@ -83,7 +80,7 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
         cameras_m=cameras_m,
         is_complete=scan.complete(),
         advice=" ".join(capitalized),
-        next_m=advice.position_m if advice is not None else None,
+        next_m=next_m,
         thing=functools.partial(_solved_thing, scan, size),
         map_text=functools.partial(_map_text, scan, size),
     )

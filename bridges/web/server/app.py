@@ -54,7 +54,7 @@ def write_recording(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
     Returns:
         the number of entries.
     """
-    from pointit.recording.writer import RecordingWriter  # noqa: PLC0415 - 1 MB, for who downloads
+    from pointit.recording.writer import RecordingWriter  # noqa: PLC0415 - 1 MB, only for downloads
 
     writer = RecordingWriter(output, make_head(past.site, since_ns))
     for entry in past.states_at(since_ns - 1):

@@ -86,7 +86,7 @@ class Lan:
         """A deviation from the configuration, or `""`."""
 
     def _certificate(self, addresses: list[str]) -> "Certificate":
-        # only who opens the page to the network pays for the import, 40 ms and 10 MB
+        # imported only when the page is opened to the network: it takes 40 ms and 10 MB
         from pointit.bridges.web.server.certificate import obtain  # noqa: PLC0415
 
         now = dt.datetime.now(dt.UTC)

@@ -45,7 +45,7 @@ MAX_CONNECTIONS = 1024
 the one that has been idle longest, else has not read longest, of the address that has most."""
 
 MAX_ARRIVING = 64
-"""Maximum number of TLS handshakes in progress, and of connections on which nothing was said yet. A further
+"""Maximum number of TLS handshakes in progress, and of connections that have sent nothing yet. A further
 one replaces the oldest of the address that has most."""
 
 AT_ONCE = 32
@@ -297,13 +297,17 @@ class Listener:
     async def _let_in(self, accepted: socket.socket, address: str) -> None:
         self._unserved.discard(accepted)
         loop = asyncio.get_running_loop()
+
+        # asyncio accepts timeouts only with TLS
+        handshake_timeout_s = None if self._tls is None else ARRIVING_S
+        shutdown_timeout_s = None if self._tls is None else CLOSE_S
         with contextlib.suppress(OSError):  # gone, without TLS or too slow: the connection is closed
             _, connection = await loop.connect_accepted_socket(
                 self._make_connection,
                 accepted,
                 ssl=self._tls,
-                ssl_handshake_timeout=None if self._tls is None else ARRIVING_S,
-                ssl_shutdown_timeout=None if self._tls is None else CLOSE_S,
+                ssl_handshake_timeout=handshake_timeout_s,
+                ssl_shutdown_timeout=shutdown_timeout_s,
             )
             self._visits[connection] = _Visit(address=address, since_s=loop.time())
             if len(self._state.connections) > self._max_connections:

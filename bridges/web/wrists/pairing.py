@@ -85,7 +85,7 @@ class Pairing:
 
 def offer(url: str, fingerprint: str) -> dict[str, Any]:
     """Return the QR code and its facts for the operator's page; a phone that opens `url` is paired."""
-    import segno  # noqa: PLC0415 - 3 MB, for who pairs a phone
+    import segno  # noqa: PLC0415 - 3 MB, only for pairing
 
     svg = io.BytesIO()
     code = segno.make(url, error="m", micro=False)

@@ -157,7 +157,10 @@ def _points_along(line: tuple[Vec3, ...]) -> list[Vec3]:
         parts = min(64, max(1, math.ceil(length_m / 0.5)))
         for k in range(1, parts + 1):
             s = k / parts
-            points.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
+            x = a[0] + s * (b[0] - a[0])
+            y = a[1] + s * (b[1] - a[1])
+            z = a[2] + s * (b[2] - a[2])
+            points.append((x, y, z))
     return points
 
 

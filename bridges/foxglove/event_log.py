@@ -80,7 +80,7 @@ class EventLog:
         return self._lines_of(writer(message, previous), source, now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
-        """Return the line that says that a service has started or ended."""
+        """Return the line about a service that has started or ended."""
         sentence = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
         return self._lines_of(iter([sentence]), instance, now_ns)
 
@@ -98,13 +98,13 @@ class EventLog:
         return lines
 
     def _health(self, health: Health, previous: Health | None) -> Sentences:
-        now = _warnings(health)
-        before = _warnings(previous)
-        for identity, sentence in now.items():
-            if identity not in before:
+        current_warnings = _warnings(health)
+        previous_warnings = _warnings(previous)
+        for identity, sentence in current_warnings.items():
+            if identity not in previous_warnings:
                 yield LogLevel.Warning, sentence
-        for identity, sentence in before.items():
-            if identity not in now:
+        for identity, sentence in previous_warnings.items():
+            if identity not in current_warnings:
                 yield LogLevel.Info, f"no longer: {sentence}"
 
         # Counts of a service that has been started again may be lower
@@ -126,7 +126,8 @@ class EventLog:
         yield level, _with_reason(text, event.reason)
 
     def _feedback(self, cue: Feedback, _previous: None) -> Sentences:
-        yield LogLevel.Info, _with_reason(f"cue {cue.cue}", cue.text)
+        text = f"cue {cue.cue}"
+        yield LogLevel.Info, _with_reason(text, cue.text)
 
     def _localization(self, message: Localization, previous: Localization | None) -> Sentences:
         phase = (message.phase, message.target_id)
@@ -143,7 +144,8 @@ class EventLog:
 
     def _interaction(self, message: Interaction, previous: Interaction | None) -> Sentences:
         if previous is None or previous.state != message.state:
-            yield LogLevel.Info, _with_reason(f"is {message.state}", message.reason)
+            text = f"is {message.state}"
+            yield LogLevel.Info, _with_reason(text, message.reason)
 
     def _robot(self, message: RobotState, previous: RobotState | None) -> Sentences:
         previous_user = previous.user if previous else ""

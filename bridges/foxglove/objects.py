@@ -54,7 +54,8 @@ class ObjectOwnership:
         for user in sorted(hovers):
             hover = hovers[user]
             if hover.object_id:
-                ownership.hovers.setdefault(hover.object_id, []).append((user, hover))
+                of_object = ownership.hovers.setdefault(hover.object_id, [])
+                of_object.append((user, hover))
         return ownership
 
 
@@ -62,12 +63,12 @@ class ObjectOwnership:
 class _Box:
     center_m: Vec3
     size_m: Vec3
-    turned: rotation.Quaternion
+    orientation: rotation.Quaternion
 
     @property
     def above_m(self) -> Vec3:
         height_m = self.size_m[2] / 2.0 + 0.12
-        return vector.add(self.center_m, (0.0, 0.0, height_m))
+        return shapes.above(self.center_m, height_m)
 
 
 class ObjectRenderer:
@@ -110,9 +111,11 @@ class ObjectRenderer:
         orientation = rotation.IDENTITY
         if line is not None:
             tangent = line.tangent_at(item.surface_position_m)
-            orientation = rotation.from_azimuth_elevation(vector.azimuth(tangent), vector.elevation(tangent))
-            rise_m = size_m[2] / 2.0 if item.surface == "belt" else 0.0
-            center = vector.add(item.position_m, (0.0, 0.0, rise_m))
+            orientation = shapes.towards(tangent)
+            rise_m = 0.0
+            if item.surface == "belt":
+                rise_m = size_m[2] / 2.0
+            center = shapes.above(item.position_m, rise_m)
         box = _Box(center, size_m, orientation)
 
         # Shape: a box, or a ball with its name and velocity
@@ -137,7 +140,9 @@ class ObjectRenderer:
         length_m = item.length_m or USUAL_LENGTH_M
         if item.surface == "belt" and item.surface_id in self._lines.belts:
             line, _ = self._lines.belts[item.surface_id]
-            return line, (length_m, _share_m(PACKAGE_WIDE, length_m), _share_m(PACKAGE_HIGH, length_m))
+            width_m = _share_m(PACKAGE_WIDE, length_m)
+            height_m = _share_m(PACKAGE_HIGH, length_m)
+            return line, (length_m, width_m, height_m)
         if item.surface == "strip" and item.surface_id in self._lines.strips:
             line, _ = self._lines.strips[item.surface_id]
             return line, (length_m, *SEGMENT)
@@ -171,7 +176,8 @@ class ObjectRenderer:
         for user, hover in ownership.hovers.get(item.id, ()):
             outlines.append((colors.get(user, shapes.WHITE), HOVERED_PIXELS))
             progress = f"{hover.progress:.0%}"
-            facts[f"hovered by {user}"] = f"{progress} {hover.action}".rstrip()
+            action = f"{progress} {hover.action}"
+            facts[f"hovered by {user}"] = action.rstrip()
             if hover.progress > 0.0:
                 words.append(f"{user} {progress}")
 
@@ -179,11 +185,12 @@ class ObjectRenderer:
         for number, (rgb, pixels) in enumerate(outlines):
             grown_m = 0.02 + 0.03 * number  # one around the other
             around = vector.add(box.size_m, (grown_m, grown_m, grown_m))
-            edges = shapes.box_edges(box.center_m, around, box.turned)
+            edges = shapes.box_edges(box.center_m, around, box.orientation)
             lines.append(shapes.line(edges, rgb, kind="list", pixels=pixels))
         if not words:
             return lines, []
-        return lines, [shapes.label("\n".join(words), box.above_m)]
+        label = shapes.label("\n".join(words), box.above_m)
+        return lines, [label]
 
 
 def _share_m(limits: tuple[float, float, float], length_m: float) -> float:

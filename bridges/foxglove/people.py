@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from foxglove.messages import CylinderPrimitive, FrameTransform, Quaternion
+from foxglove.messages import CylinderPrimitive, FrameTransform, LinePrimitive, Quaternion
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
@@ -35,7 +35,9 @@ TORSO_M = 0.34
 HEAD_M = 0.22
 ARM_M = 0.07
 RAY_M = 0.012
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Points of the unit circle."""
 
 
 @dataclass(slots=True)
@@ -75,14 +77,15 @@ def ellipse(pose: UserPose) -> Places | None:
     """Return the points of the `SIGMAS` ellipse around the position, or None if it is too small to see."""
     covariance = np.array(pose.covariance).reshape(3, 3)
     horizontal = covariance[:2, :2]
-    variances, axes = np.linalg.eigh((horizontal + horizontal.T) / 2.0)
+    symmetric = (horizontal + horizontal.T) / 2.0
+    variances, axes = np.linalg.eigh(symmetric)
     half_axes_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
     if half_axes_m[1] < SMALLEST_M:
         return None
-    circle = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-    around = circle * half_axes_m @ axes.T
+    around = _CIRCLE * half_axes_m @ axes.T
     above_floor = np.full(len(around), 0.01)
-    rim: Places = np.column_stack([around, above_floor]) + np.array(pose.position_m)
+    offsets = np.column_stack([around, above_floor])
+    rim: Places = offsets + np.array(pose.position_m)
     return rim
 
 
@@ -104,14 +107,16 @@ def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedE
     stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
     neck_m = profile.body.footprint_to_neck_m
     limbs = [shapes.cylinder(pose.position_m, neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)]
-    cursor = person.cursor
-    if cursor is not None:
-        limbs += _arm(stance, cursor, rgb)
+    if person.cursor is not None:
+        limbs += _arm(stance, person.cursor, rgb)
 
+    # The ellipse of the position, unless it is known
     rim = ellipse(pose)
-    lines = [] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")]
+    lines: list[LinePrimitive] = []
+    if rim is not None:
+        lines.append(shapes.line(rim.tolist(), rgb, kind="loop"))
     head = shapes.sphere(stance.eyes_m, HEAD_M, rgb)
-    label = shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)
+    label = shapes.label(user, shapes.above(stance.eyes_m, 0.3), rgb)
     facts = {"user": user, "located by": pose.method, "samples": str(pose.samples)}
     return shapes.entity(
         f"person {user}",
@@ -129,7 +134,8 @@ def _arm(stance: Stance, cursor: Cursor, rgb: Rgb) -> list[CylinderPrimitive]:
     if cursor.origin_m is None or cursor.direction is None:
         return []
     range_m = cursor.range_m or FREE_RAY_M
-    target = vector.add(cursor.origin_m, vector.scale(cursor.direction, range_m))
+    ray_m = vector.scale(cursor.direction, range_m)
+    target = vector.add(cursor.origin_m, ray_m)
     azimuth, elevation = stance.aim_at(target)
     arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
     shoulder = stance.shoulder_m(azimuth)
@@ -150,7 +156,8 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
         entities.append(entity)
     if point_m is not None:
         on = cursor.solid or cursor.surface
-        facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
+        miss_m = f"{cursor.miss_m:.3f}"
+        facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": miss_m}
         ball = shapes.sphere(point_m, CURSOR_M, rgb)
         entity = shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
         entities.append(entity)
@@ -158,11 +165,11 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
-    foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
+    foot = shapes.above(goal.position_m, GOAL_ABOVE_M)
     heading = vector.direction(goal.yaw_rad, 0.0)
-    arrow = shapes.arrow(foot, vector.scale(heading, GOAL_M), rgb, width_m=0.05)
-    above = vector.add(foot, (0.0, 0.0, 0.4))
-    label = shapes.label(f"goal of {user}", above, rgb)
+    step = vector.scale(heading, GOAL_M)
+    arrow = shapes.arrow(foot, step, rgb, width_m=0.05)
+    label = shapes.label(f"goal of {user}", shapes.above(foot, 0.4), rgb)
     sigma_m = f"{goal.position_sigma_m:.3f}"
     facts = {"user": user, "on": goal.surface_id, "sigma_m": sigma_m}
     return shapes.entity(f"goal {user}", now_ns, facts=facts, arrows=[arrow], texts=[label])

@@ -45,9 +45,13 @@ class Pixels:
         """Set the colours of `frame`. Ignores strips that are not on the map or are longer there."""
         for strip in frame.strips:
             part = self._slices.get(strip.id)
-            if part is None or len(strip.rgb) != 3 * (part.stop - part.start):
+            if part is None:
                 continue
-            colors = np.frombuffer(strip.rgb, dtype=np.uint8).reshape(-1, 3)
+            count = part.stop - part.start
+            if len(strip.rgb) != 3 * count:
+                continue
+            values = np.frombuffer(strip.rgb, dtype=np.uint8)
+            colors = values.reshape(-1, 3)
             shown = self._points["rgba"][part, :3]
             np.maximum(colors, FLOOR, out=shown)
 

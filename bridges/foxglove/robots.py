@@ -21,14 +21,18 @@ FLYING_M = 0.05
 ABOVE_M = 0.3
 """Height of a label above its robot."""
 WAYPOINT_M = 0.1
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(len(_ANGLES))])
+"""Points of the unit circle in the plane z = 0."""
 
 
 def robot(
     name: str, state: RobotState, plan: RobotPlan | None, colors: Mapping[str, Rgb], now_ns: int
 ) -> NamedEntity:
     """Return the entity of a robot, in the colour of the person in `colors` who steers it."""
-    rgb = colors.get(state.user, shapes.WHITE) if state.user else FREE
+    rgb = FREE
+    if state.user:
+        rgb = colors.get(state.user, shapes.WHITE)
     at = state.position_m
     radius_m = state.radius_m
 
@@ -53,9 +57,11 @@ def robot(
     front = vector.scale(heading, 1.5 * radius_m)
     arrow = shapes.arrow(at, front, rgb, width_m=0.1 * radius_m)
     phase = state.phase.replace("_", " ")
-    words = f"{name}\n{state.user} {phase}" if state.user else f"{name}\n{phase}"
-    label = shapes.label(words, vector.add(at, (0.0, 0.0, ABOVE_M)), rgb)
-    facts = {"robot": name, "steered by": state.user or "nobody", "phase": state.phase}
+    action = f"{state.user} {phase}" if state.user else phase
+    text = f"{name}\n{action}"
+    label = shapes.label(text, shapes.above(at, ABOVE_M), rgb)
+    steered_by = state.user or "nobody"
+    facts = {"robot": name, "steered by": steered_by, "phase": state.phase}
     facts["reason"] = state.reason
     if state.battery is not None:
         facts["battery"] = f"{state.battery:.0%}"
@@ -75,10 +81,12 @@ def waypoints(user: str, steering: Steering, rgb: Rgb, now_ns: int) -> NamedEnti
     """Return the way-points that `user` has set and not yet sent, numbered."""
     points = steering.waypoints_m
     spheres = [shapes.sphere(point, WAYPOINT_M, rgb) for point in points]
-    lines = [shapes.line(points, rgb)] if len(points) > 1 else []
+    lines: list[LinePrimitive] = []
+    if len(points) > 1:
+        lines.append(shapes.line(points, rgb))
     labels: list[TextPrimitive] = []
     for number, point in enumerate(points, 1):
-        above = vector.add(point, (0.0, 0.0, 2.0 * WAYPOINT_M))
+        above = shapes.above(point, 2.0 * WAYPOINT_M)
         labels.append(shapes.label(str(number), above, rgb))
     facts = {"user": user}
     return shapes.entity(
@@ -94,22 +102,23 @@ def _body(state: RobotState) -> list[CylinderPrimitive]:
     rotors: list[Vec3] = []
     for corner in np.radians([45.0, 135.0, 225.0, 315.0]).tolist():
         direction = vector.direction(state.yaw_rad + corner, 0.0)
-        rotors.append(vector.add(at, vector.scale(direction, 0.7 * radius_m)))
+        arm_m = vector.scale(direction, 0.7 * radius_m)
+        rotors.append(vector.add(at, arm_m))
 
     # Two arms cross, with a disc at each end
     parts: list[CylinderPrimitive] = []
-    for start, end in ((rotors[0], rotors[2]), (rotors[1], rotors[3])):
+    for start, end in zip(rotors[:2], rotors[2:], strict=True):
         parts.append(shapes.cylinder_between(start, end, 0.12 * radius_m, BODY))
+    height_m = 0.1 * radius_m
+    diameter_m = 0.7 * radius_m
     for rotor in rotors:
-        parts.append(shapes.cylinder(rotor, 0.1 * radius_m, 0.7 * radius_m, BODY, alpha=0.8))
+        parts.append(shapes.cylinder(rotor, height_m, diameter_m, BODY, alpha=0.8))
     return parts
 
 
 def _circle(center_m: Vec3, radius_m: float) -> list[list[float]]:
-    level = np.zeros(len(_CIRCLE))
-    around = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE), level])
-    offset_m = np.array(center_m)
-    places: list[list[float]] = (around * radius_m + offset_m).tolist()
+    circle_m = _CIRCLE * radius_m + np.array(center_m)
+    places: list[list[float]] = circle_m.tolist()
     return places
 
 

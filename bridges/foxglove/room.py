@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from foxglove.messages import CubePrimitive, TextPrimitive
+from foxglove.messages import CubePrimitive, LinePrimitive, TextPrimitive
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
@@ -33,6 +33,7 @@ FENCE_M = 2.0
 """Drawn height of a fence without an upper end."""
 
 LAMP_M = 0.09
+BLACK: Rgb = (0, 0, 0)
 OFF = 45
 """Minimum grey of a lamp that is off."""
 ABOVE_M = 0.2
@@ -72,7 +73,9 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     """
     # Unit vectors to the left of each piece; a piece straight up has that of the piece before
     tangents = line.tangents
-    across = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    x = tangents[:, 0]
+    y = tangents[:, 1]
+    across = np.column_stack([-y, x])
     lengths = np.linalg.norm(across, axis=1)
     upright = lengths < 1e-6
     across[upright] = (0.0, 1.0)
@@ -120,13 +123,15 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
     for name, (line, belt) in lines.belts.items():
         entities.append(new_entity("belt", name, **_belt(line, belt)))
     if lines.strips:
-        strips = [shapes.line(line.vertices_m.tolist(), BELT) for line, _ in lines.strips.values()]
+        strips: list[LinePrimitive] = []
+        for line, _ in lines.strips.values():
+            strips.append(shapes.line(line.vertices_m.tolist(), BELT))
         entities.append(shapes.entity("strips", now_ns, lines=strips))
 
     for kind, name, primitives in _solids(environment):
         entities.append(new_entity(kind, name, **primitives))
 
-    # Lamps themselves change their colours: here only what they stand on
+    # Lamps change their colours and are drawn apart: here only what they stand on
     for lamp in environment.lamps:
         x, y, z = lamp.position_m
         if z > POLE_M:
@@ -167,17 +172,20 @@ def _box(box: Box | Thing) -> dict[str, object]:
     texts: list[TextPrimitive] = []
     if isinstance(box, Thing):
         height_m = box.size_m[2] / 2.0 + LAMP_M
-        above = vector.add(box.center_m, (0.0, 0.0, height_m))
-        texts.append(shapes.label(box.label or box.id, above))
+        name = box.label or box.id
+        texts.append(shapes.label(name, shapes.above(box.center_m, height_m)))
     return {"cubes": [cube], "lines": [edges], "texts": texts}
 
 
 def _belt(line: Polyline, belt: Belt) -> dict[str, object]:
     places, triangles = ribbon(line, belt.width_m)
     middle_m = line.length_m / 2.0
-    step = vector.scale(line.tangent_at(middle_m), min(0.4, line.length_m / 2.0))
-    above = vector.add(line.point_at(middle_m), (0.0, 0.0, 0.01))
-    rim = np.vstack([places[0::2], places[-1::-2]]).tolist()  # there on the left, back on the right
+    length_m = min(0.4, line.length_m / 2.0)
+    step = vector.scale(line.tangent_at(middle_m), length_m)
+    above = shapes.above(line.point_at(middle_m), 0.01)
+    left = places[0::2]
+    right_back = places[-1::-2]
+    rim = np.vstack([left, right_back]).tolist()
     surface = shapes.surface(places, triangles, BELT)
     outline = shapes.line(rim, RIM, kind="loop", pixels=1.5)
     arrow = shapes.arrow(above, step, RIM, width_m=0.015)
@@ -191,7 +199,8 @@ def _plane(plane: Plane) -> dict[str, object]:
     up = vector.scale(v, high_m / 2.0)
     corners: list[Vec3] = []
     for sign_u, sign_v in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
-        offset = vector.add(vector.scale(across, sign_u), vector.scale(up, sign_v))
+        offset_u = vector.scale(across, sign_u)
+        offset = vector.add(offset_u, vector.scale(up, sign_v))
         corners.append(vector.add(plane.center_m, offset))
     places = np.array(corners)
     surface = shapes.surface(places, (0, 1, 2, 0, 2, 3), SOLID, GLASS)
@@ -205,7 +214,8 @@ def _cloud(cloud: Cloud) -> dict[str, object]:
     center = vector.scale(vector.add(low, high), 0.5)
     edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
     lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]
-    label = shapes.label(f"{cloud.id}: {cloud.points} points", center)
+    text = f"{cloud.id}: {cloud.points} points"
+    label = shapes.label(text, center)
     return {"lines": lines, "texts": [label]}
 
 
@@ -220,12 +230,12 @@ def _fence(fence: Fence) -> dict[str, object]:
     places = np.array(bottom + top)
 
     # Edges; one without an upper end is open at the top
-    lines = [shapes.line(places[:count].tolist(), rgb, kind="loop")]
+    lines = [shapes.line(bottom, rgb, kind="loop")]
     if fence.high_m is not None:
-        lines.append(shapes.line(places[count:].tolist(), rgb, kind="loop"))
-    posts: list[list[float]] = []
-    for index in range(count):
-        posts += places[[index, index + count]].tolist()
+        lines.append(shapes.line(top, rgb, kind="loop"))
+    posts: list[Vec3] = []
+    for ends in zip(bottom, top, strict=True):
+        posts += ends
     lines.append(shapes.line(posts, rgb, kind="list"))
     if fence.kind == "keep_in":
         return {"lines": lines}
@@ -236,7 +246,8 @@ def _fence(fence: Fence) -> dict[str, object]:
         end = (start + 1) % count
         triangles += (start, end, end + count)
         triangles += (start, end + count, start + count)
-    return {"lines": lines, "triangles": [shapes.surface(places, triangles, rgb, 0.25)]}
+    sides = shapes.surface(places, triangles, rgb, 0.25)
+    return {"lines": lines, "triangles": [sides]}
 
 
 def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[NamedEntity]:
@@ -244,12 +255,12 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
     entities: list[NamedEntity] = []
     for lamp in all_lamps:
         commanded = colors.get(lamp.id)
-        red, green, blue = (0, 0, 0) if commanded is None else commanded.color
-        facts = {"kind": "lamp", "id": lamp.id, "color": f"{red} {green} {blue}"}
-        x, y, z = lamp.position_m
+        red, green, blue = BLACK if commanded is None else commanded.color
+        color = f"{red} {green} {blue}"
+        facts = {"kind": "lamp", "id": lamp.id, "color": color}
         shown: Rgb = (max(red, OFF), max(green, OFF), max(blue, OFF))
-        ball = shapes.sphere((x, y, z), LAMP_M, shown)
-        label = shapes.label(lamp.id, (x, y, z + ABOVE_M))
+        ball = shapes.sphere(lamp.position_m, LAMP_M, shown)
+        label = shapes.label(lamp.id, shapes.above(lamp.position_m, ABOVE_M))
         name = f"lamp {lamp.id}"
         entities.append(shapes.entity(name, now_ns, facts=facts, spheres=[ball], texts=[label]))
     return entities
@@ -267,11 +278,13 @@ def bays(
         rows = [f"bay {bay.id}"]
         for count in all_counts:
             if count.bay == bay.id:
-                rows.append(f"{count.kind}: {count.count} ({count.selected} selected)")
+                selected = f"{count.selected} selected"
+                rows.append(f"{count.kind}: {count.count} ({selected})")
         line, _ = lines.belts[bay.belt]
-        x, y, z = line.point_at(line.length_m)
-        above = (x, y, z + 2.0 * ABOVE_M)
-        label = shapes.label("\n".join(rows), above)
+        end_m = line.point_at(line.length_m)
+        text = "\n".join(rows)
+        label = shapes.label(text, shapes.above(end_m, 2.0 * ABOVE_M))
         facts = {"kind": "bay", "id": bay.id, "belt": bay.belt}
-        entities.append(shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label]))
+        entity = shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label])
+        entities.append(entity)
     return entities

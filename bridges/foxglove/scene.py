@@ -73,7 +73,7 @@ class FoxgloveScene:
         return self._lines.problems
 
     def show(self, change: Change) -> None:
-        """Update what follows from a change of the site."""
+        """Update the parts that depend on a change of the site."""
         topic = change.topic
         name = change.name
         message = change.message
@@ -139,9 +139,11 @@ class FoxgloveScene:
         if part == "room":
             return room(self._map, self._lines, now_ns)
         if part == "lamps":
-            return lamps(self._map.lamps, site.all(topics.LAMP_COLOR), now_ns)
+            lamp_colors = site.all(topics.LAMP_COLOR)
+            return lamps(self._map.lamps, lamp_colors, now_ns)
         if part == "bays":
-            return bays(self._map, self._lines, site.get(topics.CONVEYOR_STATE), now_ns)
+            state = site.get(topics.CONVEYOR_STATE)
+            return bays(self._map, self._lines, state, now_ns)
 
         # People, in whose colours all else is drawn that they steer, select or hover
         drawn_people = self._drawn_people()
@@ -156,14 +158,18 @@ class FoxgloveScene:
         return self._objects(colors, now_ns)
 
     def _drawn_people(self) -> dict[str, DrawnPerson]:
-        """Return everyone of whom there is any message that is drawn."""
+        """Return all people with a message that is drawn."""
         poses = self._site.all(topics.POSE)
         cursors = self._unexpired(topics.CURSOR)
         profiles = self._site.all(topics.PROFILE)
         drawn: dict[str, DrawnPerson] = {}
         for user in {*profiles, *poses, *cursors, *self._goals}:
-            profile = profiles.get(user, NO_PROFILE)
-            drawn[user] = DrawnPerson(profile, poses.get(user), cursors.get(user), self._goals.get(user))
+            drawn[user] = DrawnPerson(
+                profile=profiles.get(user, NO_PROFILE),
+                pose=poses.get(user),
+                cursor=cursors.get(user),
+                goal=self._goals.get(user),
+            )
         return drawn
 
     def _robots(self, colors: Mapping[str, Rgb], now_ns: int) -> list[NamedEntity]:
@@ -195,7 +201,8 @@ class FoxgloveScene:
     def _update(self, part: Part, entities: list[NamedEntity], now_ns: int) -> SceneUpdate:
         """Return `entities` and deletions of what was drawn before and is missing from it."""
         names = {entity.name for entity in entities}
-        deleted = sorted(self._names.get(part, set()) - names)
+        previous = self._names.get(part, set())
+        deleted = sorted(previous - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
         if part == "room":  # without a lifetime: a viewer that missed a deletion must not keep it

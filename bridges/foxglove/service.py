@@ -160,7 +160,8 @@ class Foxglove(Service[FoxgloveConfig]):
     def _send(self, mirrored: _Mirrored, now_ns: int) -> None:
         mirrored.is_new = False
         if mirrored.channel.has_sinks():
-            mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=now_ns)
+            text = mirrored.plain.to_json(mirrored.message)
+            mirrored.channel.log(text, log_time=now_ns)
 
     def _send_log(self, lines: Sequence[LogLine]) -> None:
         if self._server.viewers.of(LOG):

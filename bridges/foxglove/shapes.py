@@ -71,7 +71,8 @@ def color(rgb: Rgb, alpha: float = 1.0) -> Color:
 def pose(position_m: Vec3, orientation: rotation.Quaternion = rotation.IDENTITY) -> Pose:
     """Return a pose."""
     x, y, z, w = orientation
-    return Pose(position=size(*position_m), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    quaternion = Quaternion(x=x, y=y, z=z, w=w)
+    return Pose(position=size(*position_m), orientation=quaternion)
 
 
 def size(x: float, y: float, z: float) -> Vector3:
@@ -137,7 +138,7 @@ def cylinder(
 def cylinder_between(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
     """Return a cylinder from one point to another."""
     step_m = vector.subtract(end_m, start_m)
-    orientation = rotation.multiply(_towards(step_m), _Z_TO_X)
+    orientation = rotation.multiply(towards(step_m), _Z_TO_X)
     middle_m = vector.add(start_m, vector.scale(step_m, 0.5))
     length_m = vector.norm(step_m)
     return CylinderPrimitive(
@@ -157,7 +158,7 @@ def arrow(
     head_m = min(_HEAD_M, length_m / 2.0)
     head_width_m = max(_HEAD_WIDTH_M, 2.0 * width_m)
     return ArrowPrimitive(
-        pose=pose(start_m, _towards(way_m)),
+        pose=pose(start_m, towards(way_m)),
         shaft_length=length_m - head_m,
         shaft_diameter=width_m,
         head_length=head_m,
@@ -196,14 +197,23 @@ def entity(
 def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:
     """Return the twelve edges of a box, two points each."""
     corners: list[Vec3] = []
+    length_m, width_m, height_m = size_m
     for x, y, z in itertools.product((-0.5, 0.5), repeat=3):
-        corner = (x * size_m[0], y * size_m[1], z * size_m[2])
-        corners.append(vector.add(center_m, rotation.rotate(orientation, corner)))
+        corner = (x * length_m, y * width_m, z * height_m)
+        offset = rotation.rotate(orientation, corner)
+        corners.append(vector.add(center_m, offset))
     ends: list[Vec3] = []
     for start, end in _EDGES:
         ends += (corners[start], corners[end])
     return ends
 
 
-def _towards(step: Vec3) -> rotation.Quaternion:
-    return rotation.from_azimuth_elevation(vector.azimuth(step), vector.elevation(step))
+def towards(step: Vec3) -> rotation.Quaternion:
+    """Return the rotation whose x axis is along `step`, and whose y axis is level."""
+    azimuth = vector.azimuth(step)
+    return rotation.from_azimuth_elevation(azimuth, vector.elevation(step))
+
+
+def above(place_m: Vec3, height_m: float) -> Vec3:
+    """Return the place `height_m` above another."""
+    return vector.add(place_m, (0.0, 0.0, height_m))
